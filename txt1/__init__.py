@@ -1,0 +1,25 @@
+"""The runtime of the TXT-1 laboratory robot.
+
+::
+
+    import txt1
+
+    async def main() -> None:
+        async with txt1.Robot.open(hal="sim", seed=1) as robot:
+            await robot.load_gains()
+            await robot.drive(v=0.5, omega=0.3, duration=2.0)
+            print(robot.odometry, robot.battery)
+
+    txt1.run(main(), speed="max")   # as fast as the processor; without `speed`, in real time
+"""
+
+from txt1.errors import Txt1Error
+from txt1.hal.base import Button
+from txt1.kernel.loop import run
+from txt1.model.odometry import Odometry
+from txt1.protocol.messages import Switch
+from txt1.robot import Robot
+
+__version__ = "0.1.0"
+
+__all__ = ["Button", "Odometry", "Robot", "Switch", "Txt1Error", "__version__", "run"]

@@ -1,0 +1,451 @@
+"""The configuration: what may be set, its defaults, and where each value comes from.
+
+A later source wins: the defaults below, then the file, then the environment (``TXT1_CONTROL__LINEAR__KP=9``), then
+``--set control.linear.kp=9``. Unknown keys are refused; an error names the key, the value, its origin and the remedy.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from txt1.control.limits import Limits
+from txt1.control.pid import Gains
+from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
+from txt1.errors import ConfigError
+from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.sim.battery import Load
+from txt1.sim.simulator import Faults, Noise
+from txt1.sim.vehicle import VehicleParameters
+
+ENVIRONMENT_PREFIX: Final = "TXT1_"
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A part of the configuration: immutable, and strict about its keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class GeometryConfig(Section):
+    """The vehicle's dimensions."""
+
+    radius_min: Positive = Geometry().radius_min
+    """Minimum turning radius, m."""
+    wheelbase: Positive = Geometry().wheelbase
+    """Between the axles, m; assumed."""
+    track_width: Positive = Geometry().track_width
+    """Between the encoder wheels, m."""
+    circumference: Positive = Geometry().circumference
+    """Of a tyre, m."""
+    counts_per_rev: Annotated[int, Field(gt=0)] = Geometry().counts_per_rev
+    """Encoder counts per wheel revolution."""
+    length: Positive = Geometry().length
+    """Of the body, m."""
+    width: Positive = Geometry().width
+    """Of the body, m."""
+
+    def geometry(self) -> Geometry:
+        """The dimensions as a plain value."""
+        return Geometry(**self.model_dump())
+
+
+class GainsConfig(Section):
+    """PID gains, PWM counts per mm/s (linear) or mrad/s (angular) of error."""
+
+    kp: Finite
+    """Proportional gain."""
+    ki: Finite
+    """Integral gain, 1/s."""
+    kd: Finite
+    """Derivative gain, s."""
+
+    def gains(self) -> Gains:
+        """The gains as a plain value."""
+        return Gains(self.kp, self.ki, self.kd)
+
+
+class GainSetConfig(GainsConfig):
+    """Angular gains up to a speed."""
+
+    v_max: Finite
+    """The set is in force up to this measured speed, m/s."""
+
+
+class ControlConfig(Section):
+    """The velocity loops."""
+
+    linear: GainsConfig = GainsConfig(**LINEAR_GAINS._asdict())
+    """Gains of the speed loop (thesis 4.2)."""
+    angular: Annotated[tuple[GainSetConfig, ...], Field(max_length=SETS_MAX)] = tuple(
+        GainSetConfig(v_max=s.v_max, **s.gains._asdict()) for s in ANGULAR_GAINS
+    )
+    """Gains of the yaw-rate loop by speed, v_max rising (thesis table 4.1)."""
+
+    @model_validator(mode="after")
+    def _v_max_rises(self) -> ControlConfig:
+        self.schedule()
+        return self
+
+    def schedule(self) -> Schedule:
+        """The angular gains as a schedule."""
+        return Schedule([GainSet(s.v_max, s.gains()) for s in self.angular])
+
+
+class SafetyConfig(Section):
+    """What the safety gate lets through, and when it closes."""
+
+    v_max: Annotated[float, Field(gt=0.0, le=1.5)] = Limits().v_max
+    """Largest absolute speed, m/s."""
+    v_dead_band: NotNegative = Limits().v_dead_band
+    """A slower set-point counts as 0, m/s."""
+    motor_max: Annotated[int, Field(gt=0, le=PWM_MAX)] = Limits().motor_max
+    """Largest absolute motor output, PWM counts."""
+    command_timeout: Annotated[float, Field(gt=0.0, le=2.0)] = Limits().command_timeout
+    """Age at which a command is stale, s."""
+    runaway_motor: Annotated[int, Field(gt=0, le=PWM_MAX)] = Limits().runaway_motor
+    """Motor output above which a silent encoder means a runaway, PWM counts."""
+    runaway_time: Positive = Limits().runaway_time
+    """How long it may be silent, s."""
+    runaway_counts: Annotated[int, Field(gt=0)] = Limits().runaway_counts
+    """Encoder counts of one wheel during which the other may be silent."""
+    missed_ticks_max: Annotated[int, Field(gt=0)] = Limits().missed_ticks_max
+    """Controller cycles missed in a row that disarm."""
+    auto_arm: Literal["auto", "always", "never"] = "auto"
+    """Whether the robot arms when it starts: "auto" does in simulation only."""
+
+
+class RoomConfig(Section):
+    """The simulated room, around the origin."""
+
+    length: Annotated[float, Field(gt=0.0)] = 5.0
+    """Along x, m; .inf for none."""
+    width: Annotated[float, Field(gt=0.0)] = 5.0
+    """Along y, m; .inf for none."""
+    light: tuple[Finite, Finite] = (0.0, 0.0)
+    """Where the light is, x and y in m."""
+
+
+class VehicleConfig(Section):
+    """The simulated vehicle's dynamics."""
+
+    speed_gain: Positive = VehicleParameters().speed_gain
+    """Free speed per PWM count beyond the dead band, m/s; assumed."""
+    dead_band: NotNegative = VehicleParameters().dead_band
+    """Counts around neutral at which the motors coast; assumed."""
+    speed_time_constant: Positive = VehicleParameters().speed_time_constant
+    """Of the driven speed response, s; assumed."""
+    coast_time_constant: Positive = VehicleParameters().coast_time_constant
+    """Of the viscous part of rolling to a stop, s; assumed."""
+    coast_friction: Positive = VehicleParameters().coast_friction
+    """Of the dry part, as a speed in m/s; assumed."""
+    servo_rate: Positive = VehicleParameters().servo_rate
+    """Of the steering servos, rad/s: 60 degrees in 0.15 s; assumed."""
+    scrub: Share = VehicleParameters().scrub
+    """Share of the free speed that full lock costs; assumed."""
+    slip: Share = VehicleParameters().slip
+    """Share by which driven wheels turn more than the ground passes; 0 is no slip."""
+    understeer: NotNegative = VehicleParameters().understeer
+    """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is no sideways slip."""
+
+
+class NoiseConfig(Section):
+    """Standard deviations of what is random in the simulation; 0 switches it off."""
+
+    drag: NotNegative = Noise().drag
+    """Of the floor's drag, as a share of the speed, drawn anew every 20 ms; assumed."""
+    battery: NotNegative = Noise().battery
+    """Of a voltage reading, V; assumed."""
+
+
+class FaultsConfig(Section):
+    """What is broken in the simulation."""
+
+    right_encoder: bool = False
+    """The right encoder's counter stands still."""
+    left_encoder: bool = False
+    """The left encoder's counter stands still."""
+
+    def faults(self) -> Faults:
+        """The faults as a plain value."""
+        return Faults(**self.model_dump())
+
+
+class BatteryConfig(Section):
+    """The simulated batteries."""
+
+    used_1: NotNegative | None = 0.0
+    """Minutes under full load that pack 1 has given; null when none is fitted."""
+    used_2: NotNegative | None = None
+    """The same of pack 2."""
+    idle_load: Share = Load().idle
+    """Current with the motors off, as a share of the full load; assumed."""
+    standby_load: Share = Load().standby
+    """Current with the ATX supply off as well; assumed."""
+
+
+class SimConfig(Section):
+    """The simulated world."""
+
+    start: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Start pose in the room: x and y in m, theta in rad."""
+    room: RoomConfig = RoomConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+    battery: BatteryConfig = BatteryConfig()
+    noise: NoiseConfig = NoiseConfig()
+    faults: FaultsConfig = FaultsConfig()
+
+
+class TeleopConfig(Section):
+    """Driving from the keyboard."""
+
+    speed: Annotated[float, Field(ge=0.1, le=1.5)] = 0.5
+    """Speed at the start, m/s; + and - change it."""
+    turn: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    """Share of the largest yaw rate that a and d ask for."""
+
+
+class HostConfig(Section):
+    """The computer this runs on."""
+
+    allow_shutdown: bool = False
+    """Whether Robot.shutdown_host may power it down."""
+
+
+class Config(Section):
+    """Everything that can be set."""
+
+    hal: Annotated[str, Field(min_length=1)] = "sim"
+    """Name of the hardware layer."""
+    hal_options: dict[str, Any] = {}
+    """Settings of a hardware layer from another package, handed to it as they are."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Repeats every random value of a simulation."""
+    geometry: GeometryConfig = GeometryConfig()
+    control: ControlConfig = ControlConfig()
+    safety: SafetyConfig = SafetyConfig()
+    sim: SimConfig = SimConfig()
+    teleop: TeleopConfig = TeleopConfig()
+    host: HostConfig = HostConfig()
+
+    def limits(self) -> Limits:
+        """The safety gate's limits."""
+        return Limits(radius_min=self.geometry.radius_min, **self.safety.model_dump(exclude={"auto_arm"}))
+
+
+class Setting(NamedTuple):
+    """One value that somebody set: its path, the value as given, and where it came from."""
+
+    path: tuple[str, ...]
+    value: Any
+    origin: str
+
+
+class LoadedConfig(NamedTuple):
+    """A configuration, and the origin of every value that is not a default, by dotted key."""
+
+    config: Config
+    origins: dict[str, str]
+
+
+def load(
+    file: str | os.PathLike[str] | None = None,
+    overrides: Sequence[str] = (),
+    environment: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> LoadedConfig:
+    """The effective configuration.
+
+    Args:
+        file: a YAML file; None for the defaults alone.
+        overrides: ``a.b=c`` each, as given to ``--set``.
+        environment: the variables to look through, usually ``os.environ``; None for none.
+        options: values of command-line options of their own, by dotted key; they win.
+
+    Raises:
+        ConfigError: with one line that says what is wrong and what to do.
+
+    """
+    settings: list[Setting] = []
+    if file is not None:
+        settings += _from_file(Path(file))
+    settings += _from_environment(environment or {})
+    settings += [_from_override(text) for text in overrides]
+    settings += [Setting(tuple(k.split(".")), v, f"--{k}") for k, v in (options or {}).items()]
+
+    tree = Config().model_dump()
+    origins: dict[str, str] = {}
+    for setting in settings:
+        _check_key(setting)
+        _insert(tree, setting)
+        key = ".".join(setting.path)
+        # what was set below this key before is gone with it
+        origins = {k: o for k, o in origins.items() if not k.startswith(key + ".")}
+        origins[key] = setting.origin
+    try:
+        return LoadedConfig(Config.model_validate(tree), origins)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, origins)) from None
+
+
+def flatten(config: Config) -> Iterator[tuple[str, Any]]:
+    """Every value of a configuration as (dotted key, value), in order; lists and free-form options whole."""
+    yield from _leaves(config.model_dump(mode="json"), ())
+
+
+def _leaves(tree: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, dict) and (*path, key) != ("hal_options",):
+            yield from _leaves(value, (*path, key))
+        else:
+            yield ".".join((*path, key)), value
+
+
+def origin_of(key: str, origins: Mapping[str, str]) -> str:
+    """Where the value of a dotted key came from; a section set as a whole is the origin of all that is in it."""
+    parts = key.split(".")
+    for length in range(len(parts), 0, -1):
+        origin = origins.get(".".join(parts[:length]))
+        if origin is not None:
+            return origin
+    return "default"
+
+
+# -- the sources -----------------------------------------------------------------------------------------------
+
+
+def _from_file(path: Path) -> list[Setting]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}; check --config") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: not a text file in UTF-8") from None
+    try:
+        tree = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}{_place(error)}: not valid YAML: {_problem(error)}") from None
+    if tree is None:
+        return []
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{path}: expected 'key: value' lines, found {_kind(tree)}")
+    return list(_walk(tree, (), str(path)))
+
+
+def _walk(tree: Mapping[Any, Any], path: tuple[str, ...], origin: str) -> Iterator[Setting]:
+    """Every leaf of a mapping as a setting."""
+    for key, value in tree.items():
+        here = (*path, str(key))
+        if isinstance(value, dict) and value and here != ("hal_options",):
+            yield from _walk(value, here, origin)
+        elif value is not None or not _is_section(here):  # an empty section sets nothing
+            yield Setting(here, value, origin)
+
+
+def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
+    for name, text in sorted(environment.items()):
+        if name.startswith(ENVIRONMENT_PREFIX):
+            path = tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__"))
+            yield Setting(path, _parse(text, name), f"environment {name}")
+
+
+def _from_override(text: str) -> Setting:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"--set {text}: expected key=value, for example --set control.linear.kp=9")
+    return Setting(tuple(key.strip().split(".")), _parse(value, f"--set {text}"), f"--set {text}")
+
+
+def _parse(text: str, origin: str) -> Any:
+    """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{origin}: not a valid value: {_problem(error)}") from None
+
+
+def _insert(tree: dict[str, Any], setting: Setting) -> None:
+    for key in setting.path[:-1]:
+        child = tree.get(key)
+        if not isinstance(child, dict):
+            child = tree[key] = {}
+        tree = child
+    tree[setting.path[-1]] = setting.value
+
+
+# -- clear errors ----------------------------------------------------------------------------------------------
+
+
+def _check_key(setting: Setting) -> None:
+    """Refuse a key that does not exist, with the nearest one that does."""
+    model: Any = Config
+    for depth, name in enumerate(setting.path):
+        if not (isinstance(model, type) and issubclass(model, Section)):
+            if model is dict:
+                return
+            raise ConfigError(
+                f"{'.'.join(setting.path)}: there is nothing below '{'.'.join(setting.path[:depth])}' "
+                f"(from {setting.origin}); give that key one value"
+            )
+        fields = model.model_fields
+        if name not in fields:
+            near = difflib.get_close_matches(name, fields, n=1)
+            prefix = "".join(f"{p}." for p in setting.path[:depth])
+            remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(fields)}"
+            raise ConfigError(f"{'.'.join(setting.path)}: unknown key (from {setting.origin}); {remedy}")
+        annotation = fields[name].annotation
+        model = dict if name == "hal_options" else annotation
+
+
+def _is_section(path: tuple[str, ...]) -> bool:
+    model: Any = Config
+    for name in path:
+        field = model.model_fields.get(name) if isinstance(model, type) and issubclass(model, Section) else None
+        if field is None:
+            return False
+        model = field.annotation
+    return isinstance(model, type) and issubclass(model, Section)
+
+
+def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:
+    """One line for the first thing that is wrong: key, value, origin, remedy."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    given = "" if isinstance(first["input"], dict | Section) else f": {first['input']!r}"
+    return f"{key}{given}: {message} (from {origin_of(key, origins)}); see 'txt1 config show' for the defaults"
+
+
+def _place(error: yaml.YAMLError) -> str:
+    mark = getattr(error, "problem_mark", None)
+    return f":{mark.line + 1}:{mark.column + 1}" if mark is not None else ""
+
+
+def _problem(error: yaml.YAMLError) -> str:
+    return str(getattr(error, "problem", None) or error).splitlines()[0]
+
+
+def _kind(value: Any) -> str:
+    return {list: "a list", str: "text", bool: "true or false"}.get(type(value), "a number")
+
+
+def to_yaml(config: Config) -> str:
+    """A configuration as a YAML file, every value in it."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+
+
+def keys() -> Iterable[str]:
+    """Every dotted key there is."""
+    return (key for key, _ in flatten(Config()))

@@ -1,0 +1,1 @@
+"""Control: the PID equation, the gain schedule, and the safety gate. No input, no output, no clock."""

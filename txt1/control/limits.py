@@ -1,0 +1,270 @@
+"""The safety gate: the last thing every actuator value passes, whatever its source.
+
+A value reaches the hardware only while the gate is armed, its command is fresh, and it is finite; then it is brought
+inside the limits. What is refused or clipped is counted, never silent:
+
+* A command that is not finite is refused whole and does not refresh the time-out.
+* A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill.
+* PWM is clipped to +-24000, the motor further to motor_max and the steering to +-18000 (thesis 4.3).
+* A command older than command_timeout means neutral; the gate stays armed and the next fresh command resumes.
+* A lost link, missed ticks, bad batteries, a runaway or a task fault disarm. `Gate.arm` is the only way back.
+* The emergency stop disarms and latches: it, too, ends with an explicit `Gate.arm`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from math import isfinite
+from typing import NamedTuple
+
+from txt1.model.kinematics import yaw_rate_max
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+
+
+class Fault(StrEnum):
+    """What the gate and the tasks count."""
+
+    NOT_FINITE = "command_not_finite"
+    SPEED = "speed_clipped"
+    YAW_RATE = "yaw_rate_clipped"
+    PWM = "pwm_clipped"
+    MOTOR = "motor_limited"
+    STEERING = "steering_limited"
+    STALE = "command_stale"
+    NOT_MANUAL = "pwm_test_refused"
+    POWER = "power_control_refused"
+    GAINS = "gains_refused"
+    OVERFLOW = "messages_dropped"
+    LINK = "link_lost"
+    MISSED = "missed_ticks"
+    RUNAWAY = "runaway"
+    BATTERY = "battery_bad"
+    TASK = "task_fault"
+    STOP = "emergency_stop"
+
+
+class Limits(NamedTuple):
+    """What the gate lets through.
+
+    Attributes:
+        v_max: largest absolute speed, m/s (thesis 4.2).
+        v_dead_band: a slower set-point counts as 0, m/s.
+        radius_min: R_min, m.
+        motor_max: largest absolute motor output, PWM counts.
+        command_timeout: age at which a command is stale, s.
+        runaway_motor: motor output, PWM counts, above which silent encoders mean a runaway.
+        runaway_time: how long they may be silent, s.
+        runaway_counts: encoder counts of one wheel during which the other may be silent.
+        missed_ticks_max: controller cycles missed in a row that disarm.
+
+    """
+
+    v_max: float = 1.5
+    v_dead_band: float = 0.0
+    radius_min: float = 0.56
+    motor_max: int = 8000
+    command_timeout: float = 0.25
+    runaway_motor: int = 2000
+    runaway_time: float = 0.3
+    runaway_counts: int = 150
+    missed_ticks_max: int = 5
+
+
+class Outputs(NamedTuple):
+    """What the actuators are to do; made by the safety gate and by nothing else.
+
+    A HAL with the capability `pwm` obeys the counts, any other one the set-point.
+
+    Attributes:
+        motor: PWM counts, forward positive.
+        front: front steering, PWM counts, right positive.
+        rear: rear steering, PWM counts, left positive.
+        pwm4: free servo, PWM counts.
+        pwm5: free servo, PWM counts.
+        v: set-point, m/s.
+        omega: set-point, rad/s.
+
+    """
+
+    motor: int = 0
+    front: int = 0
+    rear: int = 0
+    pwm4: int = 0
+    pwm5: int = 0
+    v: float = 0.0
+    omega: float = 0.0
+
+
+def clip(value: float, limit: float) -> float:
+    """The value within +-limit."""
+    return min(max(value, -limit), limit)
+
+
+def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float]:
+    """The nearest set-point (v, omega) the vehicle may be asked for: speed first, then yaw rate by (2.16)."""
+    v_max, dead_band = limits.v_max, limits.v_dead_band
+    if not -v_max <= v <= v_max:
+        v = clip(v, v_max)
+    if -dead_band < v < dead_band:
+        v = 0.0
+    omega_max = yaw_rate_max(v, limits.radius_min)
+    return v, omega if -omega_max <= omega <= omega_max else clip(omega, omega_max)
+
+
+class Gate:
+    """Decides what reaches the actuators.
+
+    Args:
+        limits: what is let through.
+        on_close: told the reason whenever the gate disarms.
+
+    """
+
+    def __init__(self, limits: Limits, on_close: Callable[[str], None]) -> None:
+        self.limits = limits
+        self.armed = False
+        self.stopped = False
+        self.reason = "not armed yet"
+        self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
+        self._on_close = on_close
+        self._fresh = False
+        self._motor = 0
+        self._servos = (0, 0)
+        self._silent = [0.0, 0.0]  # how long each wheel has been silent under power, s
+        self._passed = [0, 0]  # counts of the other wheel meanwhile
+
+    def count(self, fault: Fault) -> None:
+        """Count a fault."""
+        self.counts[fault] += 1
+
+    # -- arming ------------------------------------------------------------------------------------------------
+
+    def arm(self) -> None:
+        """Open the gate and release the emergency stop. Nothing moves before the next fresh command."""
+        self.armed, self.stopped, self.reason = True, False, ""
+        self._fresh = False
+        self._silent, self._passed = [0.0, 0.0], [0, 0]
+
+    def disarm(self, reason: str, fault: Fault | None = None) -> None:
+        """Close the gate; counts the fault, if it is one, when the gate was open."""
+        if not self.armed:
+            return
+        self.armed, self.reason = False, reason
+        self._motor = 0
+        if fault is not None:
+            self.count(fault)
+        self._on_close(reason)
+
+    def stop(self) -> None:
+        """Emergency stop: disarm and latch, armed or not."""
+        if self.stopped:
+            return
+        self.stopped, self.armed, self.reason = True, False, "emergency stop"
+        self._motor = 0
+        self.count(Fault.STOP)
+        self._on_close(self.reason)
+
+    # -- commands on their way in ------------------------------------------------------------------------------
+
+    def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
+        """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
+        if not self.admit_finite(v, omega):
+            return None
+        limited = limit_velocity(v, omega, self.limits)
+        if abs(v) > self.limits.v_max:
+            self.count(Fault.SPEED)
+        if limited[1] != omega:
+            self.count(Fault.YAW_RATE)
+        return limited
+
+    def admit_finite(self, *values: float) -> bool:
+        """Whether all values are finite; counts it when not."""
+        if all(map(isfinite, values)):
+            return True
+        self.count(Fault.NOT_FINITE)
+        return False
+
+    def admit_pwm(self, *counts: float) -> tuple[int, ...] | None:
+        """PWM counts brought inside +-24000; None when one is not finite and all must be ignored."""
+        if not self.admit_finite(*counts):
+            return None
+        if any(abs(c) > PWM_MAX for c in counts):
+            self.count(Fault.PWM)
+        return tuple(int(clip(c, PWM_MAX)) for c in counts)
+
+    # -- outputs on their way out ------------------------------------------------------------------------------
+
+    def passes(self, given: float | None, now: float) -> bool:
+        """Whether a command given at that time (s of the run) may move the robot now. Counts it going stale."""
+        fresh = given is not None and now - given <= self.limits.command_timeout + 1e-9
+        if self._fresh and not fresh and self.armed:
+            self.count(Fault.STALE)
+        self._fresh = fresh
+        return fresh and self.armed
+
+    def neutral(self, servos: tuple[int, int]) -> Outputs:
+        """Motor off, steering straight, set-point 0; the free servos follow while armed, else stay where they are."""
+        self._motor = 0
+        if self.armed:
+            self._hold(servos)
+        return Outputs(0, 0, 0, *self._servos)
+
+    def _hold(self, servos: tuple[int, int]) -> None:
+        """Move the free servos, if they are to move."""
+        if servos != self._servos:
+            self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
+
+    def outputs(
+        self, motor: float, front: float, rear: float, servos: tuple[int, int], v: float, omega: float
+    ) -> Outputs:
+        """What the actuators get, for counts and a set-point that somebody wants.
+
+        Neutral when the gate is closed or a value is not finite. Call `passes` first: it tells whether the command
+        behind the values is fresh.
+        """
+        if not (self.armed and self._fresh):
+            return self.neutral(servos)
+        if not self.admit_finite(motor + front + rear + v + omega):  # one that is not finite spoils the sum
+            return self.neutral(servos)
+        limits = self.limits
+        if abs(motor) > limits.motor_max:
+            self.count(Fault.MOTOR)
+            motor = clip(motor, limits.motor_max)
+        if abs(front) > STEERING_MAX or abs(rear) > STEERING_MAX:
+            self.count(Fault.STEERING)
+            front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
+        v, omega = limit_velocity(v, omega, limits)
+        self._motor = int(motor)
+        self._hold(servos)
+        return Outputs(self._motor, int(front), int(rear), *self._servos, v, omega)
+
+    # -- watching what the robot makes of it -------------------------------------------------------------------
+
+    def watch(self, right: int, left: int, dt: float) -> None:
+        """Disarm on a runaway, given the encoder ticks of the last dt seconds.
+
+        An encoder is silent too long when the motor has been driven hard for `runaway_time` without a tick from it,
+        or when the other wheel has passed `runaway_counts` meanwhile: even at full lock the inner wheel of the two
+        turns at 0.63 of the outer one's speed.
+        """
+        if not self.armed:
+            return
+        if right and left:
+            self._silent, self._passed = [0.0, 0.0], [0, 0]
+            return
+        driven = abs(self._motor) > self.limits.runaway_motor
+        for wheel, ticks, other in ((0, right, left), (1, left, right)):
+            if ticks:
+                self._silent[wheel], self._passed[wheel] = 0.0, 0
+                continue
+            self._silent[wheel] = self._silent[wheel] + dt if driven else 0.0
+            self._passed[wheel] += abs(other)
+            if self._silent[wheel] >= self.limits.runaway_time or self._passed[wheel] > self.limits.runaway_counts:
+                self.disarm(f"runaway: the {('right', 'left')[wheel]} encoder is silent", Fault.RUNAWAY)
+                return
+
+    def missed(self, cycles: int) -> None:
+        """Disarm when the controller has missed too many cycles in a row."""
+        if cycles >= self.limits.missed_ticks_max:
+            self.disarm(f"the controller missed {cycles} cycles", Fault.MISSED)

@@ -1,0 +1,75 @@
+"""Gain scheduling (thesis 4.3, table 4.1)."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from txt1.control.pid import Gains
+
+SETS_MAX: Final = 14
+"""Angular gain sets that the board has room for."""
+
+
+class GainSet(NamedTuple):
+    """Gains in force up to a measured speed v_max, m/s."""
+
+    v_max: float
+    gains: Gains
+
+
+class Schedule:
+    """Gains by speed: the first set whose v_max is at least v; past the end, the last set (thesis 4.3).
+
+    An empty schedule is all zeros: nothing steers.
+
+    Raises:
+        ValueError: there are more than 14 sets, or v_max does not rise from set to set.
+
+    """
+
+    def __init__(self, sets: Sequence[GainSet] = ()) -> None:
+        if len(sets) > SETS_MAX:
+            raise ValueError(f"at most {SETS_MAX} gain sets fit the board, not {len(sets)}")
+        for lower, upper in zip(sets, sets[1:], strict=False):
+            if not lower.v_max < upper.v_max:
+                raise ValueError(f"v_max must rise from set to set: {upper.v_max} follows {lower.v_max}")
+        self.sets = tuple(sets)
+        self._v_max = [s.v_max for s in sets]
+        self._gains = [s.gains for s in sets] or [Gains()]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Schedule) and self.sets == other.sets
+
+    def __hash__(self) -> int:
+        return hash(self.sets)
+
+    def at(self, v: float) -> Gains:
+        """The gains for a measured, signed speed v in m/s."""
+        return self._gains[min(bisect_left(self._v_max, v), len(self._gains) - 1)]
+
+
+LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)
+"""The thesis's linear gains (4.2)."""
+
+ANGULAR_GAINS: Final = tuple(
+    GainSet(v_max, Gains(kp, ki, 0.005))
+    for v_max, kp, ki in (
+        (-1.35, 1.0, 25.0),
+        (-1.15, 1.0, 25.0),
+        (-0.95, 1.0, 25.0),
+        (-0.75, 1.0, 35.0),
+        (-0.55, 1.0, 40.0),
+        (-0.35, 1.0, 50.0),
+        (-0.15, 1.0, 30.0),
+        (0.15, 6.0, 200.0),
+        (0.35, 6.0, 170.0),
+        (0.55, 4.0, 130.0),
+        (0.75, 3.0, 80.0),
+        (0.95, 4.0, 60.0),
+        (1.15, 4.0, 30.0),
+        (1.35, 4.0, 20.0),
+    )
+)
+"""The thesis's angular gains (table 4.1)."""

@@ -1,0 +1,80 @@
+"""Every exception the package raises on purpose.
+
+    Txt1Error
+    ├── ConfigError          a setting is wrong: names the field, the value and the remedy (exit code 2)
+    ├── MissingExtra         a feature needs an optional dependency: names the extra to install
+    ├── HalError             the hardware layer cannot be opened or has failed
+    │   └── NotCapable       this HAL cannot do that: names the HAL and the capability
+    ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
+    │   └── NotArmed         the safety gate is closed: carries the reason
+    ├── TaskFault            a task raised: carries its name, the cause is chained
+    └── TerminalLost         the drawing process ended unasked
+
+A fault the robot is expected to survive (a missed cycle, a stale command, a clipped set-point) is no exception:
+it is counted in the state and shown.
+"""
+
+from __future__ import annotations
+
+
+class Txt1Error(Exception):
+    """The root: catch this to catch everything txt1 raises on purpose."""
+
+
+class ConfigError(Txt1Error):
+    """A setting is unknown, has a value of the wrong type or is out of its range."""
+
+
+class MissingExtra(Txt1Error):
+    """A feature was asked for whose optional dependency is not installed."""
+
+    def __init__(self, feature: str, extra: str) -> None:
+        super().__init__(f"{feature} needs the extra '{extra}': pip install 'txt1[{extra}]'")
+        self.extra = extra
+
+
+class HalError(Txt1Error):
+    """The hardware layer cannot be found, opened or used."""
+
+
+class NotCapable(HalError):
+    """The HAL in use has no such capability.
+
+    >>> raise NotCapable("serial", "pwm")
+    Traceback (most recent call last):
+    txt1.errors.NotCapable: the HAL 'serial' cannot do this: it has no capability 'pwm'
+    """
+
+    def __init__(self, hal: str, capability: str) -> None:
+        super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'")
+        self.hal = hal
+        self.capability = capability
+
+
+class CommandRefused(Txt1Error):
+    """A command was not carried out; the message says which value or rule is the reason."""
+
+
+class NotArmed(CommandRefused):
+    """The safety gate is closed, so nothing moves.
+
+    >>> raise NotArmed("emergency stop")
+    Traceback (most recent call last):
+    txt1.errors.NotArmed: the robot is not armed (emergency stop): call Robot.arm() or press m
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"the robot is not armed ({reason}): call Robot.arm() or press m")
+        self.reason = reason
+
+
+class TaskFault(Txt1Error):
+    """A task raised an exception nobody expected; the robot was stopped first. The cause is chained."""
+
+    def __init__(self, task: str, cause: BaseException) -> None:
+        super().__init__(f"task '{task}' failed: {type(cause).__name__}: {cause}")
+        self.task = task
+
+
+class TerminalLost(Txt1Error):
+    """The process that draws the terminal ended without being asked to."""

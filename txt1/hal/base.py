@@ -1,0 +1,142 @@
+"""The interface between the tasks and whatever is underneath them.
+
+A HAL is four methods and a statement of what it can do. The tasks ask for the capability, never for the name.
+`txt1.hal.conformance` checks any HAL against what is promised here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import NamedTuple, Protocol
+
+from txt1.control.limits import Outputs
+from txt1.model.odometry import Odometry
+from txt1.protocol.messages import Switch
+
+__all__ = ["Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
+
+
+class Button(IntFlag):
+    """The joystick on the board."""
+
+    NONE = 0
+    LEFT = 1
+    RIGHT = 2
+    UP = 4
+    DOWN = 8
+    CENTRE = 16
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a HAL can do; what it cannot, the screens show as a dash and the API refuses by name.
+
+    Attributes:
+        ticks: reports encoder counts; otherwise it reports odometry.
+        pwm: takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops.
+        battery: reports battery voltages.
+        power: has the switches for the ATX supply and the ESC.
+        servos: has the two free servo channels.
+        buttons: has the joystick.
+        place: can put the robot down at a pose: a simulator.
+        pose: knows the robot's true pose in the room: a simulator.
+        simulated: nothing real moves, so the robot arms by itself.
+
+    """
+
+    ticks: bool = False
+    pwm: bool = False
+    battery: bool = False
+    power: bool = False
+    servos: bool = False
+    buttons: bool = False
+    place: bool = False
+    pose: bool = False
+    simulated: bool = False
+
+
+class Inputs(NamedTuple):
+    """What the hardware reports, at one instant; None where it has no such sensor.
+
+    Attributes:
+        ticks: encoder counts (right, left) since the start, forward positive.
+        odometry: what the hardware itself computed.
+        odometry_time: when it arrived, s of the run.
+        batteries: voltages of the two packs, V; 0 where none is fitted.
+        cut_off: the battery cut-off circuit has opened.
+        buttons: the joystick's buttons that are held down.
+        backlight: position of the display's potentiometer, 0 to 1.
+        pose: true pose (x, y, theta) in the room, m and rad.
+
+    """
+
+    ticks: tuple[int, int] | None = None
+    odometry: Odometry | None = None
+    odometry_time: float = 0.0
+    batteries: tuple[float, float] | None = None
+    cut_off: bool = False
+    buttons: Button = Button.NONE
+    backlight: float | None = None
+    pose: tuple[float, float, float] | None = None
+
+
+class Indicators(NamedTuple):
+    """Buzzer and LEDs of the power distribution board."""
+
+    buzzer: bool = False
+    receive_led: bool = False
+    transmit_led: bool = False
+
+
+class Hal(Protocol):
+    """A hardware layer. `read` and `write` never wait: they are called from the tasks' steps.
+
+    Times are seconds since the run started and never go backwards. An exception derived from HalError stops the
+    robot and reaches the user.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name it is registered by."""
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What it can do; constant."""
+
+    async def open(self) -> None:
+        """Make the hardware ready, outputs neutral.
+
+        Raises:
+            HalError: it cannot be opened; the message says what to do.
+
+        """
+
+    async def close(self) -> None:
+        """Leave the outputs neutral and let go of the hardware; harmless when closed already."""
+
+    def read(self, now: float) -> Inputs:
+        """What the sensors report at `now`."""
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Hold these outputs from `now` on."""
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        """Turn a power supply on or off.
+
+        Raises:
+            NotCapable: there is no such switch.
+
+        """
+
+    def indicate(self, indicators: Indicators) -> None:
+        """Set buzzer and LEDs; nothing where there are none."""
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        """Put the robot down at a pose in the room, at rest; m and rad.
+
+        Raises:
+            NotCapable: nobody can lift a real robot from here.
+            ValueError: it cannot stand there.
+
+        """

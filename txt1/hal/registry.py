@@ -1,0 +1,88 @@
+"""Hardware layers by name: ours from a table, other packages' through the entry-point group ``txt1.hal``.
+
+A package announces its HAL in its pyproject.toml::
+
+    [project.entry-points."txt1.hal"]
+    mycar = "mycar.hal:create"
+
+where ``create(config: txt1.config.Config) -> txt1.hal.Hal``; its own settings come in ``config.hal_options``. It is
+imported when it is first asked for.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Final
+
+from txt1.config import Config
+from txt1.errors import ConfigError, HalError
+from txt1.hal.base import Hal
+
+GROUP: Final = "txt1.hal"
+
+
+def create_sim(config: Config) -> Hal:
+    """The simulated robot as configured."""
+    from txt1.hal.sim import SimHal
+    from txt1.sim.battery import Load, Packs
+    from txt1.sim.room import Room
+    from txt1.sim.simulator import Noise, Simulator
+    from txt1.sim.vehicle import VehicleParameters
+
+    geometry, sim = config.geometry.geometry(), config.sim
+    try:
+        simulator = Simulator(
+            VehicleParameters(
+                wheelbase=geometry.wheelbase,
+                track_width=geometry.track_width,
+                steering_max=geometry.steering_max,
+                **sim.vehicle.model_dump(),
+            ),
+            geometry,
+            Room(sim.room.length, sim.room.width),
+            Packs(sim.battery.used_1, sim.battery.used_2),
+            Load(sim.battery.idle_load, sim.battery.standby_load),
+            Noise(**sim.noise.model_dump()),
+            sim.start,
+            config.seed,
+        )
+    except ValueError as error:
+        raise ConfigError(f"sim.start: {error}; choose another start or a larger sim.room") from None
+    simulator.faults = sim.faults.faults()
+    return SimHal(simulator)
+
+
+OURS: Final[dict[str, Callable[[Config], Hal]]] = {"sim": create_sim}
+
+
+def names() -> list[str]:
+    """The names of all hardware layers that are installed."""
+    return sorted({*OURS, *(point.name for point in entry_points(group=GROUP))})
+
+
+def create(config: Config) -> Hal:
+    """The hardware layer named by ``config.hal``, not opened yet.
+
+    Raises:
+        ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
+        HalError: it cannot be imported.
+
+    """
+    name = config.hal
+    if name in OURS:
+        return OURS[name](config)
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            try:
+                factory = point.load()
+            except Exception as error:
+                raise HalError(
+                    f"the HAL '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
+                ) from error
+            hal: Hal = factory(config)
+            return hal
+    near = difflib.get_close_matches(name, names(), n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise ConfigError(f"hal: there is no HAL '{name}'; installed: {', '.join(names())}{hint}")

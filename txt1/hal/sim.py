@@ -1,0 +1,79 @@
+"""The simulated robot as a HAL."""
+
+from __future__ import annotations
+
+from txt1.hal.base import Capabilities, Indicators, Inputs, Outputs
+from txt1.protocol.messages import Switch
+from txt1.sim.simulator import Simulator
+
+NEUTRAL = Outputs()
+
+
+class SimHal:
+    """A simulated TXT-1.
+
+    It has no task of its own: whoever reads or writes at a later time moves the simulation there first, so it costs
+    what is used and repeats exactly.
+    """
+
+    name = "sim"
+    capabilities = Capabilities(
+        ticks=True,
+        pwm=True,
+        battery=True,
+        power=True,
+        servos=True,
+        buttons=False,
+        place=True,
+        pose=True,
+        simulated=True,
+    )
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.outputs = NEUTRAL
+        self.indicators = Indicators()
+
+    async def open(self) -> None:
+        """Nothing to open: the outputs are neutral."""
+        self.outputs = NEUTRAL
+
+    async def close(self) -> None:
+        """Leave the outputs neutral."""
+        self.write(NEUTRAL, self.simulator.time)
+
+    def read(self, now: float) -> Inputs:
+        """Encoder counts, voltages and the true pose at `now`."""
+        simulator = self.simulator
+        simulator.advance_to(now)
+        state = simulator.state
+        return Inputs(
+            ticks=simulator.encoder_counts(),
+            batteries=simulator.battery_readings(),
+            cut_off=simulator.cut_off,
+            backlight=0.5,
+            pose=(state.x, state.y, state.theta),
+        )
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Hold these outputs from `now` on."""
+        self.simulator.advance_to(now)
+        self.outputs = outputs
+        self.simulator.command(outputs.motor, outputs.front, outputs.rear)
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        """Turn the ATX supply or the ESC on or off."""
+        self.simulator.advance_to(now)
+        if switch is Switch.ATX:
+            self.simulator.atx_on = on
+        else:
+            self.simulator.esc_on = on
+
+    def indicate(self, indicators: Indicators) -> None:
+        """Remember buzzer and LEDs for the screens."""
+        self.indicators = indicators
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        """Put the robot down at a pose in the room, at rest."""
+        self.simulator.advance_to(now)
+        self.simulator.place(x, y, theta)

@@ -1,0 +1,74 @@
+"""What time it is: the one place in the package that asks.
+
+Times are integers in nanoseconds, so a deadline ``t0 + k * period`` is exact for every k. A clock starts at an
+origin of its own; only differences mean something.
+"""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from typing import Protocol
+
+NS_PER_S = 1_000_000_000
+
+stopwatch_ns = time.perf_counter_ns
+"""Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
+
+
+def wall_time() -> datetime:
+    """The calendar date and time (UTC), for labels on what a run leaves behind; never for control."""
+    return datetime.now(UTC)
+
+
+def seconds(ns: int) -> float:
+    """Seconds from nanoseconds."""
+    return ns / NS_PER_S
+
+
+def nanoseconds(s: float) -> int:
+    """Whole nanoseconds, to nearest, from seconds."""
+    return round(s * NS_PER_S)
+
+
+class Clock(Protocol):
+    """A source of monotonic time."""
+
+    def now_ns(self) -> int:
+        """The time, in ns since this clock's origin. Never goes backwards."""
+
+
+class RealClock:
+    """The processor's monotonic clock."""
+
+    now_ns = staticmethod(time.monotonic_ns)
+
+
+class VirtualClock:
+    """A clock that stands still until it is told to move.
+
+    The virtual-time event loop moves it to the next timer. A test moves it with `spend` inside a task's step, which
+    is then a step that took that long.
+    """
+
+    def __init__(self) -> None:
+        self._now_ns = 0
+
+    def now_ns(self) -> int:
+        """The virtual time in ns."""
+        return self._now_ns
+
+    def advance_to(self, ns: int) -> None:
+        """Move forward to an instant in ns.
+
+        Raises:
+            ValueError: the instant lies in the past; time cannot go backwards.
+
+        """
+        if ns < self._now_ns:
+            raise ValueError(f"time cannot go backwards: it is {self._now_ns} ns, asked for {ns} ns")
+        self._now_ns = ns
+
+    def spend(self, duration: float) -> None:
+        """Let `duration` seconds pass at once, as a step that computes for so long does."""
+        self.advance_to(self._now_ns + nanoseconds(duration))

@@ -1,0 +1,206 @@
+"""Two asyncio event loops: one punctual in real time, one in virtual time that jumps to the next timer.
+
+`run` starts a coroutine on one of them. Any coroutine runs on either, the user's own included: ``asyncio.sleep`` and
+time-outs follow the loop's clock.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import select
+import selectors
+import sys
+from collections import deque
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import Any, Final, Literal, TypeVar
+
+from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
+
+T = TypeVar("T")
+Speed = float | Literal["max"] | None
+"""None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
+
+POLL_EVERY: Final = 64
+"""At full speed the operating system is asked for signals and input once in so many jumps."""
+
+_PR_SET_TIMERSLACK: Final = 29
+
+
+class PunctualSelector(selectors.DefaultSelector):
+    """A selector whose time-outs are met to the microsecond.
+
+    epoll rounds a time-out up to whole milliseconds, which makes a 50 Hz task 0.7 ms late. Here ``select`` waits on
+    the epoll descriptor itself.
+    """
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """The ready file objects, at the latest `timeout` seconds from now (None: when there are any)."""
+        if timeout is not None and timeout > 0.0:
+            select.select([self.fileno()], [], [], timeout)
+            timeout = 0.0
+        return super().select(timeout)
+
+
+class RealTimeLoop(asyncio.SelectorEventLoop):
+    """asyncio's event loop on the real clock, with punctual timers."""
+
+    def __init__(self) -> None:
+        # select() on an epoll descriptor is Linux's (and, for kqueue, BSD's) way; elsewhere plain asyncio is kept
+        super().__init__(PunctualSelector() if hasattr(selectors.DefaultSelector, "fileno") else None)
+        self.clock: Clock = RealClock()
+        _set_timer_slack(1)
+
+
+class _JumpingSelector(selectors.DefaultSelector):
+    """Where a virtual-time loop would wait, this moves its clock instead."""
+
+    loop: VirtualTimeLoop
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        loop = self.loop
+        if timeout is not None and timeout <= 0.0:
+            return super().select(0) if loop.must_poll() else []
+        if timeout is None or loop.threads_outstanding:
+            # Nothing to jump to, or a thread is still computing what happens now: wait for input in real time.
+            events = super().select(None)
+            if loop.speed is not None and not loop.threads_outstanding:
+                loop.catch_up(None)
+            return events
+        target = max(loop.clock.now_ns(), loop.next_timer_ns())
+        if loop.speed is not None:
+            pause = loop.real_seconds_until(target)
+            if pause > 0.0:
+                events = super().select(pause)
+                if events:
+                    loop.catch_up(target)
+                    return events
+        loop.clock.advance_to(target)
+        return super().select(0) if loop.must_poll() else []
+
+
+class VirtualTimeLoop(asyncio.SelectorEventLoop):
+    """asyncio's event loop in virtual time: when nothing is ready it jumps to the next timer.
+
+    A run is as fast as the processor (or `speed` times real time) and repeats exactly. Time stands still while a job
+    in another thread (``run_in_executor``, ``asyncio.to_thread``) is outstanding. Peers outside the process know
+    nothing of virtual time, so only links in memory belong here.
+    """
+
+    _ready: deque[asyncio.Handle]  # asyncio's own: what is to be called now
+    _scheduled: list[asyncio.TimerHandle]  # and its heap of timers
+
+    def __init__(self, speed: float | None = None) -> None:
+        self.clock = VirtualClock()
+        self.speed = speed
+        self.threads_outstanding = 0
+        self._jumps = 0
+        self._real_start_ns = RealClock.now_ns()
+        self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
+        selector = _JumpingSelector()
+        selector.loop = self
+        super().__init__(selector)
+
+    def time(self) -> float:
+        """The virtual time in seconds since the loop was made."""
+        return self.clock.now_ns() / NS_PER_S
+
+    def next_timer_ns(self) -> int:
+        """The instant of the next timer, to the nearest ns."""
+        return nanoseconds(self._scheduled[0].when())
+
+    def must_poll(self) -> bool:
+        """True once in POLL_EVERY calls: whether to ask the operating system for input this time."""
+        self._jumps += 1
+        return self.speed is not None or self._jumps % POLL_EVERY == 0
+
+    def real_seconds_until(self, target_ns: int) -> float:
+        """Real seconds to wait before the virtual instant `target_ns` at the loop's speed; negative when late."""
+        assert self.speed is not None
+        real_ns = self._real_start_ns + int(target_ns / self.speed)
+        return (real_ns - RealClock.now_ns()) / NS_PER_S
+
+    def catch_up(self, limit_ns: int | None) -> None:
+        """Move virtual time to where real time has come at the loop's speed, but not beyond `limit_ns`, if any."""
+        assert self.speed is not None
+        reached = int((RealClock.now_ns() - self._real_start_ns) * self.speed)
+        if limit_ns is not None:
+            reached = min(limit_ns, reached)
+        self.clock.advance_to(max(self.clock.now_ns(), reached))
+
+    def try_jump(self, target_ns: int) -> bool:
+        """True after moving the clock to `target_ns`, if the loop itself would do just that next.
+
+        A callback that knows it is the next to be called saves a turn of the loop. False, and nothing done, when
+        anything else is ready or due first, or when it is time to poll.
+        """
+        if self.speed is not None or self._ready or self.threads_outstanding:
+            return False
+        if self._scheduled and self._scheduled[0].when() * NS_PER_S <= target_ns:
+            return False
+        if (self._jumps + 1) % POLL_EVERY == 0:  # the loop's own jump comes next, and it polls
+            return False
+        self._jumps += 1
+        self.clock.advance_to(target_ns)
+        return True
+
+    def run_in_executor(  # type: ignore[override]
+        self, executor: Executor | None, func: Callable[..., T], *args: Any
+    ) -> asyncio.Future[T]:
+        """Like asyncio's own, and virtual time waits for the job, whether or not anyone still waits for its result."""
+        if executor is None:
+            executor = self._threads
+        job = executor.submit(func, *args)
+        self.threads_outstanding += 1
+        future = asyncio.wrap_future(job, loop=self)
+        # Added after wrap_future's own callback, so the result is delivered before time moves on.
+        job.add_done_callback(self._report_thread)
+        return future
+
+    def _report_thread(self, _: object) -> None:
+        if not self.is_closed():  # a job in the caller's own executor may outlive the loop
+            self.call_soon_threadsafe(self._thread_done)
+
+    def _thread_done(self) -> None:
+        self.threads_outstanding -= 1
+
+    async def shutdown_default_executor(self, timeout: float | None = None) -> None:
+        """Wait for the threads and end them."""
+        self._threads.shutdown(wait=True)
+        await super().shutdown_default_executor()
+
+
+def new_loop(speed: Speed = None) -> RealTimeLoop | VirtualTimeLoop:
+    """An event loop: real time for None, virtual time at a multiple of real time or at full speed ("max").
+
+    Raises:
+        ValueError: the speed is neither None, "max" nor a positive number.
+
+    """
+    if speed is None:
+        return RealTimeLoop()
+    if speed == "max":
+        return VirtualTimeLoop()
+    if not 0.0 < speed < float("inf"):  # here and not in the loop: half an event loop cannot be disposed of quietly
+        raise ValueError(f"speed must be a positive number, not {speed!r}")
+    return VirtualTimeLoop(speed)
+
+
+def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
+    """The result of a coroutine, run to its end like ``asyncio.run`` but on one of our loops."""
+    with asyncio.Runner(loop_factory=lambda: new_loop(speed)) as runner:
+        return runner.run(main)
+
+
+def clock_of(loop: asyncio.AbstractEventLoop) -> Clock:
+    """The clock an event loop runs on; the real one for a loop that is not ours (plain ``asyncio.run``)."""
+    if isinstance(loop, RealTimeLoop | VirtualTimeLoop):
+        return loop.clock
+    return RealClock()
+
+
+def _set_timer_slack(ns: int) -> None:
+    """Ask Linux to wake this thread within `ns` of its time-outs instead of the usual 50 us."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ns, 0, 0, 0)

@@ -1,0 +1,356 @@
+"""Periodic coroutine tasks by priority, the way an RTOS runs them.
+
+A task is a coroutine with a loop over its ticks::
+
+    async def blink(ticks: Ticks, led: Led) -> None:
+        async for now in ticks:
+            led.toggle()
+
+    scheduler.add("blink", priority=1, period=0.5, task=partial(blink, led=led))
+
+Cycle k of a periodic task is due at ``t0 + k * period`` and owns the slot until the next one is due. A cycle that
+could not start within its slot is missed: counted, and never run later. Tasks that are ready together run in order of
+priority, and among equals in the order they were added.
+
+The coroutines are driven from one heap instead of being asyncio tasks: that costs a tenth, and makes the order exact.
+The price is that between two ticks a task can await nothing else; what waits belongs in a coroutine of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import types
+from collections.abc import Callable, Coroutine, Generator
+from heapq import heappop, heappush, heapreplace
+from typing import Any, Final
+
+from txt1.errors import TaskFault
+from txt1.kernel.clock import NS_PER_S, nanoseconds, stopwatch_ns
+from txt1.kernel.loop import VirtualTimeLoop, clock_of
+from txt1.kernel.statistics import TaskStatistics
+
+NEVER: Final = 1 << 62
+NS_PER_MS: Final = 1_000_000
+MARGIN_MIN_NS: Final = 20_000
+MARGIN_START_NS: Final = 100_000
+MARGIN_MAX_NS: Final = 250_000
+
+_NEXT_TICK: Final = object()
+
+
+class Ticks:
+    """The cycles of one task: ``async for now in ticks``, with `now` in seconds since the run started.
+
+    Attributes:
+        period: seconds between two ticks; None for a task that runs on arrival.
+        missed: cycles missed immediately before the present one.
+
+    """
+
+    def __init__(self, period: float | None) -> None:
+        self.period = period
+        self.missed = 0
+
+    def __aiter__(self) -> Ticks:
+        return self
+
+    @types.coroutine
+    def __anext__(self) -> Generator[object, float, float]:
+        now = yield _NEXT_TICK
+        return now
+
+
+PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
+
+
+class _Entry:
+    """A task under the scheduler."""
+
+    __slots__ = (
+        "add_lateness", "add_run_time", "coroutine", "due_ns", "name", "period_ns", "priority", "queued", "rank",
+        "send", "statistics", "ticks",
+    )  # fmt: skip
+
+    def __init__(self, name: str, priority: int, rank: int, period: float | None, task: PeriodicTask) -> None:
+        self.name = name
+        self.priority = priority
+        self.rank = rank
+        self.period_ns = 0 if period is None else nanoseconds(period)  # 0: on arrival
+        self.ticks = Ticks(period)
+        self.coroutine = task(self.ticks)
+        self.send: Callable[[Any], Any] = self.coroutine.send
+        self.due_ns = 0
+        self.queued = False
+        self.statistics = TaskStatistics()
+        self.add_lateness = self.statistics.lateness.add
+        self.add_run_time = self.statistics.run_time.add
+
+
+class Scheduler:
+    """Runs tasks at their deadlines on the running event loop's clock.
+
+    Args:
+        on_fault: called at once, before anything else runs, with the name of a task that raised and the exception;
+            makes the robot safe.
+
+    """
+
+    def __init__(self, on_fault: Callable[[str, BaseException], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._clock = clock_of(self._loop)
+        self._virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
+        self._on_fault = on_fault
+        self._entries: list[_Entry] = []
+        self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank
+        self._ready: list[tuple[int, _Entry]] = []  # by rank
+        self._origin_ns = self._clock.now_ns()
+        self._stop_ns = NEVER
+        self._margin_ns = MARGIN_START_NS
+        self._timer: asyncio.Handle | None = None
+        self._running = False
+        self._dispatching = False
+        self.ended: asyncio.Future[None] = self._loop.create_future()
+        """Done when the run reaches its end; holds the TaskFault when a task raised."""
+
+    # -- the tasks ---------------------------------------------------------------------------------------------
+
+    def add(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
+        """Add a periodic task: its cycles are due at whole multiples of `period` seconds since the start.
+
+        Raises:
+            ValueError: the name is taken, or the period is not positive.
+
+        """
+        if not NS_PER_S * period >= 1.0 or period == float("inf"):
+            raise ValueError(f"task '{name}': period must be positive, at least 1 ns, not {period!r} s")
+        entry = self._add(name, priority, period, task)
+        # Added in mid-run, a task starts with the next whole multiple of its period.
+        entry.due_ns = -(-self._elapsed_ns() // entry.period_ns) * entry.period_ns if self._running else 0
+        heappush(self._waiting, (entry.due_ns, entry.rank, entry))
+        self._wake()
+
+    def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
+        """Add a task that runs on arrival; the function returned makes it due now.
+
+        Arrivals before it has run are one tick: the task drains whatever has come.
+
+        Raises:
+            ValueError: the name is taken.
+
+        """
+        entry = self._add(name, priority, None, task)
+
+        def notify() -> None:
+            if not entry.queued:
+                entry.queued = True
+                entry.due_ns = self._elapsed_ns()
+                heappush(self._ready, (entry.rank, entry))
+                self._wake()
+
+        return notify
+
+    def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> _Entry:
+        if any(entry.name == name for entry in self._entries):
+            raise ValueError(f"there is a task '{name}' already")
+        entry = _Entry(name, priority, len(self._entries) - priority * 1000, period, task)
+        self._entries.append(entry)
+        if self._running:
+            self._prime(entry)
+        return entry
+
+    def statistics(self) -> dict[str, TaskStatistics]:
+        """What every task has done so far, by name, in the order they were added."""
+        return {entry.name: entry.statistics for entry in self._entries}
+
+    # -- the run -----------------------------------------------------------------------------------------------
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self._elapsed_ns() / NS_PER_S
+
+    def start(self) -> None:
+        """Start the clock at 0 and run every task up to its first tick."""
+        self._origin_ns = self._clock.now_ns()
+        self._running = True
+        for entry in self._entries:
+            if self._running:  # not after a fault
+                self._prime(entry)
+        self._wake()
+
+    def end_at(self, time: float) -> None:
+        """Let `ended` be done at `time` seconds; a cycle due at that very instant does not run any more."""
+        self._stop_ns = nanoseconds(time)
+        self._wake()
+
+    def stop(self) -> None:
+        """Run nothing more and close every task: its ``finally`` clauses run now.
+
+        Raises:
+            TaskFault: one of these clauses raised; all the others have run nevertheless.
+
+        """
+        self._running = False
+        if self._timer is not None:
+            self._timer.cancel()
+        fault: TaskFault | None = None
+        for entry in self._entries:
+            try:
+                entry.coroutine.close()
+            except Exception as error:
+                self._on_fault(entry.name, error)
+                fault = fault or _task_fault(entry, error)
+        if fault is not None:
+            if not self.ended.done():
+                self.ended.set_exception(fault)
+            raise fault
+        if not self.ended.done():
+            self.ended.set_result(None)
+
+    def _elapsed_ns(self) -> int:
+        return self._clock.now_ns() - self._origin_ns
+
+    def _prime(self, entry: _Entry) -> None:
+        self._step(entry, None)
+
+    def _wake(self) -> None:
+        """See to it that whatever is due next is dispatched in time."""
+        if self._running and not self._dispatching:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = self._loop.call_soon(self._dispatch)
+
+    def _dispatch(self) -> None:
+        """Run everything that is due, then set the timer for what is due next."""
+        clock_ns, origin_ns, waiting, ready = self._clock.now_ns, self._origin_ns, self._waiting, self._ready
+        if self._virtual is None:
+            self._spin_to_next_deadline()
+        self._dispatching = True
+        late_cycles = 0
+        try:
+            while self._running:
+                now_ns = clock_ns() - origin_ns
+                if now_ns >= self._stop_ns:
+                    self._end()
+                    return
+                if waiting and waiting[0][0] <= now_ns:
+                    if waiting[0][0] == now_ns and not ready:
+                        # Nobody is late, so the heap's own order is that of the priorities.
+                        entry = waiting[0][2]
+                        entry.due_ns = now_ns + entry.period_ns
+                        heapreplace(waiting, (entry.due_ns, entry.rank, entry))
+                        entry.ticks.missed = 0
+                        self._cycle(entry, now_ns, 0)
+                        continue
+                    while waiting and waiting[0][0] <= now_ns:
+                        _, rank, entry = heappop(waiting)
+                        heappush(ready, (rank, entry))
+                if ready:
+                    if late_cycles > len(self._entries):  # overloaded: signals, input and coroutines have a turn
+                        self._timer = self._loop.call_soon(self._dispatch)
+                        return
+                    late_cycles += 1
+                    entry = heappop(ready)[1]
+                    self._cycle(entry, now_ns, self._take_late(entry, now_ns))
+                elif self._jump_to_next():
+                    late_cycles = 0
+                else:
+                    return
+        finally:
+            self._dispatching = False
+
+    def _take_late(self, entry: _Entry, now_ns: int) -> int:
+        """How late a task's present cycle starts, ns; counts the cycles it has missed and queues the next one."""
+        late_ns = now_ns - entry.due_ns
+        period_ns = entry.period_ns
+        if not period_ns:
+            entry.queued = False
+            return late_ns
+        missed = late_ns // period_ns
+        entry.ticks.missed = missed
+        entry.statistics.misses += missed
+        entry.due_ns += (missed + 1) * period_ns
+        heappush(self._waiting, (entry.due_ns, entry.rank, entry))
+        return late_ns - missed * period_ns
+
+    def _cycle(self, entry: _Entry, now_ns: int, late_ns: int) -> None:
+        """Run one cycle of a task and measure it."""
+        started_ns = stopwatch_ns()
+        self._step(entry, now_ns / NS_PER_S)
+        entry.add_run_time(stopwatch_ns() - started_ns)
+        entry.add_lateness(late_ns)
+
+    def _step(self, entry: _Entry, now: float | None) -> None:
+        try:
+            if entry.send(now) is not _NEXT_TICK:
+                entry.coroutine.close()
+                raise RuntimeError(
+                    "it awaited something other than its next tick; a step must not wait, "
+                    "so start what waits as a coroutine of its own"
+                )
+        except StopIteration:
+            self._fault(entry, RuntimeError("its loop over the ticks came to an end"))
+        except (KeyboardInterrupt, SystemExit) as error:
+            self._running = False
+            self._on_fault(entry.name, error)
+            raise
+        except BaseException as error:  # CancelledError too: asyncio would only log it
+            self._fault(entry, error)
+
+    def _fault(self, entry: _Entry, error: BaseException) -> None:
+        """Make the robot safe, stop every task, and let the error travel."""
+        self._running = False
+        if not self.ended.done():
+            self.ended.set_exception(_task_fault(entry, error))
+        self._on_fault(entry.name, error)
+
+    def _end(self) -> None:
+        self._running = False
+        for entry in self._entries:
+            if entry.period_ns and entry.due_ns < self._stop_ns:  # slots that passed while a step ran late
+                entry.statistics.misses += (self._stop_ns - entry.due_ns) // entry.period_ns
+        if not self.ended.done():
+            self.ended.set_result(None)
+
+    def _next_due_ns(self) -> int:
+        """When something is due next, in ns since the start; NEVER when nothing is."""
+        due_ns = self._waiting[0][0] if self._waiting else NEVER
+        return min(due_ns, self._stop_ns)
+
+    def _jump_to_next(self) -> bool:
+        """True when virtual time was moved to the next deadline; else a timer is set for it."""
+        due_ns = self._next_due_ns()
+        self._timer = None
+        if due_ns == NEVER:
+            return False
+        due_ns += self._origin_ns
+        if self._virtual is not None:
+            if self._virtual.try_jump(due_ns):
+                return True
+        else:
+            due_ns -= self._margin_ns
+        self._timer = self._loop.call_at(due_ns / NS_PER_S, self._dispatch)
+        return False
+
+    def _spin_to_next_deadline(self) -> None:
+        """Wait out the margin by which the timer was set early, and learn how large it has to be.
+
+        A sleeping thread wakes up late by an amount that differs from machine to machine. The margin grows when the
+        deadline had passed already and shrinks when it had not, which settles where nine wake-ups of ten are in time.
+        """
+        now_ns = self._clock.now_ns
+        ahead_ns = self._next_due_ns() + self._origin_ns - now_ns()
+        if not 0 < ahead_ns <= self._margin_ns:
+            if -NS_PER_MS < ahead_ns <= 0:
+                self._margin_ns = min(int(self._margin_ns * 1.09), MARGIN_MAX_NS)
+            return
+        self._margin_ns = max(int(self._margin_ns * 0.99), MARGIN_MIN_NS)
+        deadline_ns = now_ns() + ahead_ns
+        while now_ns() < deadline_ns:
+            pass
+
+
+def _task_fault(entry: _Entry, error: BaseException) -> TaskFault:
+    fault = TaskFault(entry.name, error)
+    fault.__cause__ = error
+    return fault

@@ -1,0 +1,34 @@
+"""The battery's discharge line (thesis 3.6.3, figure 3.13)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+INTERCEPT_V: Final = 12.165769
+"""Voltage of a full pack under full load, V."""
+SLOPE_V_PER_MIN: Final = 0.033691
+"""Fall of the voltage under full load, V/min."""
+SAFE_END_MIN: Final = 46.0
+"""Minutes under full load after which a pack is empty as far as the robot is concerned."""
+CUT_OFF_MIN: Final = 50.0
+"""Minutes under full load after which the cut-off circuit opens."""
+CUT_OFF_V: Final = 9.25
+"""Below this the hardware cuts the power."""
+SAFE_END_V: Final = INTERCEPT_V - SLOPE_V_PER_MIN * SAFE_END_MIN
+
+
+def pack_voltage(used_min: float) -> float:
+    """Voltage of a pack, V, after `used_min` minutes under full load.
+
+    The fitted line up to the safe end; from there straight to the cut-off (assumed).
+    """
+    if used_min <= SAFE_END_MIN:
+        return INTERCEPT_V - SLOPE_V_PER_MIN * used_min
+    fall = (SAFE_END_V - CUT_OFF_V) / (CUT_OFF_MIN - SAFE_END_MIN)
+    return max(SAFE_END_V - fall * (used_min - SAFE_END_MIN), CUT_OFF_V)
+
+
+def remaining_time(voltage: float) -> float:
+    """Seconds left under full load at a pack voltage in V: clamp(end - t(V), 0, end), end = 46 min."""
+    used_min = (INTERCEPT_V - voltage) / SLOPE_V_PER_MIN
+    return 60.0 * min(max(SAFE_END_MIN - used_min, 0.0), SAFE_END_MIN)

@@ -1,0 +1,54 @@
+"""Kinematics of the dual-steered vehicle (thesis 2.1, 2.2). x forward, y left, theta counter-clockwise."""
+
+from __future__ import annotations
+
+from math import atan, cos, pi, sin, tan
+
+TWO_PI = 2.0 * pi
+
+
+def wrap_angle(angle: float) -> float:
+    """The same direction in (-pi, pi], rad."""
+    if -pi < angle <= pi:
+        return angle
+    wrapped = (angle + pi) % TWO_PI - pi
+    return pi if wrapped <= -pi else wrapped
+
+
+def yaw_rate_max(v: float, radius_min: float) -> float:
+    """The largest reachable yaw rate at speed v, rad/s, (2.16): 0 at standstill."""
+    return abs(v) / radius_min
+
+
+def yaw_rate(v: float, phi_front: float, phi_rear: float, wheelbase: float) -> float:
+    """Yaw rate omega in rad/s of the centre moving at speed v, m/s.
+
+    theta_dot = v cos(beta) (tan phi_f - tan phi_r) / L; with phi_r = -phi_f this is (2.13), 2 v tan(phi) / L.
+    Steering angles in rad, left positive.
+    """
+    beta = sideslip(phi_front, phi_rear)
+    return v * cos(beta) * (tan(phi_front) - tan(phi_rear)) / wheelbase
+
+
+def sideslip(phi_front: float, phi_rear: float) -> float:
+    """Angle beta from the vehicle's axis to the centre's direction of motion, rad; 0 for opposite steering."""
+    return atan((tan(phi_front) + tan(phi_rear)) / 2.0)
+
+
+def move_along_arc(
+    x: float, y: float, theta: float, distance: float, curvature: float, beta: float
+) -> tuple[float, float, float]:
+    """Pose (x, y, theta) after `distance` m along an arc of constant `curvature` (1/m) and sideslip beta (rad).
+
+    Exact for any speed profile along the arc: (2.2) integrated over the distance. The heading comes wrapped.
+    """
+    turn = distance * curvature
+    # sin(turn / 2) / (turn / 2): the chord's length over the arc's
+    half = 0.5 * turn
+    ratio = 1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half
+    direction = theta + beta + half
+    return (
+        x + distance * ratio * cos(direction),
+        y + distance * ratio * sin(direction),
+        wrap_angle(theta + turn),
+    )

@@ -1,0 +1,46 @@
+"""Odometry from the two encoder wheels (thesis 2.3, 3.7.1)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from txt1.model.kinematics import move_along_arc
+
+
+class Odometry(NamedTuple):
+    """Pose in the frame where odometry started, and velocities in the vehicle's.
+
+    Attributes:
+        x: m.
+        y: m.
+        theta: rad, in (-pi, pi].
+        v: speed along the vehicle's axis, m/s.
+        omega: yaw rate, rad/s.
+
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+    v: float = 0.0
+    omega: float = 0.0
+
+
+def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
+    """Wheel speed v_W in m/s from encoder ticks in dt seconds, (3.1); `count_length` is C_W / CPR in m."""
+    return ticks * count_length / dt
+
+
+def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[float, float]:
+    """Speed and yaw rate (v, omega) from the wheel speeds, (2.21) and (2.24)."""
+    return (v_right + v_left) / 2.0, (v_right - v_left) / track_width
+
+
+def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
+    """The odometry after moving for dt seconds at constant (v, omega)."""
+    distance = v * dt
+    if abs(distance) > 1e-15:  # m; the curvature of less than that could overflow
+        x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
+    else:  # wheels that turn against each other, which only slip can make them do
+        x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
+    return Odometry(x, y, theta, v, omega)

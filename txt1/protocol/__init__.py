@@ -1,0 +1,1 @@
+"""What the computer and the board say to each other."""

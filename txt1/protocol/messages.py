@@ -1,0 +1,103 @@
+"""The messages between computer and board (thesis 3.5), in SI units.
+
+On the desk they are handed over as they are; the wire carries them as frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Switch(IntEnum):
+    """The power distribution board's switches."""
+
+    ATX = 0x00
+    ESC = 0x01
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """Set-point from the host: v in m/s, omega in rad/s."""
+
+    v: float
+    omega: float
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderOdometry:
+    """The board's odometry: x, y in m, theta in rad, v in m/s, omega in rad/s."""
+
+    x: float
+    y: float
+    theta: float
+    v: float
+    omega: float
+
+
+@dataclass(frozen=True, slots=True)
+class CombinedOdometry:
+    """Odometry the host has fused from several sensors; only v (m/s) and omega (rad/s) are used."""
+
+    x: float
+    y: float
+    theta: float
+    v: float
+    omega: float
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryLevels:
+    """Voltages of the two packs, V."""
+
+    battery1: float
+    battery2: float
+
+
+@dataclass(frozen=True, slots=True)
+class PwmTest:
+    """PWM counts for all five channels; obeyed in manual mode only."""
+
+    motor: int
+    front: int
+    rear: int
+    pwm4: int
+    pwm5: int
+
+
+@dataclass(frozen=True, slots=True)
+class PowerControl:
+    """Switch the ATX supply or the ESC on or off."""
+
+    switch: Switch
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PwmCommand:
+    """PWM counts for the two free servos; obeyed in every mode."""
+
+    pwm4: int
+    pwm5: int
+
+
+@dataclass(frozen=True, slots=True)
+class PidSet:
+    """The gains: linear (kp, ki, kd) and up to 14 angular sets (v_max in m/s, kp, ki, kd), v_max rising."""
+
+    linear: tuple[float, float, float]
+    angular: tuple[tuple[float, float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PidResponse:
+    """The board's answer to a PID set."""
+
+    accepted: bool
+
+
+HostMessage = Velocity | CombinedOdometry | PwmTest | PowerControl | PwmCommand | PidSet
+"""What a host sends to a board."""
+
+BoardMessage = EncoderOdometry | BatteryLevels | PidResponse
+"""What a board sends to its host."""

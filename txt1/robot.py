@@ -1,0 +1,472 @@
+"""The robot as a user's program sees it: what the original's ROS driver offered, in one class (thesis 3.4.3)."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager, suppress
+from math import inf, isfinite
+from typing import Any, Final, TypeVar
+
+from txt1.config import Config, load
+from txt1.control.pid import Gains
+from txt1.control.schedule import GainSet
+from txt1.errors import CommandRefused, NotArmed, NotCapable
+from txt1.hal.base import Button, Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.model.odometry import Odometry
+from txt1.protocol.messages import (
+    BatteryLevels,
+    BoardMessage,
+    CombinedOdometry,
+    EncoderOdometry,
+    PidResponse,
+    PidSet,
+    PowerControl,
+    PwmCommand,
+    PwmTest,
+    Switch,
+    Velocity,
+)
+from txt1.runtime import Runtime
+from txt1.tasks.state import Battery, Snapshot
+
+REFRESH: Final = 0.05
+"""Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""
+
+DRIVER_PRIORITY: Final = 3
+
+PID_SET_PERIOD: Final = 1.0
+"""Seconds between two attempts at loading the gains."""
+
+STREAM_MAX: Final = 1000
+"""Messages a slow reader of a stream may lag behind before it loses the oldest."""
+
+SHUTDOWN: Final = ("shutdown", "-h", "now")
+"""How the host is powered down; the one command this package ever runs."""
+
+T = TypeVar("T")
+
+
+class Robot:
+    """A running robot. Get one from `Robot.open`.
+
+    Commands are requests: they take effect through the safety gate, and a velocity or PWM command is good for
+    `safety.command_timeout` (0.25 s) only, so keep commanding, or use `drive`, which does.
+    """
+
+    def __init__(self, runtime: Runtime) -> None:
+        self._runtime = runtime
+        self._command = (0.0, 0.0, -inf)
+        self._pid_response: asyncio.Future[bool] | None = None
+        self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
+
+    @staticmethod
+    @asynccontextmanager
+    async def open(
+        hal: str | Hal | None = None,
+        *,
+        config: str | os.PathLike[str] | Config | None = None,
+        seed: int | None = None,
+        settings: Sequence[str] = (),
+        arm: bool | None = None,
+    ) -> AsyncIterator[Robot]:
+        """A running robot, its link up; stopped safely when the block is left.
+
+        The environment's ``TXT1_`` variables count, as on the command line. On a simulated HAL the robot arms by
+        itself. When a task fails the robot is stopped and the block is left with a TaskFault.
+
+        Args:
+            hal: name of the hardware layer, or one of your own making.
+            config: a YAML file or a ready configuration.
+            seed: repeats every random value of a simulation.
+            settings: ``a.b=c`` each, as with ``--set``.
+            arm: whether to arm now; None leaves it to ``safety.auto_arm``.
+
+        Raises:
+            ConfigError: a setting is wrong.
+            HalError: the hardware cannot be opened.
+            TaskFault: a task raised an exception; the cause is chained.
+
+        """
+        options: dict[str, Any] = {}
+        if isinstance(hal, str):
+            options["hal"] = hal
+        if seed is not None:
+            options["seed"] = seed
+        if isinstance(config, Config):
+            effective = config.model_copy(update=options)
+        else:
+            effective = load(config, settings, os.environ, options).config
+
+        robot: Robot
+        runtime = Runtime(effective, lambda m: robot._receive(m), hal if not isinstance(hal, str) else None)
+        robot = Robot(runtime)
+        body = asyncio.current_task()
+        assert body is not None
+        failed = False
+
+        def interrupt(ended: asyncio.Future[None]) -> None:
+            nonlocal failed
+            if not ended.cancelled() and ended.exception() is not None:
+                failed = True
+                body.cancel()
+
+        try:
+            await runtime.start()
+            runtime.scheduler.ended.add_done_callback(interrupt)
+            runtime.add_task("driver", DRIVER_PRIORITY, REFRESH, robot._drive_messages)
+            await robot._until(lambda: runtime.state.link.alive)
+            if arm if arm is not None else _arms_by_itself(runtime):
+                robot.arm()
+            yield robot
+        except asyncio.CancelledError:
+            if not failed:
+                raise
+            body.uncancel()
+        finally:
+            await runtime.stop()
+            robot._close_streams()
+        if failed:
+            await runtime.scheduler.ended  # raises the TaskFault
+
+    # -- what the robot does now -------------------------------------------------------------------------------
+
+    @property
+    def config(self) -> Config:
+        """The effective configuration."""
+        return self._runtime.config
+
+    @property
+    def hal(self) -> Hal:
+        """The hardware layer underneath."""
+        return self._runtime.hal
+
+    @property
+    def runtime(self) -> Runtime:
+        """Tasks, state and safety gate, for who needs to look closer."""
+        return self._runtime
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self._runtime.now
+
+    @property
+    def odometry(self) -> Odometry:
+        """Pose where odometry started (m, rad) and velocities (m/s, rad/s)."""
+        return self._runtime.state.odometry
+
+    @property
+    def pose(self) -> tuple[float, float, float] | None:
+        """True pose (x, y, theta) in the room, m and rad, where the HAL knows it: in simulation."""
+        return self._runtime.state.pose
+
+    @property
+    def battery(self) -> Battery:
+        """Voltages (V), state and remaining time (s)."""
+        return self._runtime.state.battery
+
+    @property
+    def armed(self) -> bool:
+        """Whether the safety gate is open."""
+        return self._runtime.gate.armed
+
+    @property
+    def reason(self) -> str:
+        """Why the gate is closed; empty while it is open."""
+        return self._runtime.gate.reason
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """Everything that was refused, clipped or lost so far, by name."""
+        return {fault.value: count for fault, count in self._runtime.gate.counts.items()}
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """All of the robot's state at the display task's last tick."""
+        return self._runtime.state.snapshot
+
+    def odometry_stream(self) -> AsyncIterator[EncoderOdometry]:
+        """Every odometry message from now on, 20 a second; ends with the run."""
+        return self._stream(EncoderOdometry)
+
+    def battery_stream(self) -> AsyncIterator[BatteryLevels]:
+        """Every battery message from now on, one a second; ends with the run."""
+        return self._stream(BatteryLevels)
+
+    # -- arming ------------------------------------------------------------------------------------------------
+
+    def arm(self) -> None:
+        """Let commands through, and release the emergency stop.
+
+        Raises:
+            NotArmed: the robot may not be armed now; the message says why.
+
+        """
+        self._command = (0.0, 0.0, -inf)  # nothing from before counts
+        self._runtime.arm()
+
+    def disarm(self, reason: str = "disarmed by the program") -> None:
+        """Stop, and let nothing through until armed again."""
+        self._runtime.gate.disarm(reason)
+        self._runtime.make_safe()
+
+    def stop(self) -> None:
+        """Emergency stop: neutral outputs at once, latched until armed again."""
+        self._runtime.emergency_stop()
+
+    # -- driving -----------------------------------------------------------------------------------------------
+
+    def command(self, v: float, omega: float) -> None:
+        """Ask for a speed in m/s and a yaw rate in rad/s, for the next 0.25 s.
+
+        Beyond +-1.5 m/s and abs(v) / R_min they are clipped and counted.
+
+        Raises:
+            CommandRefused: a value is not finite; the command before stays in force, until it is stale.
+
+        """
+        if not (isfinite(v) and isfinite(omega)):
+            self._runtime.post(Velocity(v, omega), self.now)  # the gate refuses and counts it
+            raise CommandRefused(f"a velocity command must be finite, not v={v!r}, omega={omega!r}")
+        self._command = (v, omega, self.now)
+        self._runtime.post(Velocity(v, omega), self.now)
+
+    async def drive(self, v: float, omega: float, duration: float) -> None:
+        """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.
+
+        Raises:
+            CommandRefused: a value is not finite.
+            NotArmed: the gate is closed, or closes on the way; the message says why.
+
+        """
+        await self._repeat(lambda: self.command(v, omega), duration)
+        self.command(0.0, 0.0)
+
+    def combined_odometry(self, x: float, y: float, theta: float, v: float, omega: float) -> None:
+        """Offer odometry from better sensors than the encoders; only v (m/s) and omega (rad/s) are used.
+
+        The loops use it while more than two a second come and the last is at most 0.1 s old.
+
+        Raises:
+            CommandRefused: a velocity is not finite.
+
+        """
+        self._runtime.post(CombinedOdometry(x, y, theta, v, omega), self.now)
+        if not (isfinite(v) and isfinite(omega)):
+            raise CommandRefused(f"combined odometry must be finite, not v={v!r}, omega={omega!r}")
+
+    async def load_gains(
+        self,
+        linear: Gains | None = None,
+        angular: Sequence[GainSet] | None = None,
+        timeout: float = 5.0,
+    ) -> bool:
+        """Send the gains, by default the configured ones, once a second until they are acknowledged.
+
+        Returns:
+            True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
+
+        """
+        control = self.config.control
+        gains = control.linear.gains() if linear is None else linear
+        sets = control.schedule().sets if angular is None else angular
+        message = PidSet((gains.kp, gains.ki, gains.kd), tuple((s.v_max, *s.gains) for s in sets))
+        answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        self._pid_response = answer
+        ends = self.now + timeout
+        while self.now < ends:
+            self._runtime.post(message, self.now)
+            with suppress(TimeoutError):
+                return await asyncio.wait_for(asyncio.shield(answer), min(PID_SET_PERIOD, ends - self.now))
+        return False
+
+    # -- manual mode, servos and power -------------------------------------------------------------------------
+
+    def press(self, button: Button) -> None:
+        """Press a button of the joystick."""
+        self._runtime.press(button)
+
+    async def set_manual(self, manual: bool) -> None:
+        """Enter or leave manual mode, where `pwm_test` sets the outputs and the velocity loops rest.
+
+        Raises:
+            NotCapable: the HAL takes set-points, no PWM.
+
+        """
+        self._require("pwm")
+        if self._runtime.state.panel.manual is not manual:
+            self.press(Button.CENTRE)
+            await self._until(lambda: self._runtime.state.panel.manual is manual)
+
+    def pwm_test(self, motor: int, front: int, rear: int, pwm4: int = 0, pwm5: int = 0) -> None:
+        """Set all five PWM channels by hand, counts in [-24000, 24000], for the next 0.25 s.
+
+        The motor is limited to `safety.motor_max` and the steering to +-18000.
+
+        Raises:
+            CommandRefused: the robot is in controller mode, or a value is not finite.
+            NotCapable: the HAL takes set-points, no PWM.
+
+        """
+        self._require("pwm")
+        self._runtime.post(PwmTest(motor, front, rear, pwm4, pwm5), self.now)
+        if not self._runtime.state.panel.manual:
+            raise CommandRefused("PWM test is obeyed in manual mode only: call Robot.set_manual(True) or press c")
+        if not all(map(isfinite, (motor, front, rear, pwm4, pwm5))):
+            raise CommandRefused("PWM counts must be finite")
+
+    async def hold_pwm(
+        self, motor: int, front: int, rear: int, pwm4: int = 0, pwm5: int = 0, *, duration: float
+    ) -> None:
+        """Hold all five PWM channels by hand for `duration` seconds, then go neutral.
+
+        Raises:
+            CommandRefused: as `pwm_test`.
+            NotArmed: the gate is closed, or closes on the way.
+
+        """
+        await self._repeat(lambda: self.pwm_test(motor, front, rear, pwm4, pwm5), duration)
+        self.pwm_test(0, 0, 0, pwm4, pwm5)
+
+    def servos(self, pwm4: int, pwm5: int) -> None:
+        """Move the two free servos, counts in [-24000, 24000]; they stay there.
+
+        Raises:
+            NotCapable: the HAL has no such channels.
+            CommandRefused: a value is not finite.
+
+        """
+        self._require("servos")
+        self._runtime.post(PwmCommand(pwm4, pwm5), self.now)
+        if not (isfinite(pwm4) and isfinite(pwm5)):
+            raise CommandRefused(f"PWM counts must be finite, not pwm4={pwm4!r}, pwm5={pwm5!r}")
+
+    def switch_power(self, switch: Switch, on: bool) -> None:
+        """Turn the ATX supply or the ESC on or off.
+
+        Raises:
+            NotCapable: the HAL has no such switch.
+            CommandRefused: the ATX supply cannot be turned off while armed: it feeds the encoders and the computer.
+
+        """
+        self._require("power")
+        self._runtime.post(PowerControl(switch, on), self.now)
+        if switch is Switch.ATX and not on and self.armed:
+            raise CommandRefused("the ATX supply feeds encoders and computer: call Robot.disarm() first")
+
+    async def shutdown_host(self) -> None:
+        """Power the host down; never returns if it succeeds.
+
+        Raises:
+            CommandRefused: `host.allow_shutdown` is off, the robot is armed, or the system refused.
+
+        """
+        if not self.config.host.allow_shutdown:
+            raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
+        if self.armed:
+            raise CommandRefused("the robot is armed: call Robot.disarm() before shutting the host down")
+        process = await asyncio.create_subprocess_exec(*SHUTDOWN)
+        if await process.wait() != 0:
+            raise CommandRefused(f"'{' '.join(SHUTDOWN)}' failed with exit code {process.returncode}")
+
+    def place(self, x: float, y: float, theta: float) -> None:
+        """Put a simulated robot down at a pose in the room, at rest; m and rad. Its odometry goes on.
+
+        Raises:
+            NotCapable: it is not simulated.
+            ValueError: it would stick into a wall.
+
+        """
+        self._require("place")
+        self.hal.place(x, y, theta, self.now)
+
+    # -- your own tasks ----------------------------------------------------------------------------------------
+
+    def add_task(
+        self, name: str, period: float, task: Callable[[Ticks], Coroutine[Any, Any, None]], priority: int = 0
+    ) -> None:
+        """Run a coroutine of your own beside the robot's tasks, with a period in seconds and a priority.
+
+        ::
+
+            async def circle(ticks):
+                async for now in ticks:
+                    robot.command(0.5, 0.5)
+
+            robot.add_task("circle", 0.05, circle)
+        """
+        self._runtime.add_task(name, priority, period, task)
+
+    def tell(self, text: str) -> None:
+        """Add a line to the event log."""
+        self._runtime.state.tell(self.now, text)
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    async def _drive_messages(self, ticks: Ticks) -> None:
+        """The driver: a Velocity message at every tick, the last command while it is fresh, else zeros.
+
+        Only who gives a command makes it fresh; sending it again does not.
+        """
+        timeout = self.config.safety.command_timeout
+        async for now in ticks:
+            v, omega, given = self._command
+            if now - given > timeout:
+                v = omega = 0.0
+            self._runtime.post(Velocity(v, omega), given)
+
+    async def _repeat(self, give: Callable[[], None], duration: float) -> None:
+        """Give a command again and again for `duration` s, as long as the gate is open."""
+        ends = self.now + duration
+        while True:
+            if not self.armed:
+                raise NotArmed(self.reason)
+            give()
+            left = ends - self.now
+            if left <= 0.0:
+                return
+            await asyncio.sleep(min(REFRESH, left))
+
+    async def _until(self, condition: Callable[[], bool]) -> None:
+        while not condition():
+            await asyncio.sleep(REFRESH)
+
+    def _require(self, capability: str) -> None:
+        if not getattr(self.hal.capabilities, capability):
+            raise NotCapable(self.hal.name, capability)
+
+    def _receive(self, message: BoardMessage) -> None:
+        """Take a message from the board."""
+        if isinstance(message, PidResponse):
+            if self._pid_response is not None and not self._pid_response.done():
+                self._pid_response.set_result(message.accepted)
+            return
+        for queue in self._streams[type(message)]:
+            if queue.full():
+                queue.get_nowait()
+            queue.put_nowait(message)
+
+    async def _stream(self, kind: type[T]) -> AsyncIterator[T]:
+        queue: asyncio.Queue[T | None] = asyncio.Queue(STREAM_MAX)
+        queues = self._streams[kind]  # type: ignore[index]
+        queues.append(queue)
+        try:
+            while (message := await queue.get()) is not None:
+                yield message
+        finally:
+            queues.remove(queue)
+
+    def _close_streams(self) -> None:
+        for queues in self._streams.values():
+            for queue in queues:
+                if queue.full():
+                    queue.get_nowait()
+                queue.put_nowait(None)
+
+
+def _arms_by_itself(runtime: Runtime) -> bool:
+    auto_arm = runtime.config.safety.auto_arm
+    return auto_arm == "always" or (auto_arm == "auto" and runtime.hal.capabilities.simulated)

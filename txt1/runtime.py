@@ -1,0 +1,206 @@
+"""The robot at work: a configuration, a hardware layer and the running loop's clock make running tasks."""
+
+from __future__ import annotations
+
+import gc
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from math import isfinite
+from typing import Final
+
+from txt1.config import Config
+from txt1.control.limits import Fault, Gate
+from txt1.errors import NotArmed
+from txt1.hal.base import Button, Hal
+from txt1.hal.registry import create
+from txt1.kernel.scheduler import PeriodicTask, Scheduler
+from txt1.kernel.statistics import TaskStatistics
+from txt1.protocol.messages import BoardMessage, HostMessage
+from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
+from txt1.tasks.state import State, TaskReport
+
+REPORT_PERIOD: Final = 1.0
+"""Statistics are summed up for the screens once in so many seconds."""
+
+
+class Runtime:
+    """The tasks over a hardware layer.
+
+    Args:
+        config: what to run.
+        send: called with every message the tasks send to their host.
+        hal: the hardware layer; None makes the one the configuration names.
+
+    Raises:
+        ConfigError: there is no HAL of that name.
+
+    """
+
+    def __init__(self, config: Config, send: Callable[[BoardMessage], None], hal: Hal | None = None) -> None:
+        self.config = config
+        self.hal = create(config) if hal is None else hal
+        self.state = State()
+        self.gate = Gate(config.limits(), on_close=self._gate_closed)
+        self.scheduler = Scheduler(on_fault=self._task_failed)
+        self.watched = False
+        """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
+        self._send = send
+        self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
+        self._presses: deque[Button] = deque(maxlen=100)
+        self._periods: dict[str, tuple[int, float | None]] = {}
+        self._reports: tuple[TaskReport, ...] = ()
+        self._reports_due = 0.0
+        self._notify_serial: Callable[[], None] = lambda: None
+        self._open = False
+
+    # -- life --------------------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Open the hardware and start the tasks.
+
+        Raises:
+            HalError: the hardware cannot be opened.
+
+        """
+        await self.hal.open()
+        self._open = True
+        state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
+        simulated = hal.capabilities.simulated
+        room = (config.sim.room.length, config.sim.room.width)
+        # in the order in which tasks of equal priority run
+        self.add_task(
+            "controller", controller.PRIORITY, controller.PERIOD,
+            partial(controller.controller, state=state, hal=hal, gate=gate),
+        )  # fmt: skip
+        self._periods["serial"] = (serial.PRIORITY, None)
+        self._notify_serial = self.scheduler.add_sporadic(
+            "serial", serial.PRIORITY,
+            partial(serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send),
+        )  # fmt: skip
+        self.add_task(
+            "encoder", encoder.PRIORITY, encoder.PERIOD,
+            partial(encoder.encoder, state=state, hal=hal, geometry=config.geometry.geometry()),
+        )  # fmt: skip
+        self.add_task("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
+        self.add_task(
+            "display", display.PRIORITY, display.PERIOD,
+            partial(
+                display.display, state=state, hal=hal, gate=gate, reports=self._task_reports,
+                room=room if simulated and all(map(isfinite, room)) else None,
+                light=config.sim.room.light if simulated else None,
+            ),
+        )  # fmt: skip
+        self.add_task(
+            "odometry", odometry.PRIORITY, odometry.PERIOD, partial(odometry.odometry, state=state, send=send)
+        )
+        self.add_task(
+            "battery", battery.PRIORITY, battery.PERIOD,
+            partial(battery.battery, state=state, hal=hal, gate=gate, send=send),
+        )  # fmt: skip
+        self.add_task(
+            "button", button.PRIORITY, button.PERIOD,
+            partial(button.button, presses=self._presses, state=state, hal=hal),
+        )  # fmt: skip
+        # What exists by now stays: the collector need not look through it in the middle of a cycle.
+        gc.collect()
+        gc.freeze()
+        self.scheduler.start()
+
+    async def stop(self) -> None:
+        """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
+        if not self._open:
+            return
+        self._open = False
+        self.gate.disarm("the run has ended")
+        self.scheduler.stop()
+        gc.unfreeze()
+        try:
+            self.make_safe()
+        finally:
+            await self.hal.close()
+
+    # -- for the host side -------------------------------------------------------------------------------------
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self.scheduler.now
+
+    def post(self, message: HostMessage, time: float) -> None:
+        """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
+        if len(self._inbox) == self._inbox.maxlen:
+            self.gate.count(Fault.OVERFLOW)
+        self._inbox.append((message, time))
+        self._notify_serial()
+
+    def press(self, button: Button) -> None:
+        """Press a button of the joystick; the button task takes it at its next tick."""
+        self._presses.append(button)
+
+    def arm(self) -> None:
+        """Open the safety gate.
+
+        Raises:
+            NotArmed: it may not be opened now; the message says why.
+
+        """
+        reason = self._reason_not_to_arm()
+        if reason is not None:
+            raise NotArmed(reason)
+        self.gate.arm()
+        self.state.tell(self.now, "armed")
+
+    def _reason_not_to_arm(self) -> str | None:
+        state = self.state
+        if not state.link.alive:
+            return "link lost: the host has not been heard for a second"
+        if not state.power.atx:
+            return "the ATX supply is off, so the encoders see nothing: switch it on first"
+        if state.battery.state == "bad":
+            return "batteries bad: change them first"
+        return None
+
+    def emergency_stop(self) -> None:
+        """Stop at once and latch."""
+        self.gate.stop()
+        self.make_safe()
+
+    def make_safe(self) -> None:
+        """Put neutral outputs on the hardware now, without waiting for a tick."""
+        self.hal.write(self.gate.neutral(self.state.servos), self.now)
+
+    def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
+        """Add a periodic task (see `Scheduler.add`)."""
+        self.scheduler.add(name, priority, period, task)
+        self._periods[name] = (priority, period)
+
+    def statistics(self) -> dict[str, TaskStatistics]:
+        """What every task has done so far, by name."""
+        return self.scheduler.statistics()
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _task_reports(self, now: float) -> tuple[TaskReport, ...]:
+        if self.watched and now >= self._reports_due:
+            self._reports_due = now + REPORT_PERIOD
+            self._reports = tuple(
+                TaskReport(
+                    name,
+                    self._periods[name][0],
+                    None if self._periods[name][1] is None else 1.0 / self._periods[name][1],  # type: ignore[operator]
+                    task.cycles,
+                    task.misses,
+                    task.lateness.percentiles(),
+                    task.run_time.percentiles(),
+                )
+                for name, task in self.statistics().items()
+            )
+        return self._reports
+
+    def _gate_closed(self, reason: str) -> None:
+        self.state.tell(self.now, f"disarmed: {reason}")
+
+    def _task_failed(self, name: str, error: BaseException) -> None:
+        self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
+        self.make_safe()

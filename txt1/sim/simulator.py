@@ -1,0 +1,206 @@
+"""The simulated robot as its hardware layer sees it: outputs in, sensor readings out, time moved by the caller."""
+
+from __future__ import annotations
+
+from math import floor, hypot, isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from txt1.model.battery import CUT_OFF_V
+from txt1.model.kinematics import wrap_angle
+from txt1.model.vehicle import Geometry
+from txt1.sim.battery import Load, Packs, discharge
+from txt1.sim.room import Room, clearance
+from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+
+NOISE_RATE = 50
+"""The floor's drag changes so many times a second."""
+
+SETTLE_PERIOD = 1.0
+"""The packs' charge is brought up to date once in so many seconds."""
+
+BATTERY_NOISE_PERIOD = 1.0
+"""A voltage reading is good for so many seconds."""
+
+
+class Noise(NamedTuple):
+    """Standard deviations of what is random; 0 switches it off.
+
+    Attributes:
+        drag: of the floor's drag, as a share of the speed, drawn anew every 20 ms.
+        battery: of a voltage reading, V.
+
+    """
+
+    drag: float = 0.03
+    battery: float = 0.01
+
+
+class Faults(NamedTuple):
+    """What is broken.
+
+    Attributes:
+        right_encoder: its counter stands still.
+        left_encoder: its counter stands still.
+
+    """
+
+    right_encoder: bool = False
+    left_encoder: bool = False
+
+
+class Simulator:
+    """A vehicle in a room, with batteries, encoders, power switches and seeded noise.
+
+    Args:
+        vehicle: parameters of the dynamics.
+        body: dimensions.
+        room: the four walls.
+        packs: the batteries' charge.
+        load: what the electronics draw.
+        noise: what is random.
+        start: pose (x, y, theta) in the room, m and rad.
+        seed: repeats every random value.
+
+    """
+
+    def __init__(
+        self,
+        vehicle: VehicleParameters,
+        body: Geometry,
+        room: Room,
+        packs: Packs,
+        load: Load,
+        noise: Noise,
+        start: tuple[float, float, float],
+        seed: int,
+    ) -> None:
+        self.parameters = vehicle
+        self.body = body
+        self.room = room
+        self.packs = packs
+        self.load = load
+        self.noise = noise
+        self.faults = Faults()
+        self.atx_on = True
+        self.esc_on = True
+        self.time = 0.0
+        drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
+        self._drag_rng = np.random.default_rng(drag_seed)
+        self._battery_rng = np.random.default_rng(battery_seed)
+        # The wheels stop anywhere between two edges of the encoder disc.
+        self._phase: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
+        self._drags: list[float] = []
+        self._drag = 0.0
+        self._drag_ends = 0.0
+        self._motor = self._front = self._rear = 0.0
+        self._voltage_noise = (0.0, 0.0)
+        self._voltage_noise_ends = 0.0
+        self._drawn = 0.0  # seconds of full load since the packs were settled
+        self._settle_due = 0.0
+        self.voltages = packs.voltages()
+        """Of the two packs, V; 0 where none is fitted."""
+        self.cut_off = False
+        """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
+        self._settle_batteries()
+        self._counts_per_m = 1.0 / body.count_length
+        # as long as the centre is inside this, the walls are out of reach whatever the heading
+        reach = 0.5 * hypot(body.length, body.width)
+        self._free_x, self._free_y = 0.5 * room.length - reach, 0.5 * room.width - reach
+        self.state = VehicleState()
+        self.place(*start)
+
+    # -- outputs -----------------------------------------------------------------------------------------------
+
+    def command(self, motor: float, front: float, rear: float) -> None:
+        """Hold these PWM counts on motor and steering from now on."""
+        self._motor, self._front, self._rear = motor, front, rear
+
+    def place(self, x: float, y: float, theta: float) -> None:
+        """Put the vehicle down at a pose in the room, at rest; m and rad.
+
+        Raises:
+            ValueError: it would stick into a wall, or the pose is not finite.
+
+        """
+        theta = wrap_angle(theta)
+        if not (isfinite(x) and isfinite(y) and isfinite(theta)):
+            raise ValueError(f"the vehicle cannot stand at ({x:g}, {y:g}, {theta:g}): a pose is finite")
+        if clearance(x, y, theta, self.room, self.body) < 0.0:
+            raise ValueError(
+                f"the vehicle at ({x:g}, {y:g}, {theta:g}) sticks into a wall of the "
+                f"{self.room.length:g} x {self.room.width:g} m room"
+            )
+        self.state = self.state._replace(x=x, y=y, theta=theta, v=0.0)
+
+    # -- time --------------------------------------------------------------------------------------------------
+
+    def advance_to(self, time: float) -> None:
+        """Let the robot move until `time`, in seconds since the start; an instant in the past changes nothing."""
+        while self.time < time:
+            if self.time >= self._drag_ends:
+                self._draw_drag()
+            until = min(time, self._drag_ends)
+            self._advance(until - self.time)
+            self.time = until
+
+    def _advance(self, dt: float) -> None:
+        if self.time >= self._settle_due:
+            self._settle_batteries()
+        powered = not self.cut_off
+        motor = self._motor if self.esc_on and powered else 0.0
+        before = self.state
+        after = advance(before, motor, self._front, self._rear, dt, self._drag, self.parameters)
+        if not (-self._free_x < after.x < self._free_x and -self._free_y < after.y < self._free_y):
+            after = self._stop_at_wall(before, after)
+        self.state = after
+        if powered and self.atx_on:  # without the ATX supply's 5 V the encoders see nothing
+            if not self.faults.right_encoder:
+                self._phase[0] += (after.right - before.right) * self._counts_per_m
+            if not self.faults.left_encoder:
+                self._phase[1] += (after.left - before.left) * self._counts_per_m
+        if abs(motor) > self.parameters.dead_band:
+            self._drawn += dt
+        else:
+            self._drawn += dt * (self.load.idle if self.atx_on else self.load.standby)
+
+    def _settle_batteries(self) -> None:
+        """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
+        self._settle_due = self.time + SETTLE_PERIOD
+        self.packs = discharge(self.packs, self._drawn)
+        self._drawn = 0.0
+        self.voltages = self.packs.voltages()
+        self.cut_off = max(self.voltages) <= CUT_OFF_V
+
+    def _stop_at_wall(self, before: VehicleState, after: VehicleState) -> VehicleState:
+        """The state at contact if the step ends in a wall: pose and wheels as before it, speed 0."""
+        room, body = self.room, self.body
+        gap = clearance(after.x, after.y, after.theta, room, body)
+        if gap >= 0.0 or gap >= clearance(before.x, before.y, before.theta, room, body):
+            return after  # not there yet, or on its way out
+        return before._replace(v=0.0, phi_front=after.phi_front, phi_rear=after.phi_rear)
+
+    def _draw_drag(self) -> None:
+        """Take the floor's drag for the next 20 ms."""
+        if not self._drags:
+            self._drags = self._drag_rng.standard_normal(256).tolist()
+        self._drag = self.noise.drag * self._drags.pop()
+        # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
+        # the very float that the scheduler's tick has
+        self._drag_ends = (round(self.time * NOISE_RATE) + 1) / NOISE_RATE
+
+    # -- sensors -----------------------------------------------------------------------------------------------
+
+    def encoder_counts(self) -> tuple[int, int]:
+        """Counts of the right and left encoder since the start, forward positive."""
+        return floor(self._phase[0]), floor(self._phase[1])
+
+    def battery_readings(self) -> tuple[float, float]:
+        """Readings of the two packs' voltages, V, with the converter's noise; 0 where no pack is fitted."""
+        while self.time >= self._voltage_noise_ends:  # one draw per period, however seldom somebody looks
+            one, two = self._battery_rng.standard_normal(2).tolist()
+            self._voltage_noise = one * self.noise.battery, two * self.noise.battery
+            self._voltage_noise_ends += BATTERY_NOISE_PERIOD
+        one, two = self.voltages
+        return (one + self._voltage_noise[0] if one else 0.0), (two + self._voltage_noise[1] if two else 0.0)

@@ -1,0 +1,1 @@
+"""The robot's tasks, as the board ran them, and the state they share."""

@@ -1,0 +1,64 @@
+"""The battery task: voltages, state, remaining time. Priority 1, 1 Hz (thesis 3.3.3, 3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from txt1.control.limits import Fault, Gate
+from txt1.hal.base import Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.model.battery import remaining_time
+from txt1.protocol.messages import BatteryLevels, BoardMessage
+from txt1.tasks.state import Battery, BatteryState, State
+
+PRIORITY = 1
+PERIOD = 1.0
+
+OLD_WEIGHT: Final = 0.6
+"""Weight of the old value in the smoothed voltage (the original firmware)."""
+GOOD_V: Final = 9.5
+WARNING_V: Final = 9.0
+FITTED_V: Final = 1.0
+"""A pack that reads less is not fitted."""
+BAD_TIME: Final = 5.0
+"""Seconds of bad batteries that stop the robot: readings may start low and settle."""
+
+
+async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:
+    """Smooth the voltages, judge them, send them, and stop the robot when they have been bad for too long."""
+    smoothed: tuple[float, float] | None = None
+    bad_since: float | None = None
+    async for now in ticks:
+        inputs = hal.read(now)
+        if inputs.batteries is None:
+            continue
+        one, two = inputs.batteries
+        if smoothed is not None:
+            one = OLD_WEIGHT * smoothed[0] + (1.0 - OLD_WEIGHT) * one
+            two = OLD_WEIGHT * smoothed[1] + (1.0 - OLD_WEIGHT) * two
+        smoothed = one, two
+        judged = judge(one, two)
+        remaining = None if judged is BatteryState.EXTERNAL else remaining_time(max(one, two))
+        state.battery = Battery(one, two, judged, remaining)
+        send(BatteryLevels(one, two))
+
+        if inputs.cut_off:
+            gate.disarm("batteries cut off", Fault.BATTERY)
+        if judged is not BatteryState.BAD:
+            bad_since = None
+        elif bad_since is None:
+            bad_since = now
+        elif now - bad_since >= BAD_TIME and gate.armed:
+            gate.disarm("batteries bad", Fault.BATTERY)
+            state.tell(now, "batteries bad: change them, or shut the computer down (Robot.shutdown_host)")
+
+
+def judge(battery1: float, battery2: float) -> BatteryState:
+    """The batteries' state from both voltages in V; without any pack the external supply must be feeding us."""
+    best = max(battery1, battery2)
+    if best < FITTED_V:
+        return BatteryState.EXTERNAL
+    if best > GOOD_V:
+        return BatteryState.GOOD
+    return BatteryState.WARNING if best > WARNING_V else BatteryState.BAD

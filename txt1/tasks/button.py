@@ -1,0 +1,51 @@
+"""The button task: edges of the five joystick buttons. Priority 1, 10 Hz (thesis 3.3.3)."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from txt1.hal.base import Button, Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.tasks.state import SCREENS, Panel, State
+
+PRIORITY = 1
+PERIOD = 0.1
+
+GAINS_SCREEN = SCREENS.index("PID GAINS")
+
+
+async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal) -> None:
+    """Act on every press, of the board's joystick or of the operator's keys (`presses`), once."""
+    held = Button.NONE
+    async for now in ticks:
+        inputs = hal.read(now)
+        state.backlight = inputs.backlight
+        edges = inputs.buttons & ~held
+        held = inputs.buttons
+        presses.extend(b for b in Button if b and b in edges)
+        panel = state.panel
+        while presses:
+            panel = press(panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.pwm)
+        if panel.manual != state.panel.manual:
+            state.tell(now, "manual mode" if panel.manual else "controller mode")
+        state.panel = panel
+
+
+def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
+    """The panel after one press. `rows` is how many angular gain sets there are to scroll through.
+
+    Left and right change the screen, up and down scroll the gains, the centre toggles controller and manual mode,
+    where there is PWM to set by hand.
+    """
+    match pressed:
+        case Button.LEFT:
+            return panel._replace(screen=(panel.screen - 1) % len(SCREENS))
+        case Button.RIGHT:
+            return panel._replace(screen=(panel.screen + 1) % len(SCREENS))
+        case Button.UP:
+            return panel._replace(scroll=max(panel.scroll - 1, 0))
+        case Button.DOWN:
+            return panel._replace(scroll=min(panel.scroll + 1, max(rows - 1, 0)))
+        case Button.CENTRE if has_pwm:
+            return panel._replace(manual=not panel.manual)
+    return panel

@@ -1,0 +1,97 @@
+"""The controller task: both PID loops, PWM outputs. Priority 4, 50 Hz, hard (thesis 3.3.3, 4)."""
+
+from __future__ import annotations
+
+from txt1.control.limits import Gate
+from txt1.control.pid import Gains, Pid
+from txt1.hal.base import Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.tasks.state import CombinedSample, Command, Control, ManualPwm, Source, State
+
+PRIORITY = 4
+PERIOD = 0.02
+
+COMBINED_TIMEOUT = 0.1
+"""Age in seconds at which combined odometry is not used any more."""
+
+_OFF = Gains()
+
+
+async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
+    """Turn the command in force into outputs, once per tick, through the safety gate."""
+    loops = VelocityLoops()
+    closes_loops = hal.capabilities.pwm
+    was_manual = False
+    async for now in ticks:
+        gate.missed(ticks.missed)
+        right, left = state.encoders
+        if right is not None and left is not None:
+            gate.watch(right, left, PERIOD)
+
+        manual = state.panel.manual
+        given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
+        v = omega = 0.0
+        gains = _OFF
+        source = measured_by(state, now)
+        passes = gate.passes(None if given is None else given.time, now)
+        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual:
+            loops.clear()
+            outputs = gate.neutral(state.servos)
+        elif isinstance(given, ManualPwm):
+            outputs = gate.outputs(given.motor, given.front, given.rear, state.servos, v, omega)
+        else:
+            assert given is not None
+            v, omega = given.v, given.omega
+            motor = steering = 0.0
+            if closes_loops:
+                v_now, omega_now = measured_velocity(state, source)
+                gains = state.gains.angular.at(v_now)
+                motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains)
+            # u > 0 turns left: the front wheels to the left, the rear ones to the right
+            outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
+        was_manual = manual
+        hal.write(outputs, now)
+        state.control = Control(outputs, v, omega, source, gains)
+
+
+class VelocityLoops:
+    """The two PID loops. Errors in mm/s and mrad/s, outputs in PWM counts."""
+
+    def __init__(self) -> None:
+        self._linear = Pid(PWM_MAX)
+        self._angular = Pid(STEERING_MAX)
+
+    def clear(self) -> None:
+        """Forget the past."""
+        self._linear.clear()
+        self._angular.clear()
+
+    def step(
+        self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains
+    ) -> tuple[float, float]:
+        """Motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s.
+
+        In reverse the steering acts the other way round, so there the yaw-rate error changes its sign.
+        """
+        yaw_error = 1000.0 * (omega - omega_now)
+        return (
+            self._linear.step(1000.0 * (v - v_now), linear, PERIOD),
+            self._angular.step(-yaw_error if v_now < 0.0 else yaw_error, angular, PERIOD),
+        )
+
+
+def measured_by(state: State, now: float) -> Source:
+    """Where the loops take their measured velocities from: combined odometry while it is selected and fresh."""
+    combined = state.combined
+    if state.link.combined and combined is not None and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
+        return Source.COMBINED
+    return Source.ENCODER
+
+
+def measured_velocity(state: State, source: Source) -> tuple[float, float]:
+    """Speed and yaw rate (v, omega) from a source, m/s and rad/s."""
+    sample: CombinedSample | None = state.combined
+    if source is Source.COMBINED and sample is not None:
+        return sample.v, sample.omega
+    return state.odometry.v, state.odometry.omega

@@ -1,0 +1,64 @@
+"""The display task: the picture of the robot that the screens draw. Priority 2, 10 Hz, soft (thesis 3.3.3).
+
+Drawing takes longer than a controller period, so it is done elsewhere; this task only publishes a snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from txt1.control.limits import Gate
+from txt1.hal.base import Hal, Indicators
+from txt1.kernel.scheduler import Ticks
+from txt1.tasks.state import BatteryState, Snapshot, State, TaskReport
+
+PRIORITY = 2
+PERIOD = 0.1
+
+
+async def display(
+    ticks: Ticks,
+    state: State,
+    hal: Hal,
+    gate: Gate,
+    room: tuple[float, float] | None,
+    light: tuple[float, float] | None,
+    reports: Callable[[float], tuple[TaskReport, ...]],
+) -> None:
+    """Publish a snapshot, once per tick, and set buzzer and LEDs."""
+    async for now in ticks:
+        sounds = buzzer(state)
+        hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
+        state.snapshot = Snapshot(
+            time=now,
+            hal=hal.name,
+            capabilities=hal.capabilities,
+            armed=gate.armed,
+            stopped=gate.stopped,
+            reason=gate.reason,
+            faults={fault.value: count for fault, count in gate.counts.items() if count},
+            command=state.command,
+            gains=state.gains,
+            power=state.power,
+            servos=state.servos,
+            received=state.received,
+            transmitted=state.transmitted,
+            encoders=state.encoders,
+            odometry=state.odometry,
+            pose=state.pose,
+            link=state.link,
+            control=state.control,
+            battery=state.battery,
+            panel=state.panel,
+            backlight=state.backlight,
+            buzzer=sounds,
+            room=room,
+            light=light,
+            tasks=reports(now),
+            events=tuple(state.events)[-20:],
+        )
+
+
+def buzzer(state: State) -> bool:
+    """Whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
+    return not state.link.alive or state.battery.state in (BatteryState.WARNING, BatteryState.BAD)

@@ -1,0 +1,38 @@
+"""The encoder task: ticks, wheel speeds, velocities, pose. Priority 3, 50 Hz (thesis 2.3, 3.3.3, 3.7.1)."""
+
+from __future__ import annotations
+
+from txt1.hal.base import Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
+from txt1.model.vehicle import Geometry
+from txt1.tasks.state import Encoders, State
+
+PRIORITY = 3
+PERIOD = 0.02
+
+
+async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
+    """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry itself."""
+    count_length, track_width = geometry.count_length, geometry.track_width
+    last_counts: tuple[int, int] | None = None
+    last_time = 0.0
+    odometry = Odometry()
+    async for now in ticks:
+        inputs = hal.read(now)
+        state.pose = inputs.pose
+        if inputs.ticks is None:
+            if inputs.odometry is not None:
+                state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
+            continue
+        counts = inputs.ticks
+        if last_counts is not None:
+            right, left = counts[0] - last_counts[0], counts[1] - last_counts[1]
+            dt = now - last_time  # measured: a late tick reads the same speed
+            v, omega = body_velocity(
+                wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
+            )
+            odometry = advance(odometry, v, omega, dt)
+            state.encoders = Encoders(right, left)
+            state.odometry, state.odometry_time = odometry, now
+        last_counts, last_time = counts, now

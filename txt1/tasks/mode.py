@@ -1,0 +1,32 @@
+"""The mode task: is the host alive, which odometry counts? Priority 2, 1 Hz (thesis 3.3.3)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from txt1.control.limits import Fault, Gate
+from txt1.kernel.scheduler import Ticks
+from txt1.tasks.state import Link, State
+
+PRIORITY = 2
+PERIOD = 1.0
+
+VELOCITY_MIN: Final = 1
+"""The link is alive when more Velocity messages than this came in a second (the original firmware)."""
+COMBINED_MIN: Final = 2
+"""Combined odometry is selected when more such messages than this came in a second (the original firmware)."""
+
+
+async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
+    """Judge the last second by the messages that came in it; a link that is lost disarms."""
+    velocities = combined = 0
+    async for now in ticks:
+        link = Link(
+            alive=state.velocity_count - velocities > VELOCITY_MIN,
+            combined=state.combined_count - combined > COMBINED_MIN,
+        )
+        velocities, combined = state.velocity_count, state.combined_count
+        if state.link.alive and not link.alive:
+            state.tell(now, "link lost")
+            gate.disarm("link lost", Fault.LINK)
+        state.link = link

@@ -1,0 +1,19 @@
+"""The odometry task: sends the encoder odometry to the host. Priority 2, 20 Hz (the original firmware)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from txt1.kernel.scheduler import Ticks
+from txt1.protocol.messages import BoardMessage, EncoderOdometry
+from txt1.tasks.state import State
+
+PRIORITY = 2
+PERIOD = 0.05
+
+
+async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:
+    """Send pose and velocities, once per tick."""
+    async for _ in ticks:
+        send(EncoderOdometry(*state.odometry))
+        state.transmitted += 1

@@ -1,0 +1,93 @@
+"""The serial task: takes the host's messages as they arrive. Priority 4 (thesis 3.3.3, 3.5).
+
+On the desk a message arrives as the object the host made; behind a wire a decoder makes the same objects from bytes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from txt1.control.limits import Fault, Gate
+from txt1.control.pid import Gains
+from txt1.control.schedule import GainSet, Schedule
+from txt1.hal.base import Hal
+from txt1.kernel.scheduler import Ticks
+from txt1.protocol.messages import (
+    BoardMessage,
+    CombinedOdometry,
+    HostMessage,
+    PidResponse,
+    PidSet,
+    PowerControl,
+    PwmCommand,
+    PwmTest,
+    Switch,
+    Velocity,
+)
+from txt1.tasks.state import CombinedSample, Command, GainTable, ManualPwm, Power, State
+
+PRIORITY = 4
+
+INBOX_MAX: Final = 1000
+"""Messages that may wait for the task; a host that floods it loses the oldest."""
+
+Inbox = deque[tuple[HostMessage, float]]
+"""Messages that have arrived, each with the time its author stands for it, s of the run."""
+
+
+async def serial(
+    arrivals: Ticks, inbox: Inbox, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]
+) -> None:
+    """Carry out every message that has arrived, in order."""
+    async for now in arrivals:
+        while inbox:
+            message, time = inbox.popleft()
+            state.received += 1
+            match message:
+                case Velocity(v, omega):
+                    state.velocity_count += 1
+                    limited = gate.admit_velocity(v, omega)
+                    if limited is not None:
+                        state.command = Command(*limited, time)
+                case CombinedOdometry():
+                    if gate.admit_finite(message.v, message.omega):
+                        state.combined_count += 1
+                        state.combined = CombinedSample(message.v, message.omega, time)
+                case PwmTest(motor, front, rear, pwm4, pwm5):
+                    pwm = gate.admit_pwm(motor, front, rear, pwm4, pwm5)
+                    if not state.panel.manual:
+                        gate.count(Fault.NOT_MANUAL)
+                    elif pwm is not None:
+                        state.manual_pwm = ManualPwm(pwm[0], pwm[1], pwm[2], time)
+                        state.servos = pwm[3], pwm[4]
+                case PwmCommand(pwm4, pwm5):
+                    servos = gate.admit_pwm(pwm4, pwm5)
+                    if servos is not None:
+                        state.servos = servos[0], servos[1]
+                case PowerControl(switch, on):
+                    if switch is Switch.ATX and not on and gate.armed:
+                        gate.count(Fault.POWER)
+                        state.tell(now, "ATX supply stays on: it feeds encoders and computer, so disarm first")
+                        continue
+                    hal.switch(switch, on, now)
+                    atx, esc = state.power
+                    state.power = Power(on, esc) if switch is Switch.ATX else Power(atx, on)
+                    state.tell(now, f"{switch.name} {'on' if on else 'off'}")
+                case PidSet():
+                    table = gain_table(message)
+                    if table is None:
+                        gate.count(Fault.GAINS)
+                    else:
+                        state.gains = table
+                    send(PidResponse(table is not None))
+
+
+def gain_table(message: PidSet) -> GainTable | None:
+    """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
+    try:
+        schedule = Schedule([GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular])
+    except ValueError:
+        return None
+    return GainTable(Gains(*message.linear), schedule, loaded=True)

@@ -1,0 +1,249 @@
+"""What the tasks share: typed fields, each with exactly one writer.
+
+Every value is immutable and replaced whole, so a reader never sees half of an update and nothing needs a lock; this
+is what the critical sections of the RTOS were for. `Snapshot` is all of it at one instant.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+from txt1.control.pid import Gains
+from txt1.control.schedule import Schedule
+from txt1.hal.base import Capabilities, Outputs
+from txt1.kernel.statistics import Percentiles
+from txt1.model.odometry import Odometry
+
+
+class Command(NamedTuple):
+    """A velocity command: v in m/s, omega in rad/s, and when its author gave it, s of the run."""
+
+    v: float
+    omega: float
+    time: float
+
+
+class ManualPwm(NamedTuple):
+    """A PWM test command: counts of motor and steering, and when its author gave it, s of the run."""
+
+    motor: int
+    front: int
+    rear: int
+    time: float
+
+
+class CombinedSample(NamedTuple):
+    """Combined odometry's velocities in m/s and rad/s, and when they arrived, s of the run."""
+
+    v: float
+    omega: float
+    time: float
+
+
+class Power(NamedTuple):
+    """The power switches; both on at power-up."""
+
+    atx: bool = True
+    esc: bool = True
+
+
+class GainTable(NamedTuple):
+    """The gains that were loaded; all zero at power-up, so nothing moves."""
+
+    linear: Gains = Gains()
+    angular: Schedule = Schedule()
+    loaded: bool = False
+
+
+class BatteryState(StrEnum):
+    """How the batteries are (the board's states)."""
+
+    EXTERNAL = "external power"
+    GOOD = "good"
+    WARNING = "warning"
+    BAD = "bad"
+
+
+class Battery(NamedTuple):
+    """Smoothed voltages (V), state, and remaining time under full load (s); None where the HAL has no battery."""
+
+    battery1: float | None = None
+    battery2: float | None = None
+    state: BatteryState | None = None
+    remaining: float | None = None
+
+
+class Link(NamedTuple):
+    """What the mode task found in the last second."""
+
+    alive: bool = False
+    combined: bool = False
+
+
+class Source(StrEnum):
+    """Where the loops take the measured velocities from."""
+
+    ENCODER = "encoder"
+    COMBINED = "combined"
+
+
+class Control(NamedTuple):
+    """What the controller did in its last cycle.
+
+    Attributes:
+        outputs: as they left the safety gate.
+        v: set-point in force, m/s.
+        omega: set-point in force, rad/s.
+        source: of the measured velocities.
+        gains: angular gains in force.
+
+    """
+
+    outputs: Outputs = Outputs()
+    v: float = 0.0
+    omega: float = 0.0
+    source: Source = Source.ENCODER
+    gains: Gains = Gains()
+
+
+class Encoders(NamedTuple):
+    """Ticks of the right and left encoder in the last period; None for a HAL without them."""
+
+    right: int | None = None
+    left: int | None = None
+
+
+class Panel(NamedTuple):
+    """What the joystick has set: which screen, how far the gains are scrolled, manual mode."""
+
+    screen: int = 0
+    scroll: int = 0
+    manual: bool = False
+
+
+class Event(NamedTuple):
+    """Something worth telling: when (s of the run) and what."""
+
+    time: float
+    text: str
+
+
+SCREENS: Final = ("STATUS", "PWM", "ENCODERS", "PID GAINS", "MAP", "TASKS")
+"""The screens in the order of the joystick: the LCD's four, and two that it could not show."""
+
+WRITERS: Final = {
+    "command": "serial",
+    "manual_pwm": "serial",
+    "combined": "serial",
+    "gains": "serial",
+    "power": "serial",
+    "servos": "serial",
+    "received": "serial",
+    "velocity_count": "serial",
+    "combined_count": "serial",
+    "encoders": "encoder",
+    "odometry": "encoder",
+    "odometry_time": "encoder",
+    "pose": "encoder",
+    "link": "mode",
+    "control": "controller",
+    "battery": "battery",
+    "panel": "button",
+    "backlight": "button",
+    "transmitted": "odometry",
+    "snapshot": "display",
+}
+"""The one task that writes each field."""
+
+
+class State:
+    """The shared state. `WRITERS` names the one task that may assign to each field."""
+
+    __slots__ = (*WRITERS, "events")
+
+    def __init__(self) -> None:
+        self.command: Command | None = None
+        self.manual_pwm: ManualPwm | None = None
+        self.combined: CombinedSample | None = None
+        self.gains = GainTable()
+        self.power = Power()
+        self.servos = (0, 0)
+        self.received = 0
+        self.velocity_count = 0
+        self.combined_count = 0
+        self.encoders = Encoders()
+        self.odometry = Odometry()
+        self.odometry_time = 0.0
+        self.pose: tuple[float, float, float] | None = None
+        self.link = Link()
+        self.control = Control()
+        self.battery = Battery()
+        self.panel = Panel()
+        self.backlight: float | None = None
+        self.transmitted = 0
+        self.snapshot: Snapshot | None = None
+        self.events: deque[Event] = deque(maxlen=100)
+        """The latest events, oldest first: a log that everybody may append to."""
+
+    def tell(self, time: float, text: str) -> None:
+        """Log an event."""
+        self.events.append(Event(time, text))
+
+
+class TaskReport(NamedTuple):
+    """One task's statistics: rate in Hz (None on arrival), cycles, misses, lateness and run time in s."""
+
+    name: str
+    priority: int
+    rate: float | None
+    cycles: int
+    misses: int
+    lateness: Percentiles
+    run_time: Percentiles
+
+
+class Snapshot(NamedTuple):
+    """Everything the screens show, at one instant.
+
+    Attributes:
+        time: s of the run.
+        hal: name of the HAL.
+        capabilities: what it can do; what it cannot is shown as a dash.
+        armed: the safety gate is open.
+        stopped: the emergency stop is latched.
+        reason: why the gate is closed, empty when it is open.
+        faults: counters of the safety gate and the tasks, by name.
+        room: length and width of the room in m, and the light's position (x, y); None when unknown.
+
+    The others are the state's fields of the same name.
+
+    """
+
+    time: float
+    hal: str
+    capabilities: Capabilities
+    armed: bool
+    stopped: bool
+    reason: str
+    faults: dict[str, int]
+    command: Command | None
+    gains: GainTable
+    power: Power
+    servos: tuple[int, int]
+    received: int
+    transmitted: int
+    encoders: Encoders
+    odometry: Odometry
+    pose: tuple[float, float, float] | None
+    link: Link
+    control: Control
+    battery: Battery
+    panel: Panel
+    backlight: float | None
+    buzzer: bool
+    room: tuple[float, float] | None
+    light: tuple[float, float] | None
+    tasks: tuple[TaskReport, ...]
+    events: tuple[Event, ...]

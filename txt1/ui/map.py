@@ -1,0 +1,239 @@
+"""The MAP screen: room, light, path and robot on a canvas of braille dots.
+
+A braille character has two by four dots and a terminal's cell is about twice as high as it is wide, so the
+dots are square: one scale, in metres per dot, serves both axes and a circle is round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+from math import ceil, cos, degrees, floor, hypot, isfinite, log10, sin
+from operator import itemgetter
+from typing import Final, NamedTuple
+
+from rich.text import Text
+
+from txt1.tasks.state import Snapshot
+from txt1.ui.text import DIM
+from txt1.ui.view import View, pose_of
+
+BODY: Final = (0.510, 0.385)
+"""Length and width of the robot, m."""
+
+BODY_DOTS: Final = 9.0
+"""The robot is drawn at least so many dots long, or its heading could not be seen."""
+
+VIEW_MIN: Final = 2.0
+"""Side of the smallest view without a room, m."""
+
+_BITS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+"""Bit of the dot in column x and row y of a braille character."""
+
+_BLANK: Final = 0x2800
+"""The braille character without a dot."""
+
+_STYLES: Final = (DIM, "white", "cyan", "bold bright_green")
+"""Colour of a cell by the highest layer that has a dot in it."""
+
+AXES, WALL, PATH, ROBOT = range(len(_STYLES))
+
+
+class Bounds(NamedTuple):
+    """The rectangle to show, m."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+class Canvas:
+    """Braille dots over a rectangle of the plane, x to the right, y up, the same scale on both axes.
+
+    Args:
+        bounds: what has to be visible, m; it is centred.
+        columns: width in cells.
+        rows: height in cells.
+        scale: m per dot; None for the smallest at which the bounds fit.
+
+    """
+
+    def __init__(self, bounds: Bounds, columns: int, rows: int, scale: float | None = None) -> None:
+        self.columns, self.rows = columns, rows
+        self.scale = scale or fitting_scale(bounds, columns, rows)
+        self._left = (bounds.left + bounds.right) / 2.0 - columns * self.scale
+        self._top = (bounds.bottom + bounds.top) / 2.0 + 2.0 * rows * self.scale
+        self._bits = [[0] * columns for _ in range(rows)]
+        self._layers = [[0] * columns for _ in range(rows)]
+        self._marks: dict[tuple[int, int], tuple[str, str]] = {}
+
+    def line(self, start: tuple[float, float], end: tuple[float, float], layer: int) -> None:
+        """Draw a straight line between two points, m; what lies outside is left out."""
+        x0, y0 = self._dots(start)
+        x1, y1 = self._dots(end)
+        steps = min(10_000, max(1, ceil(max(abs(x1 - x0), abs(y1 - y0)))))
+        for step in range(steps + 1):
+            share = step / steps
+            self._dot(_whole(x0 + share * (x1 - x0)), _whole(y0 + share * (y1 - y0)), layer)
+
+    def path(self, points: Sequence[tuple[float, float]], layer: int) -> None:
+        """Draw lines from point to point; points within the same dot cost nothing."""
+        dots = [(_whole(x), _whole(y)) for x, y in map(self._dots, points)]
+        drawn = 0
+        for index in range(1, len(dots)):
+            if dots[index] != dots[drawn]:
+                self.line(points[drawn], points[index], layer)
+                drawn = index
+
+    def mark(self, point: tuple[float, float], character: str, style: str) -> None:
+        """Put a character over the cell of a point, m."""
+        x, y = self._dots(point)
+        self._marks[_whole(y) >> 2, _whole(x) >> 1] = (character, style)
+
+    def lines(self) -> list[Text]:
+        """The canvas, one text per row of cells."""
+        return [self._line(row) for row in range(self.rows)]
+
+    def _dots(self, point: tuple[float, float]) -> tuple[float, float]:
+        """Column and row of a point in dots, as fractions."""
+        return (point[0] - self._left) / self.scale, (self._top - point[1]) / self.scale
+
+    def _dot(self, x: int, y: int, layer: int) -> None:
+        """Set one dot; the higher layer gives its cell the colour."""
+        column, row = x >> 1, y >> 2
+        if 0 <= column < self.columns and 0 <= row < self.rows:
+            self._bits[row][column] |= _BITS[x & 1][y & 3]
+            if layer > self._layers[row][column]:
+                self._layers[row][column] = layer
+
+    def _line(self, row: int) -> Text:
+        """One row, cells of the same colour in one piece."""
+        cells = [
+            self._marks.get((row, column)) or (chr(_BLANK + bits) if bits else " ", _STYLES[layer])
+            for column, (bits, layer) in enumerate(zip(self._bits[row], self._layers[row], strict=True))
+        ]
+        text = Text(no_wrap=True)
+        for style, run in groupby(cells, key=itemgetter(1)):
+            text.append("".join(character for character, _ in run), style)
+        return text
+
+
+def _whole(dots: float) -> int:
+    """The dot a coordinate falls into; rounding errors do not tip a wall over its edge."""
+    return floor(dots + 1e-6)
+
+
+def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
+    """The smallest m per dot at which the bounds fit, with one dot to spare on every side."""
+    return max(
+        (bounds.right - bounds.left) / max(1, 2 * columns - 2),
+        (bounds.top - bounds.bottom) / max(1, 4 * rows - 2),
+    )
+
+
+def draw_map(snapshot: Snapshot, view: View, columns: int, rows: int) -> list[Text]:
+    """The map and, as its last row, the legend with the scale."""
+    rows = max(1, rows - 1)
+    room = snapshot.room if snapshot.room is not None and all(map(isfinite, snapshot.room)) else None
+    if room is None:
+        bounds = around(snapshot, view)
+        canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
+    else:
+        canvas = Canvas(walls(*room), columns, rows)
+        _draw_room(canvas, walls(*room))
+    _draw_axes(canvas)
+    canvas.path(view.path, PATH)
+    x, y, theta = pose_of(snapshot)
+    if isfinite(x) and isfinite(y) and isfinite(theta):
+        _draw_robot(canvas, x, y, theta)
+    if snapshot.light is not None:
+        canvas.mark(snapshot.light, "✶", "bold bright_yellow")
+    return [*canvas.lines(), _legend(snapshot, canvas.scale)]
+
+
+def walls(length: float, width: float) -> Bounds:
+    """The room, which lies around the origin."""
+    return Bounds(-length / 2.0, -width / 2.0, length / 2.0, width / 2.0)
+
+
+def around(snapshot: Snapshot, view: View) -> Bounds:
+    """What a view without a room has to show: path, robot and light, with a margin, on a coarse grid.
+
+    The grid keeps the picture still while the robot moves.
+    """
+    x, y, _ = pose_of(snapshot)
+    points = [*view.path, (x, y), *([snapshot.light] if snapshot.light else [])]
+    xs = [x for x, _ in points if isfinite(x)] or [0.0]
+    ys = [y for _, y in points if isfinite(y)] or [0.0]
+    span = max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))
+    grid = 10.0 ** floor(log10(span))
+    margin = 0.5 * BODY[0]
+    return Bounds(
+        floor((min(xs) - margin) / grid) * grid,
+        floor((min(ys) - margin) / grid) * grid,
+        ceil((max(xs) + margin) / grid) * grid,
+        ceil((max(ys) + margin) / grid) * grid,
+    )
+
+
+def round_up(scale: float) -> float:
+    """The next larger of 1, 1.5, 2, 3, 5, 7 times a power of ten, so the scale changes seldom."""
+    power = 10.0 ** floor(log10(scale))
+    return power * next((step for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if step * power >= scale), 10.0)
+
+
+def _draw_room(canvas: Canvas, room: Bounds) -> None:
+    corners = [
+        (room.left, room.bottom),
+        (room.right, room.bottom),
+        (room.right, room.top),
+        (room.left, room.top),
+    ]
+    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        canvas.line(start, end, WALL)
+
+
+def _draw_axes(canvas: Canvas) -> None:
+    """A small cross at the origin."""
+    arm = 4.0 * canvas.scale
+    canvas.line((-arm, 0.0), (arm, 0.0), AXES)
+    canvas.line((0.0, -arm), (0.0, arm), AXES)
+
+
+def _draw_robot(canvas: Canvas, x: float, y: float, theta: float) -> None:
+    """The body's outline and a pointer out of its front."""
+    enlarge = max(1.0, BODY_DOTS * canvas.scale / BODY[0])
+    front, side = 0.5 * enlarge * BODY[0], 0.5 * enlarge * BODY[1]
+    c, s = cos(theta), sin(theta)
+
+    def place(ahead: float, left: float) -> tuple[float, float]:
+        return x + ahead * c - left * s, y + ahead * s + left * c
+
+    outline = [place(front, side), place(-front, side), place(-front, -side), place(front, -side)]
+    for start, end in zip(outline, [*outline[1:], outline[0]], strict=True):
+        canvas.line(start, end, ROBOT)
+    canvas.line(place(0.0, 0.0), place(2.0 * front, 0.0), ROBOT)
+
+
+def _legend(snapshot: Snapshot, scale: float) -> Text:
+    """Scale bar, symbols, and the pose in numbers."""
+    length, cells = scale_bar(scale)
+    x, y, theta = pose_of(snapshot)
+    legend = Text(no_wrap=True, overflow="crop")
+    legend.append(f"├{'─' * (cells - 2)}┤", "white").append(f" {length:g} m  ", "white")
+    if snapshot.light is not None:
+        legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
+    legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
+    legend.append("room" if snapshot.pose is not None else "odometry", "cyan")
+    legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
+    if snapshot.light is not None:
+        legend.append(f"  to light {hypot(x - snapshot.light[0], y - snapshot.light[1]):.2f} m", DIM)
+    return legend
+
+
+def scale_bar(scale: float) -> tuple[float, int]:
+    """Length in m and width in cells of a scale bar of about ten cells; a cell is two dots wide."""
+    power = 10.0 ** floor(log10(20.0 * scale))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= 20.0 * scale)
+    return length, max(2, round(length / (2.0 * scale)))

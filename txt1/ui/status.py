@@ -1,0 +1,152 @@
+"""The STATUS screen: state, batteries, gains in force, faults and the latest events."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.layout import Layout
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from txt1.control.pid import Gains
+from txt1.tasks.state import BatteryState, Snapshot
+from txt1.ui.map import draw_map
+from txt1.ui.text import BAD, DASH, DIM, GOOD, LABEL, WARNING, clean, field_table, minutes, number, on_off
+from txt1.ui.view import View
+
+LEFT = 43
+"""Columns of the left half in a window of 80."""
+
+LEFT_ROWS = 20
+EVENT_ROWS = 8
+"""Rows kept for the events, border included, however many faults there are."""
+
+_BATTERY_STYLES = {
+    BatteryState.EXTERNAL: GOOD,
+    BatteryState.GOOD: GOOD,
+    BatteryState.WARNING: WARNING,
+    BatteryState.BAD: BAD,
+}
+
+
+def state_of(snapshot: Snapshot) -> Text:
+    """Armed, disarmed with its reason, or EMERGENCY STOP, so that it cannot be overlooked."""
+    if snapshot.stopped:
+        return Text(" ■ EMERGENCY STOP ■ ", style="bold white on red")
+    if snapshot.armed:
+        return Text(" ▶ ARMED ", style="bold black on green")
+    reason = f" ({clean(snapshot.reason)})" if snapshot.reason else ""
+    return Text(f" ▌▌disarmed{reason} ", style="black on yellow")
+
+
+def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableType:
+    """STATUS for a body of width x rows cells; a large window has room for a small map."""
+    left_width = max(LEFT, width * 2 // 5)
+    layout = Layout()
+    left, right = Layout(size=left_width), Layout()
+    layout.split_row(left, right)
+    state = Group(_robot(snapshot), _batteries(snapshot), _gains(snapshot))
+    map_rows = rows - LEFT_ROWS - 1
+    if map_rows >= 10:
+        lines = draw_map(snapshot, view, left_width - 2, map_rows - 2)
+        small_map = Panel(Text("\n").join(lines), title="map", padding=0, border_style=DIM)
+        left.split_column(Layout(state), Layout(small_map, size=map_rows))
+    else:
+        left.update(state)
+    faults, fault_rows = _faults(snapshot, rows - EVENT_ROWS)
+    right.split_column(Layout(faults, size=fault_rows), Layout(_events(snapshot)))
+    return layout
+
+
+def _robot(snapshot: Snapshot) -> Panel:
+    """Mode of operation and commands."""
+    pwm, power = snapshot.capabilities.pwm, snapshot.power
+    link = Text("alive", style=GOOD) if snapshot.link.alive else Text("lost", style=BAD)
+    mode = "manual" if snapshot.panel.manual else "controller"
+    switches = Text.assemble("ATX ", on_off(power.atx), "  ESC ", on_off(power.esc))
+    return Panel(
+        field_table(
+            ("state", state_of(snapshot)),
+            ("link", link),
+            ("odometry", snapshot.control.source.value if pwm else DASH),
+            ("mode", mode if pwm else DASH),
+            ("command", _command(snapshot)),
+            ("set-point", _velocity(snapshot.control.v, snapshot.control.omega)),
+            ("power", switches if snapshot.capabilities.power else DASH),
+        ),
+        title="robot",
+        border_style=DIM,
+    )
+
+
+def _command(snapshot: Snapshot) -> str:
+    """The latest velocity command, whoever gave it; the set-point is what became of it."""
+    if snapshot.command is None:
+        return "none"
+    return _velocity(snapshot.command.v, snapshot.command.omega)
+
+
+def _velocity(v: float, omega: float) -> str:
+    """Speed and yaw rate with their units."""
+    return f"{number(v, 2):>5} m/s {number(omega, 3):>6} rad/s"
+
+
+def _batteries(snapshot: Snapshot) -> Panel:
+    """Voltages, state and what is left."""
+    battery = snapshot.battery
+    state = DASH if battery.state is None else Text(battery.state.value, style=_BATTERY_STYLES[battery.state])
+    return Panel(
+        field_table(
+            ("battery", state),
+            ("battery 1", number(battery.battery1, 2, "V")),
+            ("battery 2", number(battery.battery2, 2, "V")),
+            ("remaining", minutes(battery.remaining)),
+        ),
+        title="battery",
+        border_style=DIM,
+    )
+
+
+def _gains(snapshot: Snapshot) -> Panel:
+    """Linear gains as loaded, angular ones as scheduled now; a board keeps the latter to itself."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style=LABEL, no_wrap=True)
+    for _ in range(3):
+        table.add_column(justify="right", no_wrap=True)
+    table.add_row("", *(Text(name, style=LABEL) for name in ("Kp", "Ki", "Kd")))
+    table.add_row("linear", *gain_cells(snapshot.gains.linear if snapshot.gains.loaded else None))
+    table.add_row("angular", *gain_cells(snapshot.control.gains if snapshot.capabilities.pwm else None))
+    title = "gains in force" if snapshot.gains.loaded else "gains (not loaded)"
+    return Panel(table, title=title, border_style=DIM)
+
+
+def gain_cells(gains: Gains | None) -> list[str]:
+    """Kp, Ki and Kd with three decimals each, as the protocol carries them; dashes for None."""
+    return [number(gain, 3) for gain in gains] if gains is not None else [DASH] * 3
+
+
+def _faults(snapshot: Snapshot, rows: int) -> tuple[Panel, int]:
+    """The counters that are not zero in at most `rows` rows, and how many rows it takes."""
+    counted = [(clean(name), count) for name, count in snapshot.faults.items() if count]
+    room = max(1, rows - 2)
+    if len(counted) > room:
+        hidden = counted[room - 1 :]
+        counted = [*counted[: room - 1], (f"and {len(hidden)} more", sum(count for _, count in hidden))]
+    table = Table.grid(padding=(0, 2))
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", style=WARNING, no_wrap=True)
+    for name, count in counted:
+        table.add_row(name, str(count))
+    return Panel(table if counted else Text("none", style=GOOD), title="faults", border_style=DIM), max(
+        1, len(counted)
+    ) + 2
+
+
+def _events(snapshot: Snapshot) -> Panel:
+    """The latest events, newest first, so a full panel loses the oldest."""
+    table = Table.grid(padding=(0, 1))
+    table.add_column(justify="right", style=DIM, no_wrap=True)
+    table.add_column(overflow="fold")
+    for event in reversed(snapshot.events[-60:]):
+        table.add_row(f"{event.time:.1f}", clean(event.text))
+    return Panel(table, title="events (s)", border_style=DIM)

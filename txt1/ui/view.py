@@ -1,0 +1,62 @@
+"""What belongs to the viewer and not to the robot: help on or off, and the path seen so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import dist, isfinite
+from typing import Final
+
+from txt1.tasks.state import Snapshot
+
+PATH_MAX: Final = 4000
+"""Points kept; when they are used up every other one goes, and the spacing doubles."""
+
+SPACING: Final = 0.02
+"""m between points, to begin with."""
+
+JUMP: Final = 0.5
+"""m from one snapshot to the next that tell that the robot was lifted ..."""
+
+REACH: Final = 2.0
+"""... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart."""
+
+
+def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
+    """The pose (x, y, theta) to draw: in the room where it is known, else odometry's."""
+    if snapshot.pose is not None:
+        return snapshot.pose
+    return snapshot.odometry.x, snapshot.odometry.y, snapshot.odometry.theta
+
+
+@dataclass
+class View:
+    """The viewer's own state.
+
+    Attributes:
+        help: the list of keys covers the screen.
+        path: points (x, y) the robot passed, m, oldest first; never more than PATH_MAX.
+        spacing: least distance between points, m.
+
+    """
+
+    help: bool = False
+    path: list[tuple[float, float]] = field(default_factory=list)
+    spacing: float = SPACING
+    _last: tuple[float, float] = (0.0, 0.0)
+    _time: float = 0.0
+
+    def follow(self, snapshot: Snapshot) -> None:
+        """Add where the robot is now; a jump or a new run starts a new path."""
+        x, y, _ = pose_of(snapshot)
+        if not (isfinite(x) and isfinite(y)):
+            return
+        here = (x, y)
+        elapsed = snapshot.time - self._time
+        if elapsed < 0.0 or dist(here, self._last) > max(JUMP, REACH * elapsed):
+            self.path, self.spacing = [], SPACING
+        self._last, self._time = here, snapshot.time
+        if self.path and dist(here, self.path[-1]) < self.spacing:
+            return
+        self.path.append(here)
+        if len(self.path) >= PATH_MAX:
+            self.path, self.spacing = self.path[::2], 2.0 * self.spacing
