@@ -13,13 +13,35 @@
     txt1.run(main(), speed="max")   # as fast as the processor; without `speed`, in real time
 """
 
-from txt1.errors import Txt1Error
-from txt1.hal.base import Button
-from txt1.kernel.loop import run
-from txt1.model.odometry import Odometry
-from txt1.protocol.messages import Switch
-from txt1.robot import Robot
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from txt1.errors import Txt1Error
+    from txt1.hal.base import Button
+    from txt1.kernel.loop import run
+    from txt1.model.odometry import Odometry
+    from txt1.protocol.messages import Switch
+    from txt1.robot import Robot
 
 __version__ = "0.1.0"
 
 __all__ = ["Button", "Odometry", "Robot", "Switch", "Txt1Error", "__version__", "run"]
+
+_WHERE = {
+    "Button": "txt1.hal.base",
+    "Odometry": "txt1.model.odometry",
+    "Robot": "txt1.robot",
+    "Switch": "txt1.protocol.messages",
+    "Txt1Error": "txt1.errors",
+    "run": "txt1.kernel.loop",
+}
+
+
+def __getattr__(name: str) -> object:
+    """A public name, imported when it is first used: the drawing process needs none of it and starts sooner."""
+    if name in _WHERE:
+        return getattr(import_module(_WHERE[name]), name)
+    raise AttributeError(f"module 'txt1' has no attribute '{name}'")

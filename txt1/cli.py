@@ -237,10 +237,11 @@ async def _watch(robot: Robot, arguments: argparse.Namespace, config: Config, en
         return
     screens = not arguments.headless and arguments.speed != "max" and sys.stdin.isatty() and sys.stdout.isatty()
     if screens:
+        robot.runtime.watched = True
         beat = max(0.05 / max(arguments.speed or 1.0, 1.0), BEAT_MIN)
         async with Terminal(robot, beat=beat, speed=config.teleop.speed, turn=config.teleop.turn) as terminal:
             operator = asyncio.ensure_future(terminal.wait())
-            await asyncio.wait({ended, operator}, return_when=asyncio.FIRST_COMPLETED)
+            await _first_of(ended, operator)
             quit_by_operator = operator.done() and operator.result() == "quit"
             operator.cancel()
         if quit_by_operator or ended.done():
@@ -248,10 +249,14 @@ async def _watch(robot: Robot, arguments: argparse.Namespace, config: Config, en
         print("txt1: the terminal was lost and the robot disarmed; Ctrl-C ends the run", file=sys.stderr)
         ending.code = FAULT
     lines = asyncio.ensure_future(_status_lines(robot))
-    await asyncio.wait({ended, lines}, return_when=asyncio.FIRST_COMPLETED)
+    await _first_of(ended, lines)
     if lines.done():
         lines.result()
     lines.cancel()
+
+
+async def _first_of(*futures: asyncio.Future[Any]) -> None:
+    await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
 
 
 async def _status_lines(robot: Robot) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from txt1.control.limits import Limits
 from txt1.control.pid import Gains
@@ -26,10 +26,20 @@ from txt1.sim.vehicle import VehicleParameters
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+def _number(value: Any) -> Any:
+    """The value, unless it is true or false: pydantic would take YAML's ``yes`` for the number 1."""
+    if isinstance(value, bool):
+        raise ValueError("input should be a number, not true or false")
+    return value
+
+
+Real = Annotated[float, BeforeValidator(_number)]
+Whole = Annotated[int, BeforeValidator(_number)]
+Positive = Annotated[Real, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[Real, Field(ge=0.0, allow_inf_nan=False)]
+Share = Annotated[Real, Field(ge=0.0, le=1.0)]
+Finite = Annotated[Real, Field(allow_inf_nan=False)]
 
 
 class Section(BaseModel):
@@ -49,7 +59,7 @@ class GeometryConfig(Section):
     """Between the encoder wheels, m."""
     circumference: Positive = Geometry().circumference
     """Of a tyre, m."""
-    counts_per_rev: Annotated[int, Field(gt=0)] = Geometry().counts_per_rev
+    counts_per_rev: Annotated[Whole, Field(gt=0)] = Geometry().counts_per_rev
     """Encoder counts per wheel revolution."""
     length: Positive = Geometry().length
     """Of the body, m."""
@@ -93,34 +103,39 @@ class ControlConfig(Section):
     )
     """Gains of the yaw-rate loop by speed, v_max rising (thesis table 4.1)."""
 
-    @model_validator(mode="after")
-    def _v_max_rises(self) -> ControlConfig:
-        self.schedule()
-        return self
+    @field_validator("angular")
+    @classmethod
+    def _v_max_rises(cls, angular: tuple[GainSetConfig, ...]) -> tuple[GainSetConfig, ...]:
+        _schedule(angular)
+        return angular
 
     def schedule(self) -> Schedule:
         """The angular gains as a schedule."""
-        return Schedule([GainSet(s.v_max, s.gains()) for s in self.angular])
+        return _schedule(self.angular)
+
+
+def _schedule(angular: Iterable[GainSetConfig]) -> Schedule:
+    return Schedule([GainSet(s.v_max, s.gains()) for s in angular])
 
 
 class SafetyConfig(Section):
     """What the safety gate lets through, and when it closes."""
 
-    v_max: Annotated[float, Field(gt=0.0, le=1.5)] = Limits().v_max
+    v_max: Annotated[Real, Field(gt=0.0, le=1.5)] = Limits().v_max
     """Largest absolute speed, m/s."""
     v_dead_band: NotNegative = Limits().v_dead_band
     """A slower set-point counts as 0, m/s."""
-    motor_max: Annotated[int, Field(gt=0, le=PWM_MAX)] = Limits().motor_max
+    motor_max: Annotated[Whole, Field(gt=0, le=PWM_MAX)] = Limits().motor_max
     """Largest absolute motor output, PWM counts."""
-    command_timeout: Annotated[float, Field(gt=0.0, le=2.0)] = Limits().command_timeout
+    command_timeout: Annotated[Real, Field(gt=0.0, le=2.0)] = Limits().command_timeout
     """Age at which a command is stale, s."""
-    runaway_motor: Annotated[int, Field(gt=0, le=PWM_MAX)] = Limits().runaway_motor
+    runaway_motor: Annotated[Whole, Field(gt=0, le=PWM_MAX)] = Limits().runaway_motor
     """Motor output above which a silent encoder means a runaway, PWM counts."""
     runaway_time: Positive = Limits().runaway_time
     """How long it may be silent, s."""
-    runaway_counts: Annotated[int, Field(gt=0)] = Limits().runaway_counts
+    runaway_counts: Annotated[Whole, Field(gt=0)] = Limits().runaway_counts
     """Encoder counts of one wheel during which the other may be silent."""
-    missed_ticks_max: Annotated[int, Field(gt=0)] = Limits().missed_ticks_max
+    missed_ticks_max: Annotated[Whole, Field(gt=0)] = Limits().missed_ticks_max
     """Controller cycles missed in a row that disarm."""
     auto_arm: Literal["auto", "always", "never"] = "auto"
     """Whether the robot arms when it starts: "auto" does in simulation only."""
@@ -129,9 +144,9 @@ class SafetyConfig(Section):
 class RoomConfig(Section):
     """The simulated room, around the origin."""
 
-    length: Annotated[float, Field(gt=0.0)] = 5.0
+    length: Annotated[Real, Field(gt=0.0)] = 5.0
     """Along x, m; .inf for none."""
-    width: Annotated[float, Field(gt=0.0)] = 5.0
+    width: Annotated[Real, Field(gt=0.0)] = 5.0
     """Along y, m; .inf for none."""
     light: tuple[Finite, Finite] = (0.0, 0.0)
     """Where the light is, x and y in m."""
@@ -210,9 +225,9 @@ class SimConfig(Section):
 class TeleopConfig(Section):
     """Driving from the keyboard."""
 
-    speed: Annotated[float, Field(ge=0.1, le=1.5)] = 0.5
+    speed: Annotated[Real, Field(ge=0.1, le=1.5)] = 0.5
     """Speed at the start, m/s; + and - change it."""
-    turn: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    turn: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.8
     """Share of the largest yaw rate that a and d ask for."""
 
 
@@ -230,7 +245,7 @@ class Config(Section):
     """Name of the hardware layer."""
     hal_options: dict[str, Any] = {}
     """Settings of a hardware layer from another package, handed to it as they are."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[Whole, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
     geometry: GeometryConfig = GeometryConfig()
     control: ControlConfig = ControlConfig()
@@ -281,7 +296,8 @@ def load(
     if file is not None:
         settings += _from_file(Path(file))
     settings += _from_environment(environment or {})
-    settings += [_from_override(text) for text in overrides]
+    for text in overrides:
+        settings += _from_override(text)
     settings += [Setting(tuple(k.split(".")), v, f"--{k}") for k, v in (options or {}).items()]
 
     tree = Config().model_dump()
@@ -336,35 +352,34 @@ def _from_file(path: Path) -> list[Setting]:
         tree = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}{_place(error)}: not valid YAML: {_problem(error)}") from None
-    if tree is None:
+    if tree is None or tree == {}:
         return []
     if not isinstance(tree, dict):
         raise ConfigError(f"{path}: expected 'key: value' lines, found {_kind(tree)}")
     return list(_walk(tree, (), str(path)))
 
 
-def _walk(tree: Mapping[Any, Any], path: tuple[str, ...], origin: str) -> Iterator[Setting]:
-    """Every leaf of a mapping as a setting."""
-    for key, value in tree.items():
-        here = (*path, str(key))
-        if isinstance(value, dict) and value and here != ("hal_options",):
-            yield from _walk(value, here, origin)
-        elif value is not None or not _is_section(here):  # an empty section sets nothing
-            yield Setting(here, value, origin)
+def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
+    """A value as settings: a mapping sets what is in it and leaves the rest of its section alone."""
+    if isinstance(value, dict) and value and path != ("hal_options",):
+        for key, inner in value.items():
+            yield from _walk(inner, (*path, str(key)), origin)
+    elif value is not None or not _is_section(path):  # an empty section sets nothing
+        yield Setting(path, value, origin)
 
 
 def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
     for name, text in sorted(environment.items()):
         if name.startswith(ENVIRONMENT_PREFIX):
             path = tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__"))
-            yield Setting(path, _parse(text, name), f"environment {name}")
+            yield from _walk(_parse(text, name), path, f"environment {name}")
 
 
-def _from_override(text: str) -> Setting:
+def _from_override(text: str) -> Iterator[Setting]:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set {text}: expected key=value, for example --set control.linear.kp=9")
-    return Setting(tuple(key.strip().split(".")), _parse(value, f"--set {text}"), f"--set {text}")
+    yield from _walk(_parse(value, f"--set {text}"), tuple(key.strip().split(".")), f"--set {text}")
 
 
 def _parse(text: str, origin: str) -> Any:
@@ -424,7 +439,8 @@ def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:
     key = ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
-    given = "" if isinstance(first["input"], dict | Section) else f": {first['input']!r}"
+    # a list or a mapping is long, and the message names the part of it that is wrong
+    given = "" if isinstance(first["input"], dict | list | tuple | Section) else f": {first['input']!r}"
     return f"{key}{given}: {message} (from {origin_of(key, origins)}); see 'txt1 config show' for the defaults"
 
 

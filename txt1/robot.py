@@ -205,7 +205,6 @@ class Robot:
             NotArmed: the robot may not be armed now; the message says why.
 
         """
-        self._command = (0.0, 0.0, -inf)  # nothing from before counts
         self._runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 from math import isfinite
-from typing import Final
 
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate
@@ -19,9 +18,6 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.protocol.messages import BoardMessage, HostMessage
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.state import State, TaskReport
-
-REPORT_PERIOD: Final = 1.0
-"""Statistics are summed up for the screens once in so many seconds."""
 
 
 class Runtime:
@@ -49,8 +45,8 @@ class Runtime:
         self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
         self._presses: deque[Button] = deque(maxlen=100)
         self._periods: dict[str, tuple[int, float | None]] = {}
-        self._reports: tuple[TaskReport, ...] = ()
-        self._reports_due = 0.0
+        self._reports: dict[str, TaskReport] = {}
+        self._next_report = 0
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
 
@@ -148,7 +144,7 @@ class Runtime:
         reason = self._reason_not_to_arm()
         if reason is not None:
             raise NotArmed(reason)
-        self.gate.arm()
+        self.gate.arm(self.now)
         self.state.tell(self.now, "armed")
 
     def _reason_not_to_arm(self) -> str | None:
@@ -181,22 +177,26 @@ class Runtime:
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _task_reports(self, now: float) -> tuple[TaskReport, ...]:
-        if self.watched and now >= self._reports_due:
-            self._reports_due = now + REPORT_PERIOD
-            self._reports = tuple(
-                TaskReport(
-                    name,
-                    self._periods[name][0],
-                    None if self._periods[name][1] is None else 1.0 / self._periods[name][1],  # type: ignore[operator]
-                    task.cycles,
-                    task.misses,
-                    task.lateness.percentiles(),
-                    task.run_time.percentiles(),
-                )
-                for name, task in self.statistics().items()
-            )
-        return self._reports
+    def _task_reports(self) -> tuple[TaskReport, ...]:
+        """The statistics for the screens, one task's brought up to date at a time; none while nobody looks."""
+        if self.watched:
+            name = list(self._periods)[self._next_report % len(self._periods)]
+            self._next_report += 1
+            self._reports[name] = self._task_report(name)
+        return tuple(self._reports.values())
+
+    def _task_report(self, name: str) -> TaskReport:
+        priority, period = self._periods[name]
+        task = self.scheduler.statistics()[name]
+        return TaskReport(
+            name,
+            priority,
+            None if period is None else 1.0 / period,
+            task.cycles,
+            task.misses,
+            task.lateness.percentiles(),
+            task.run_time.percentiles(),
+        )
 
     def _gate_closed(self, reason: str) -> None:
         self.state.tell(self.now, f"disarmed: {reason}")

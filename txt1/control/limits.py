@@ -128,6 +128,7 @@ class Gate:
         self.reason = "not armed yet"
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
+        self._armed_at = 0.0
         self._fresh = False
         self._motor = 0
         self._servos = (0, 0)
@@ -140,9 +141,10 @@ class Gate:
 
     # -- arming ------------------------------------------------------------------------------------------------
 
-    def arm(self) -> None:
-        """Open the gate and release the emergency stop. Nothing moves before the next fresh command."""
+    def arm(self, now: float) -> None:
+        """Open the gate at `now` and release the emergency stop. Only commands given from then on count."""
         self.armed, self.stopped, self.reason = True, False, ""
+        self._armed_at = now
         self._fresh = False
         self._silent, self._passed = [0.0, 0.0], [0, 0]
 
@@ -197,7 +199,7 @@ class Gate:
 
     def passes(self, given: float | None, now: float) -> bool:
         """Whether a command given at that time (s of the run) may move the robot now. Counts it going stale."""
-        fresh = given is not None and now - given <= self.limits.command_timeout + 1e-9
+        fresh = given is not None and given >= self._armed_at and now - given <= self.limits.command_timeout + 1e-9
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)
         self._fresh = fresh

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
@@ -32,7 +33,7 @@ class Schedule:
     def __init__(self, sets: Sequence[GainSet] = ()) -> None:
         if len(sets) > SETS_MAX:
             raise ValueError(f"at most {SETS_MAX} gain sets fit the board, not {len(sets)}")
-        for lower, upper in zip(sets, sets[1:], strict=False):
+        for lower, upper in pairwise(sets):
             if not lower.v_max < upper.v_max:
                 raise ValueError(f"v_max must rise from set to set: {upper.v_max} follows {lower.v_max}")
         self.sets = tuple(sets)

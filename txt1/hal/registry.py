@@ -17,7 +17,7 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from txt1.config import Config
-from txt1.errors import ConfigError, HalError
+from txt1.errors import ConfigError, HalError, Txt1Error
 from txt1.hal.base import Hal
 
 GROUP: Final = "txt1.hal"
@@ -67,7 +67,7 @@ def create(config: Config) -> Hal:
 
     Raises:
         ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
-        HalError: it cannot be imported.
+        HalError: it cannot be imported or made; the cause is chained.
 
     """
     name = config.hal
@@ -81,7 +81,14 @@ def create(config: Config) -> Hal:
                 raise HalError(
                     f"the HAL '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
                 ) from error
-            hal: Hal = factory(config)
+            try:
+                hal: Hal = factory(config)
+            except Txt1Error:
+                raise
+            except Exception as error:
+                raise HalError(
+                    f"the HAL '{name}' ({point.value}) cannot be made: {type(error).__name__}: {error}"
+                ) from error
             return hal
     near = difflib.get_close_matches(name, names(), n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -14,6 +14,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextvars import Context
 from typing import Any, Final, Literal, TypeVar
 
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
@@ -68,7 +69,7 @@ class _JumpingSelector(selectors.DefaultSelector):
             if loop.speed is not None and not loop.threads_outstanding:
                 loop.catch_up(None)
             return events
-        target = max(loop.clock.now_ns(), loop.next_timer_ns())
+        target = max(loop.clock.now_ns() + 1, loop.next_timer_ns())
         if loop.speed is not None:
             pause = loop.real_seconds_until(target)
             if pause > 0.0:
@@ -105,6 +106,16 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """The virtual time in seconds since the loop was made."""
         return self.clock.now_ns() / NS_PER_S
+
+    def call_later(  # type: ignore[override]
+        self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """Like asyncio's own, but at least 1 ns from now.
+
+        A coroutine that sleeps for what is left until some instant may be left with less than the clock resolves;
+        without this it would find the same left over for ever.
+        """
+        return super().call_later(max(delay, 1.0 / NS_PER_S), callback, *args, context=context)
 
     def next_timer_ns(self) -> int:
         """The instant of the next timer, to the nearest ns."""

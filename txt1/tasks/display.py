@@ -23,7 +23,7 @@ async def display(
     gate: Gate,
     room: tuple[float, float] | None,
     light: tuple[float, float] | None,
-    reports: Callable[[float], tuple[TaskReport, ...]],
+    reports: Callable[[], tuple[TaskReport, ...]],
 ) -> None:
     """Publish a snapshot, once per tick, and set buzzer and LEDs."""
     async for now in ticks:
@@ -54,7 +54,7 @@ async def display(
             buzzer=sounds,
             room=room,
             light=light,
-            tasks=reports(now),
+            tasks=reports(),
             events=tuple(state.events)[-20:],
         )
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from math import isfinite
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
@@ -86,6 +87,9 @@ async def serial(
 
 def gain_table(message: PidSet) -> GainTable | None:
     """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
+    values = (*message.linear, *(value for each in message.angular for value in each))
+    if not all(map(isfinite, values)):
+        return None
     try:
         schedule = Schedule([GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular])
     except ValueError:

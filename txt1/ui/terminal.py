@@ -82,16 +82,18 @@ class Terminal:
     Args:
         robot: whom the keys are for.
         beat: s (real time) between the drawing process's heartbeats.
+        speed: that w and s drive at first, m/s.
+        turn: share of the largest yaw rate that a and d ask for.
 
     Raises:
         TerminalLost: on entering, if standard input or output is no terminal.
 
     """
 
-    def __init__(self, robot: Robot, beat: float = 0.05) -> None:
+    def __init__(self, robot: Robot, beat: float = 0.05, speed: float = 0.5, turn: float = 0.8) -> None:
         self._robot = robot
         self._beat = beat
-        self._teleop = Teleop()
+        self._teleop = Teleop(speed, turn)
         self._tail = b""
         self._shown: Snapshot | None = None
         self._sent = 0

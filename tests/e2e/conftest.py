@@ -1,0 +1,70 @@
+"""A robot in an endless room, its gains loaded, and a recording of what it does."""
+
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any, NamedTuple
+
+import pytest
+
+from txt1.kernel import Ticks
+from txt1.robot import Robot
+
+ENDLESS = ("sim.room.length=.inf", "sim.room.width=.inf")
+
+
+class Sample(NamedTuple):
+    """One tick: time in s, true pose and speed, what the encoders say, and the PWM counts."""
+
+    time: float
+    x: float
+    y: float
+    theta: float
+    v: float
+    measured_v: float
+    measured_omega: float
+    motor: int
+    rear: int
+    command_v: float
+
+
+def recorder(robot: Robot) -> list[Sample]:
+    """A list that grows by one sample per controller period from now on."""
+    samples: list[Sample] = []
+
+    async def record(ticks: Ticks) -> None:
+        async for now in ticks:
+            true = robot.hal.simulator.state  # type: ignore[attr-defined]
+            odometry, control = robot.odometry, robot.runtime.state.control
+            samples.append(
+                Sample(now, true.x, true.y, true.theta, true.v, odometry.v, odometry.omega,
+                       control.outputs.motor, control.outputs.rear, control.v)
+            )  # fmt: skip
+
+    robot.add_task("recorder", 0.02, record, priority=-1)
+    return samples
+
+
+@pytest.fixture
+async def robot() -> AsyncIterator[Robot]:
+    async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+        assert await robot.load_gains()
+        yield robot
+
+
+@pytest.fixture
+def samples(robot: Robot) -> list[Sample]:
+    return recorder(robot)
+
+
+@pytest.fixture
+def every_tick(robot: Robot) -> Callable[[Callable[[], None]], None]:
+    """Call something at every controller period from now on."""
+
+    def start(action: Callable[[], None]) -> None:
+        async def task(ticks: Ticks) -> None:
+            async for _ in ticks:
+                action()
+
+        made: Callable[[Ticks], Coroutine[Any, Any, None]] = task
+        robot.add_task("every tick", 0.02, made)
+
+    return start

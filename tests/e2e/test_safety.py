@@ -1,0 +1,314 @@
+"""The robot stops when anything breaks."""
+
+import asyncio
+from collections.abc import Callable
+from math import inf, nan
+
+import pytest
+
+from tests.e2e.conftest import ENDLESS, Sample, recorder
+from txt1.errors import CommandRefused, NotArmed, TaskFault
+from txt1.hal.base import Outputs
+from txt1.kernel import Ticks, clock_of
+from txt1.protocol.messages import Switch, Velocity
+from txt1.robot import Robot
+from txt1.sim.simulator import Faults
+
+TICK = 0.02
+Every = Callable[[Callable[[], None]], None]
+
+
+def outputs(robot: Robot) -> Outputs:
+    """What the actuators get at this moment."""
+    held = robot.hal.outputs  # type: ignore[attr-defined]
+    assert isinstance(held, Outputs)
+    return held
+
+
+def true_speed(robot: Robot) -> float:
+    return robot.hal.simulator.state.v  # type: ignore[attr-defined, no-any-return]
+
+
+async def test_at_power_up_nothing_moves_before_the_gains_are_loaded() -> None:
+    async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+        await robot.drive(1.0, 1.0, 2.0)
+        assert robot.armed
+        assert outputs(robot)[:3] == (0, 0, 0)
+        assert true_speed(robot) == 0.0
+
+
+async def test_when_commands_stop_the_set_point_is_zero_within_the_time_out_and_a_tick(
+    robot: Robot, samples: list[Sample]
+) -> None:
+    await robot.drive(0.5, 0.0, 2.0)
+    robot.command(0.5, 0.0)
+    given = robot.now
+    await asyncio.sleep(1.0)
+    stopped = next(s.time for s in samples if s.time > given and s.command_v == 0.0)
+    assert given + 0.25 < stopped <= given + 0.25 + TICK + 1e-9
+    assert next(s.motor for s in samples if s.time >= stopped) == 0
+    assert robot.armed, "a stale command does not disarm"
+    assert robot.faults["command_stale"] == 1
+    await robot.drive(0.5, 0.0, 2.0)
+    assert true_speed(robot) == pytest.approx(0.5, abs=0.05), "the next fresh command resumes"
+
+
+async def test_driving_on_after_a_stale_command_starts_with_cleared_controllers(
+    robot: Robot, samples: list[Sample]
+) -> None:
+    await robot.drive(0.5, 0.0, 3.0)
+    await asyncio.sleep(5.0)
+    start = robot.now
+    await robot.drive(0.1, 0.0, 1.0)
+    assert max(s.v for s in samples if s.time > start) < 0.2
+
+
+@pytest.mark.parametrize("v, omega", [(nan, 0.0), (inf, 0.0), (0.5, nan)])
+async def test_a_command_that_is_not_finite_is_refused_and_does_not_keep_the_last_one_alive(
+    robot: Robot, every_tick: Every, v: float, omega: float
+) -> None:
+    await robot.drive(0.5, 0.0, 1.0)
+    robot.command(0.5, 0.0)
+
+    def insist() -> None:
+        with pytest.raises(CommandRefused):
+            robot.command(v, omega)
+
+    every_tick(insist)
+    await asyncio.sleep(0.3)
+    assert outputs(robot).motor == 0
+    assert robot.faults["command_not_finite"] > 10
+
+
+async def test_ten_metres_a_second_is_clipped_to_the_limit(robot: Robot, samples: list[Sample]) -> None:
+    await robot.drive(10.0, 0.0, 4.0)
+    assert max(s.command_v for s in samples) == 1.5
+    assert max(s.v for s in samples) < 1.6
+    assert robot.faults["speed_clipped"] > 0
+
+
+async def test_a_huge_yaw_rate_at_standstill_turns_nothing(robot: Robot) -> None:
+    await robot.drive(0.0, 50.0, 1.0)
+    assert outputs(robot)[:3] == (0, 0, 0)
+    assert robot.faults["yaw_rate_clipped"] > 0
+
+
+async def test_pwm_30000_in_manual_mode_is_limited_to_what_motor_and_steering_stand(robot: Robot) -> None:
+    await robot.set_manual(True)
+    robot.pwm_test(30000, -30000, 30000)
+    await asyncio.sleep(0.1)
+    assert outputs(robot)[:3] == (8000, -18000, 18000)
+    assert robot.faults["pwm_clipped"] == 1
+    assert robot.faults["motor_limited"] > 0
+    assert robot.faults["steering_limited"] > 0
+
+
+async def test_pwm_test_is_obeyed_in_manual_mode_only(robot: Robot) -> None:
+    with pytest.raises(CommandRefused, match="manual mode"):
+        robot.pwm_test(3000, 0, 0)
+    await asyncio.sleep(0.1)
+    assert outputs(robot).motor == 0
+    assert robot.faults["pwm_test_refused"] == 1
+
+
+async def test_in_manual_mode_a_pwm_command_goes_stale_too(robot: Robot) -> None:
+    await robot.set_manual(True)
+    robot.pwm_test(3000, 0, 0)
+    await asyncio.sleep(0.2)
+    assert outputs(robot).motor == 3000
+    await asyncio.sleep(0.2)
+    assert outputs(robot).motor == 0
+
+
+async def test_velocity_commands_move_nothing_in_manual_mode(robot: Robot) -> None:
+    await robot.set_manual(True)
+    await robot.drive(1.0, 0.0, 1.0)
+    assert true_speed(robot) == 0.0
+
+
+@pytest.mark.parametrize("faults", [Faults(right_encoder=True), Faults(left_encoder=True), Faults(True, True)])
+@pytest.mark.parametrize("v", [0.2, 0.5, 1.0])
+async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v: float) -> None:
+    await robot.drive(v, 0.0, 3.0)
+    robot.hal.simulator.faults = faults  # type: ignore[attr-defined]
+    with pytest.raises(NotArmed, match="runaway"):
+        await robot.drive(v, 0.0, 5.0)
+    assert robot.faults["runaway"] == 1
+    await asyncio.sleep(2.0)
+    assert true_speed(robot) == 0.0
+
+
+async def test_a_wall_ends_in_a_stop_and_backing_out_after_arming_works() -> None:
+    async with Robot.open("sim", seed=1) as robot:
+        await robot.load_gains()
+        with pytest.raises(NotArmed, match="runaway"):
+            await robot.drive(0.5, 0.0, 20.0)
+        assert robot.pose is not None
+        assert 2.1 < robot.pose[0] < 2.5 - 0.51 / 2.0 + 1e-6
+        robot.arm()
+        await robot.drive(-0.5, 0.0, 2.0)
+        assert robot.pose[0] < 1.7
+
+
+async def test_the_emergency_stop_acts_at_once_and_latches(robot: Robot) -> None:
+    await robot.drive(0.5, 0.2, 2.0)
+    robot.command(0.5, 0.2)
+    await asyncio.sleep(0.1)
+    assert outputs(robot).motor != 0
+    robot.stop()
+    assert outputs(robot)[:3] == (0, 0, 0), "without waiting for a tick"
+    with pytest.raises(NotArmed, match="emergency stop"):
+        await robot.drive(0.5, 0.0, 1.0)
+    robot.command(0.5, 0.0)
+    await asyncio.sleep(0.1)
+    assert outputs(robot).motor == 0
+    robot.arm()
+    await robot.drive(0.5, 0.0, 2.0)
+    assert true_speed(robot) == pytest.approx(0.5, abs=0.05)
+
+
+async def test_a_command_from_before_a_stop_does_not_resume_with_arming(robot: Robot) -> None:
+    await robot.drive(0.5, 0.0, 2.0)
+    robot.command(0.5, 0.0)
+    await asyncio.sleep(0.05)
+    robot.stop()
+    robot.arm()
+    await asyncio.sleep(0.04)
+    assert outputs(robot).motor == 0
+
+
+async def test_a_host_that_falls_silent_loses_the_link_within_two_seconds_and_disarms(robot: Robot) -> None:
+    await robot.drive(0.5, 0.0, 2.0)
+    # the driver dies: from now on no Velocity message arrives, whatever the program wants
+    robot.runtime.post = lambda message, time: None  # type: ignore[method-assign]
+    robot.command(0.5, 0.0)
+    await asyncio.sleep(2.0)
+    assert not robot.armed
+    assert robot.reason == "link lost"
+    assert robot.faults["link_lost"] == 1
+    with pytest.raises(NotArmed, match="link"):
+        robot.arm()
+
+
+async def test_a_task_that_raises_stops_the_robot_and_the_error_reaches_the_user() -> None:
+    async def clumsy(ticks: Ticks) -> None:
+        async for now in ticks:
+            if now > 3.0:
+                raise ZeroDivisionError("a bug in my task")
+
+    with pytest.raises(TaskFault, match=r"clumsy.*a bug in my task") as caught:
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.load_gains()
+            robot.add_task("clumsy", 0.1, clumsy)
+            samples = recorder(robot)
+            await robot.drive(0.5, 0.0, 60.0)
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert samples[-1].time <= 3.1 + TICK
+    assert samples[-1].v > 0.4
+    assert outputs(robot)[:3] == (0, 0, 0)
+    assert robot.faults["task_fault"] == 1
+
+
+async def test_a_controller_that_misses_five_cycles_disarms(robot: Robot, every_tick: Every) -> None:
+    clock = clock_of(asyncio.get_running_loop())
+    stalls = iter([0.13])
+    every_tick(lambda: clock.spend(next(stalls, 0.0)))  # type: ignore[attr-defined]
+    await asyncio.sleep(0.3)
+    assert not robot.armed
+    assert robot.faults["missed_ticks"] == 1
+    assert robot.runtime.statistics()["controller"].misses == 5
+
+
+async def test_batteries_that_stay_bad_stop_the_robot_after_five_seconds(robot: Robot) -> None:
+    robot.hal.simulator.battery_readings = lambda: (8.9, 0.0)  # type: ignore[attr-defined]
+    for _ in range(60):
+        robot.command(0.3, 0.0)
+        await asyncio.sleep(0.2)
+    assert not robot.armed
+    assert robot.reason == "batteries bad"
+    assert any("Robot.shutdown_host" in event.text for event in robot.runtime.state.events)
+    with pytest.raises(NotArmed, match="batteries bad"):
+        robot.arm()
+
+
+async def test_with_the_esc_off_nothing_moves_and_nothing_lurches_when_it_returns(
+    robot: Robot, samples: list[Sample]
+) -> None:
+    await robot.drive(0.5, 0.0, 2.0)
+    robot.switch_power(Switch.ESC, False)
+    await robot.drive(0.5, 0.0, 4.0)
+    assert true_speed(robot) == 0.0
+    assert outputs(robot).motor == 0
+    robot.switch_power(Switch.ESC, True)
+    back = robot.now
+    await robot.drive(0.5, 0.0, 3.0)
+    assert max(s.v for s in samples if s.time > back) < 0.55
+
+
+async def test_the_atx_supply_cannot_be_switched_off_while_armed(robot: Robot) -> None:
+    with pytest.raises(CommandRefused, match="disarm"):
+        robot.switch_power(Switch.ATX, False)
+    await asyncio.sleep(0.1)
+    assert robot.runtime.state.power.atx
+    robot.disarm()
+    robot.switch_power(Switch.ATX, False)
+    await asyncio.sleep(0.1)
+    assert not robot.runtime.state.power.atx
+    with pytest.raises(NotArmed, match="ATX"):
+        robot.arm()
+
+
+async def test_combined_odometry_that_reads_10_per_cent_high_slows_the_vehicle_by_9_and_falls_back_when_it_stops(
+    robot: Robot, every_tick: Every
+) -> None:
+    feeding = True
+
+    def feed() -> None:
+        if feeding:
+            robot.combined_odometry(0.0, 0.0, 0.0, 1.1 * true_speed(robot), robot.odometry.omega)
+
+    every_tick(feed)
+    await robot.drive(0.5, 0.0, 10.0)
+    assert true_speed(robot) == pytest.approx(0.5 / 1.1, rel=0.01)
+    feeding = False
+    last = robot.now
+    while robot.runtime.state.control.source != "encoder":
+        robot.command(0.5, 0.0)
+        await asyncio.sleep(TICK)
+    assert robot.now - last <= 0.1 + 2 * TICK
+    await robot.drive(0.5, 0.0, 5.0)
+    assert true_speed(robot) == pytest.approx(0.5, rel=0.02)
+
+
+async def test_a_flood_of_messages_is_bounded_and_counted(robot: Robot) -> None:
+    for _ in range(1500):
+        robot.runtime.post(Velocity(0.0, 0.0), robot.now)
+    assert robot.faults["messages_dropped"] == 500
+
+
+async def test_leaving_the_block_by_an_error_leaves_the_outputs_neutral() -> None:
+    with pytest.raises(KeyError):
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.load_gains()
+            await robot.drive(0.5, 0.0, 2.0)
+            raise KeyError("the user's own")
+    assert outputs(robot)[:3] == (0, 0, 0)
+
+
+async def test_cancelling_the_program_leaves_the_outputs_neutral() -> None:
+    opened: asyncio.Future[Robot] = asyncio.get_running_loop().create_future()
+
+    async def program() -> None:
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.load_gains()
+            opened.set_result(robot)
+            await robot.drive(0.5, 0.0, 60.0)
+
+    task = asyncio.create_task(program())
+    robot = await opened
+    await asyncio.sleep(2.0)
+    assert outputs(robot).motor > 0
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert outputs(robot)[:3] == (0, 0, 0)

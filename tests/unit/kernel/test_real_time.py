@@ -1,0 +1,161 @@
+"""Real time: never early, in order, and awake for input. No statement here depends on how fast the machine is."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from txt1.kernel import RealClock, RealTimeLoop, Scheduler, Ticks, run
+
+Runner = Callable[[Coroutine[Any, Any, Any]], Any]
+BOTH = pytest.mark.parametrize("runner", [run, asyncio.run], ids=["RealTimeLoop", "plain asyncio"])
+
+
+def no_fault(name: str, error: BaseException) -> None:
+    raise AssertionError(f"task '{name}' failed") from error
+
+
+def test_the_default_loop_is_the_real_one() -> None:
+    async def main() -> bool:
+        return isinstance(asyncio.get_running_loop(), RealTimeLoop)
+
+    assert run(main())
+
+
+@pytest.mark.parametrize("duration", [0.0001, 0.0015, 0.01])
+def test_a_sleep_is_never_short(duration: float) -> None:
+    async def main() -> None:
+        for _ in range(5):
+            before = RealClock.now_ns()
+            await asyncio.sleep(duration)
+            assert RealClock.now_ns() - before >= duration * 1e9 - 1
+
+    run(main())
+
+
+def test_input_ends_a_long_wait() -> None:
+    async def main() -> bytes:
+        reader, writer = os.pipe()
+        got: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().add_reader(reader, lambda: got.done() or got.set_result(os.read(reader, 1)))
+        timer = threading.Timer(0.02, os.write, (writer, b"x"))
+        timer.start()
+        try:
+            return await asyncio.wait_for(got, 60.0)
+        finally:
+            timer.join()
+            asyncio.get_running_loop().remove_reader(reader)
+            os.close(reader)
+            os.close(writer)
+
+    assert run(main()) == b"x"
+
+
+def test_a_thread_s_result_ends_a_long_wait() -> None:
+    async def main() -> int:
+        return await asyncio.wait_for(asyncio.to_thread(lambda: 42), 60.0)
+
+    assert run(main()) == 42
+
+
+@BOTH
+def test_no_cycle_starts_before_it_is_due_and_none_twice(runner: Runner) -> None:
+    async def main() -> None:
+        starts: list[int] = []
+        told: list[int] = []
+
+        async def task(ticks: Ticks) -> None:
+            slot = -1
+            async for now in ticks:
+                starts.append(RealClock.now_ns())
+                told.append(round(now * 1e9))
+                slot += 1 + ticks.missed
+                assert slot == round(now * 1e9) // 5_000_000
+
+        scheduler = Scheduler(no_fault)
+        scheduler.add("task", 1, 0.005, task)
+        origin = RealClock.now_ns()
+        scheduler.start()
+        scheduler.end_at(0.1)
+        await scheduler.ended
+        statistics = scheduler.statistics()["task"]
+        assert statistics.cycles == len(starts)
+        assert statistics.cycles + statistics.misses == 20
+        assert all(start >= origin + now for start, now in zip(starts, told, strict=True))
+        assert statistics.lateness.max_ns < 5_000_000
+        scheduler.stop()
+
+    runner(main())
+
+
+@BOTH
+def test_tasks_due_together_run_by_priority(runner: Runner) -> None:
+    async def main() -> None:
+        order: list[tuple[int, str]] = []
+
+        def task(name: str) -> Callable[[Ticks], Coroutine[Any, Any, None]]:
+            async def body(ticks: Ticks) -> None:
+                slot = -1
+                async for _ in ticks:
+                    slot += 1 + ticks.missed
+                    order.append((slot, name))
+
+            return body
+
+        scheduler = Scheduler(no_fault)
+        for name, priority in (("low", 1), ("high", 3), ("medium", 2)):
+            scheduler.add(name, priority, 0.01, task(name))
+        scheduler.start()
+        scheduler.end_at(0.05)
+        await scheduler.ended
+        for slot in range(5):
+            ran = [name for at, name in order if at == slot]
+            assert ran == [name for name in ("high", "medium", "low") if name in ran]
+        assert len(order) + sum(s.misses for s in scheduler.statistics().values()) == 15
+
+    runner(main())
+
+
+@BOTH
+def test_an_arrival_from_another_thread_is_served(runner: Runner) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        served = asyncio.Event()
+
+        async def serial(ticks: Ticks) -> None:
+            async for _ in ticks:
+                served.set()
+
+        scheduler = Scheduler(no_fault)
+        notify = scheduler.add_sporadic("serial", 4, serial)
+        scheduler.start()
+        threading.Timer(0.01, loop.call_soon_threadsafe, (notify,)).start()
+        await asyncio.wait_for(served.wait(), 60.0)
+        scheduler.stop()
+
+    runner(main())
+
+
+@BOTH
+def test_an_overloaded_robot_still_listens(runner: Runner) -> None:
+    async def main() -> None:
+        async def slow(ticks: Ticks) -> None:
+            async for _ in ticks:
+                until = RealClock.now_ns() + 3_000_000
+                while RealClock.now_ns() < until:
+                    pass
+
+        scheduler = Scheduler(no_fault)
+        scheduler.add("slow", 1, 0.002, slow)
+        scheduler.start()
+        scheduler.end_at(10.0)
+        await asyncio.sleep(0.01)
+        assert scheduler.now < 5.0
+        scheduler.stop()
+
+    runner(main())

@@ -1,0 +1,47 @@
+"""How the batteries are judged, and what the joystick's buttons do."""
+
+import pytest
+
+from txt1.hal.base import Button
+from txt1.tasks.battery import judge
+from txt1.tasks.button import press
+from txt1.tasks.state import SCREENS, BatteryState, Panel
+
+
+@pytest.mark.parametrize(
+    "one, two, state",
+    [
+        (0.0, 0.0, BatteryState.EXTERNAL),
+        (9.51, 0.0, BatteryState.GOOD),
+        (0.0, 9.51, BatteryState.GOOD),
+        (8.0, 12.0, BatteryState.GOOD),
+        (9.5, 0.0, BatteryState.WARNING),
+        (9.01, 0.0, BatteryState.WARNING),
+        (9.0, 0.0, BatteryState.BAD),
+        (5.0, 8.9, BatteryState.BAD),
+    ],
+)
+def test_the_better_pack_decides_the_state(one: float, two: float, state: BatteryState) -> None:
+    assert judge(one, two) is state
+
+
+def test_the_screens_go_round_in_both_directions() -> None:
+    panel = Panel()
+    for _ in SCREENS:
+        panel = press(panel, Button.RIGHT, rows=14, has_pwm=True)
+    assert panel.screen == 0
+    assert press(panel, Button.LEFT, rows=14, has_pwm=True).screen == len(SCREENS) - 1
+
+
+def test_scrolling_stops_at_both_ends() -> None:
+    panel = press(Panel(), Button.UP, rows=14, has_pwm=True)
+    assert panel.scroll == 0
+    for _ in range(30):
+        panel = press(panel, Button.DOWN, rows=14, has_pwm=True)
+    assert panel.scroll == 13
+    assert press(Panel(), Button.DOWN, rows=0, has_pwm=True).scroll == 0
+
+
+def test_the_centre_toggles_manual_mode_where_there_is_pwm() -> None:
+    assert press(Panel(), Button.CENTRE, rows=0, has_pwm=True).manual
+    assert not press(Panel(), Button.CENTRE, rows=0, has_pwm=False).manual

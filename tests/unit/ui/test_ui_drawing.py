@@ -1,0 +1,131 @@
+"""The drawing process on a real pty, with this test as the robot's process."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ui_snapshots import full
+from ui_tty import Tty
+
+from txt1.tasks.state import Snapshot
+from txt1.ui.frames import encode
+
+ROOT = Path(__file__).parents[3]
+
+
+class Drawing:
+    """A running drawing process."""
+
+    def __init__(self) -> None:
+        self.tty = Tty()
+        self.link, theirs = socket.socketpair()
+        self.link.settimeout(15.0)
+        with theirs:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "txt1.ui.drawing", "--fd", str(theirs.fileno()), "--interval", "0.02"],
+                stdin=self.tty.slave,
+                stdout=self.tty.slave,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+                cwd=ROOT,
+            )
+        self._lines = self.link.makefile("rb")
+        self.beat()
+
+    def beat(self) -> dict[str, Any]:
+        heartbeat: dict[str, Any] = json.loads(self._lines.readline())
+        return heartbeat
+
+    def show(self, snapshot: Snapshot) -> None:
+        self.link.sendall(encode(snapshot))
+
+    def keys(self, wanted: int) -> list[str]:
+        """The next so many keys that are reported."""
+        keys: list[str] = []
+        while len(keys) < wanted:
+            keys += self.beat()["keys"]
+        return keys
+
+    def hang_up(self) -> None:
+        self._lines.close()
+        self.link.close()
+
+    def wait(self) -> int:
+        """The exit code."""
+        self.tty.until(lambda: self.process.poll() is not None)
+        return int(self.process.returncode)
+
+
+@pytest.fixture
+def drawing() -> Iterator[Drawing]:
+    running = Drawing()
+    yield running
+    running.hang_up()
+    running.process.kill()
+    running.process.wait()
+    running.tty.close()
+
+
+def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
+    tty = drawing.tty
+    tty.until(lambda: "waiting for the robot" in tty.text())
+    assert tty.modes() != tty.before
+    drawing.show(full(screen=0))
+    tty.until(lambda: "set-point" in tty.text() and "ARMED" in tty.text())
+    while drawing.beat()["drawn"] != 1:
+        pass
+    tty.type(b"\x1b[C\x1bOD\x1b\xc3\xa4 ")
+    assert drawing.keys(3) == ["right", "left", "space"]
+    tty.type(b"wasd+-mcq" * 50)
+    assert drawing.keys(450) == list("wasd+-mcq") * 50
+
+    # help is the viewer's business: the robot never hears of it
+    tty.type(b"?")
+    tty.until(lambda: "HELP" in tty.text())
+    tty.type(b"?w")
+    tty.until(lambda: "HELP" not in tty.text())
+    assert drawing.keys(1) == ["w"]
+
+    # only the newest of many snapshots matters
+    for second in range(100, 200):
+        drawing.show(full(float(second)))
+    tty.until(lambda: "0:03:19.0" in tty.text())
+    while drawing.beat()["drawn"] != 101:
+        pass
+
+    tty.resize(120, 40)
+    tty.until(lambda: "quit" in tty.text().split("\n")[39])
+    assert all(len(line) <= 120 for line in tty.text().split("\n"))
+
+    # Ctrl-C is the robot's: here the process only has to survive it
+    os.kill(drawing.process.pid, signal.SIGINT)
+    tty.type(b"m")
+    assert drawing.keys(1) == ["m"]
+
+    drawing.hang_up()
+    assert drawing.wait() == 0
+    assert tty.restored()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_restores_the_terminal(drawing: Drawing, number: signal.Signals) -> None:
+    drawing.tty.until(lambda: "waiting" in drawing.tty.text())
+    drawing.process.send_signal(number)
+    assert drawing.wait() == 128 + number
+    assert drawing.tty.restored()
+
+
+def test_a_line_that_is_no_snapshot_ends_it_with_the_terminal_restored(drawing: Drawing) -> None:
+    drawing.tty.until(lambda: "waiting" in drawing.tty.text())
+    drawing.link.sendall(b"[]\n")
+    assert drawing.wait() == 1
+    assert drawing.tty.restored()

@@ -1,0 +1,42 @@
+"""Keys from a terminal's bytes."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.ui.keys import Keys
+
+
+@pytest.mark.parametrize(
+    ("data", "names"),
+    [
+        (b"\x1b[A\x1b[B\x1b[C\x1b[D", ["up", "down", "right", "left"]),
+        (b"\x1bOA\x1bOB\x1bOC\x1bOD", ["up", "down", "right", "left"]),
+        (b"\x1b[1;5C", ["right"]),
+        (b" cmq?wasd+-", ["space", "c", "m", "q", "?", "w", "a", "s", "d", "+", "-"]),
+        (b"WM=", ["w", "m", "+"]),
+        (b"\x1b[5~\x1b[15~\x1bOP", []),
+        ("äöü€🤖".encode(), []),
+        (b"\xff\xfe\x80\x00\x01", []),
+        (b"xyz\r\n\t", []),
+    ],
+)
+def test_names(data: bytes, names: list[str]) -> None:
+    assert Keys().feed(data) == names
+
+
+@pytest.mark.parametrize("before", [b"\x1b", b"\x1b[", b"\x1b[1;", b"\x1bO", b"\xe2\x82", b"\x1b\x1b", b"\x1b[[A"])
+def test_nothing_swallows_the_emergency_stop(before: bytes) -> None:
+    together, apart = Keys(), Keys()
+    assert together.feed(before + b" ") == ["space"]
+    assert apart.feed(before) + apart.feed(b" ") == ["space"]
+
+
+@given(st.binary(max_size=200), st.data())
+def test_how_the_bytes_are_cut_does_not_matter(data: bytes, draw: st.DataObject) -> None:
+    whole = Keys().feed(data + b"q")
+    cut = draw.draw(st.integers(0, len(data)))
+    keys = Keys()
+    assert keys.feed(data[:cut]) + keys.feed(data[cut:] + b"q") == whole

@@ -1,0 +1,142 @@
+"""The map: the room, the robot in it, and true proportions."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+from ui_snapshots import blind, full
+
+from txt1.tasks.state import Snapshot
+from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
+from txt1.ui.view import View
+
+
+def dots(lines: list[str]) -> set[tuple[int, int]]:
+    """The set dots as (column, row), counted in dots."""
+    bits = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+    return {
+        (2 * x + i, 4 * y + j)
+        for y, line in enumerate(lines)
+        for x, character in enumerate(line)
+        if "\u2800" < character <= "\u28ff"
+        for i in range(2)
+        for j in range(4)
+        if (ord(character) - 0x2800) & bits[i][j]
+    }
+
+
+def drawn(snapshot: Snapshot, columns: int = 78, rows: int = 19, view: View | None = None) -> list[str]:
+    return [line.plain for line in draw_map(snapshot, view or View(), columns, rows)]
+
+
+@pytest.mark.parametrize("size", [(78, 19), (198, 45), (40, 40)])
+def test_a_square_room_is_square(size: tuple[int, int]) -> None:
+    snapshot = full()._replace(pose=(0.0, 0.0, 0.0), light=None)
+    points = dots(drawn(snapshot, *size)[:-1])
+    xs, ys = [x for x, _ in points], [y for _, y in points]
+    assert abs((max(xs) - min(xs)) - (max(ys) - min(ys))) <= 1
+
+
+def test_the_walls_are_straight_and_closed() -> None:
+    lines = drawn(full()._replace(pose=(0.0, 0.0, 0.0), light=None))[:-1]
+    points = dots(lines)
+    left, right = min(x for x, _ in points), max(x for x, _ in points)
+    top, bottom = min(y for _, y in points), max(y for _, y in points)
+    assert all((x, top) in points and (x, bottom) in points for x in range(left, right + 1))
+    assert all((left, y) in points and (right, y) in points for y in range(top, bottom + 1))
+    assert not [y for x, y in points if left + 8 < x < left + 16 and top < y < bottom]
+
+
+def test_x_is_to_the_right_and_y_up() -> None:
+    canvas = Canvas(Bounds(-1.0, -1.0, 1.0, 1.0), 20, 10)
+    canvas.line((0.9, 0.9), (0.9, 0.9), 1)
+    ((x, y),) = dots([line.plain for line in canvas.lines()])
+    assert x > 20
+    assert y < 20
+
+
+def test_the_robot_points_where_it_heads() -> None:
+    def mean_x(theta: float) -> float:
+        nothing = full()._replace(room=None, light=None, pose=(1.0, 0.0, theta))
+        points = [(x, y) for x, y in dots(drawn(nothing)[:-1])]
+        return sum(x for x, _ in points) / len(points)
+
+    assert mean_x(0.0) > mean_x(3.14159)
+
+
+def test_the_light_stands_where_it_is() -> None:
+    lines = drawn(full()._replace(light=(2.0, 2.0)))
+    assert any("✶" in line[39:] for line in lines[:9])
+
+
+def test_without_a_room_the_view_holds_the_whole_path() -> None:
+    view = View()
+    for i in range(200):
+        snapshot = blind(i * 0.1)._replace(odometry=blind().odometry._replace(x=0.05 * i, y=0.0, theta=0.0))
+        view.follow(snapshot)
+    lines = drawn(snapshot, view=view)
+    xs = [x for x, _ in dots(lines[:-1])]
+    assert max(xs) - min(xs) > 60
+    assert "odometry x 9.95" in lines[-1]
+
+
+def test_the_pose_in_the_room_is_preferred() -> None:
+    assert "room x" in drawn(full())[-1]
+    assert "odometry x" in drawn(full()._replace(pose=None))[-1]
+
+
+def test_an_endless_room_has_no_walls() -> None:
+    endless = full()._replace(room=(inf, inf), pose=(0.0, 0.0, 0.0), light=None)
+    assert dots(drawn(endless)[:-1]) == dots(drawn(endless._replace(room=None))[:-1])
+
+
+def test_a_pose_that_is_no_number_does_not_stop_the_drawing() -> None:
+    assert len(drawn(full()._replace(pose=(nan, inf, 0.0)))) == 19
+    assert len(drawn(blind()._replace(odometry=full().odometry._replace(x=inf, theta=nan)))) == 19
+
+
+@pytest.mark.parametrize("scale", [0.001, 0.0131, 0.07, 0.5, 3.0, 40.0])
+def test_the_scale_bar_is_true(scale: float) -> None:
+    length, cells = scale_bar(scale)
+    assert abs(cells * 2 * scale - length) <= scale
+    assert 2 <= cells <= 11
+    assert round_up(scale) >= scale
+
+
+def test_the_scale_lets_everything_fit() -> None:
+    assert fitting_scale(Bounds(0.0, 0.0, 5.0, 5.0), 78, 18) == pytest.approx(5.0 / 70)
+
+
+def test_the_path_is_bounded_and_survives_decimation() -> None:
+    view = View()
+    for i in range(6_000):
+        view.follow(full()._replace(time=i * 0.1, pose=(0.03 * i, 0.0, 0.0)))
+        assert len(view.path) <= 4000
+    assert view.path[0] == (0.0, 0.0)
+    assert view.path[-1][0] == pytest.approx(0.03 * 5_999, abs=2 * view.spacing)
+
+
+def test_placing_the_robot_starts_a_new_path() -> None:
+    view = View()
+    for i in range(50):
+        view.follow(full()._replace(time=i * 0.1, pose=(0.1 * i, 0.0, 0.0)))
+    assert len(view.path) == 50
+    view.follow(full()._replace(time=5.0, pose=(4.9, 0.6, 0.0)))
+    assert view.path == [(4.9, 0.6)]
+
+
+def test_fast_motion_is_no_placing_and_a_new_run_is() -> None:
+    view = View()
+    view.follow(full()._replace(time=0.0, pose=(0.0, 0.0, 0.0)))
+    view.follow(full()._replace(time=2.0, pose=(1.5, 0.0, 0.0)))
+    assert len(view.path) == 2
+    view.follow(full()._replace(time=0.5, pose=(1.5, 0.1, 0.0)))
+    assert view.path == [(1.5, 0.1)]
+
+
+def test_a_robot_that_stands_adds_no_points() -> None:
+    view = View()
+    for i in range(50):
+        view.follow(full()._replace(time=i * 0.1, pose=(1.0, 1.0, 0.0)))
+    assert view.path == [(1.0, 1.0)]

@@ -1,0 +1,182 @@
+"""What the user reads on each screen."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from ui_snapshots import blind, full
+
+from txt1.control.schedule import Schedule
+from txt1.tasks.state import SCREENS, Event, GainTable, Panel, Snapshot
+from txt1.ui.gains import in_force, visible
+from txt1.ui.screens import render
+from txt1.ui.text import count, duration, minutes, number, run_time
+from txt1.ui.view import View
+
+SIZES = [(80, 24), (200, 50)]
+
+FIELDS = {
+    "STATUS": """
+        ARMED alive encoder good 11.84 0.00 40 0.50 0.250 11.000 18.000 130.000 ATX ESC off bad_frames clipped
+        number 19
+    """,
+    "PWM": "motor 1815 front -7351 rear 7351 pwm4 1200 pwm5 -1200 backlight 62 controller █",
+    "ENCODERS": "right 31 left 29 0.512 omega odometry room theta",
+    "PID GAINS": "linear 11.000 v_max -1.35 1.35 200.000 ► Kp Ki Kd loaded",
+    "MAP": "room light path ✶ ├ m x y θ",
+    "TASKS": "controller 50Hz 123456 serial event 12µs 346µs 34.5ms prio rate cycles miss p50 p99 max",
+}
+
+
+def printed(snapshot: Snapshot | None, view: View, width: int, height: int) -> list[str]:
+    console = Console(file=StringIO(), width=width, height=height, color_system=None, highlight=False)
+    with console.capture() as capture:
+        console.print(render(snapshot, view, width, height), end="")
+    return capture.get().rstrip("\n").split("\n")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("screen", range(len(SCREENS)))
+def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tuple[int, int]) -> None:
+    lines = printed(full(screen=screen), View(), *size)
+    text = "\n".join(lines)
+    assert len(lines) == size[1]
+    assert all(cell_len(line) <= size[0] for line in lines)
+    assert f"[{SCREENS[screen]}]" in lines[0]
+    assert [field for field in FIELDS[SCREENS[screen]].split() if field not in text] == []
+    assert "…" not in text
+    assert "quit" in lines[-1]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("screen", range(len(SCREENS)))
+def test_a_hal_that_knows_little_still_gets_every_screen(screen: int, size: tuple[int, int]) -> None:
+    lines = printed(blind(screen=screen), View(), *size)
+    assert len(lines) == size[1]
+    assert all(cell_len(line) <= size[0] for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("screen", "names"),
+    [
+        (0, ["odometry", "mode", "battery 1", "battery 2", "remaining", "power", "angular"]),
+        (1, ["motor", "front", "rear", "pwm4", "pwm5", "backlight", "mode"]),
+        (2, ["ticks right", "ticks left"]),
+    ],
+)
+def test_what_the_hal_cannot_know_is_a_dash(screen: int, names: list[str]) -> None:
+    lines = printed(blind(screen=screen), View(), 80, 24)
+    for name in names:
+        assert any(f"{name} " in line and "–" in line.split(name, 1)[1] for line in lines), name
+
+
+def test_no_set_is_marked_when_a_board_does_the_scheduling() -> None:
+    assert in_force(blind()) is None
+    assert "in force: –" in "\n".join(printed(blind(screen=3), View(), 80, 24))
+
+
+def test_equal_gains_are_told_apart_by_the_speed() -> None:
+    sets = full().gains.angular.sets
+    snapshot = full()
+    for v, expected in ((-1.4, 0), (-1.2, 1), (-1.0, 2), (5.0, 13)):
+        control = snapshot.control._replace(gains=sets[expected].gains)
+        slow = snapshot._replace(control=control, odometry=snapshot.odometry._replace(v=v))
+        assert in_force(slow) == expected
+
+
+def test_the_state_line_cannot_be_misread() -> None:
+    assert "ARMED" in printed(full(), View(), 80, 24)[1]
+    stopped = full()._replace(armed=False, stopped=True, reason="emergency stop")
+    assert "EMERGENCY STOP" in printed(stopped, View(), 80, 24)[1]
+    assert "ARMED" not in printed(stopped, View(), 80, 24)[1]
+    disarmed = full()._replace(armed=False, reason="link lost")
+    assert "disarmed (link lost)" in printed(disarmed, View(), 80, 24)[1]
+    long = full()._replace(armed=False, reason="a very long reason " * 5)
+    assert "link alive  RX" in printed(long, View(), 80, 24)[1]
+
+
+def test_buzzer_and_leds_follow_the_robot() -> None:
+    snapshot = full()._replace(received=1, transmitted=2, buzzer=False)
+    assert "RX ●  TX ○" in printed(snapshot, View(), 80, 24)[1]
+    assert "BUZZER" not in printed(snapshot, View(), 80, 24)[1]
+    assert "RX ○  TX ●" in printed(snapshot._replace(received=2, transmitted=3), View(), 80, 24)[1]
+
+
+@pytest.mark.parametrize("screen", range(len(SCREENS)))
+def test_help_covers_the_screen_but_not_the_state(screen: int) -> None:
+    lines = printed(full(screen=screen), View(help=True), 80, 24)
+    text = "\n".join(lines)
+    assert "HELP" in text
+    assert "ARMED" in lines[1]
+    for key in ("SPACE", "w s", "a d", "+ -", "← →", "↑ ↓"):
+        assert key in text
+
+
+def test_before_the_first_snapshot_it_waits_for_the_robot() -> None:
+    assert "waiting for the robot" in "\n".join(printed(None, View(), 80, 24))
+
+
+def test_the_gains_scroll_and_the_last_row_stays_visible() -> None:
+    small = full(screen=3)._replace(panel=Panel(3, 2))
+    text = "\n".join(printed(small, View(), 80, 16))
+    assert "-1.15" not in text
+    assert "-0.95" in text
+    far = full(screen=3)._replace(panel=Panel(3, 100))
+    text = "\n".join(printed(far, View(), 80, 16))
+    assert "1.35  " in text
+    assert "-1.35" not in text
+    assert visible(14, 20, 5) == range(14)
+
+
+def test_without_gains_the_table_says_so() -> None:
+    empty = full(screen=3)._replace(gains=GainTable(angular=Schedule()))
+    text = "\n".join(printed(empty, View(), 80, 24))
+    assert "no sets" in text
+    assert "not loaded" in text
+
+
+def test_an_event_cannot_command_the_terminal() -> None:
+    nasty = full()._replace(events=(Event(1.0, "a\x1b[2Jb\x07\nc\x9bd"),), reason="\x1b]0;x\x07", armed=False)
+    console = Console(file=StringIO(), width=80, height=24, color_system=None)
+    with console.capture() as capture:
+        console.print(render(nasty, View(), 80, 24), end="")
+    assert "\x1b" not in capture.get()
+    assert "\x07" not in capture.get()
+    assert "\x9b" not in capture.get()
+
+
+def test_many_faults_leave_room_for_the_events() -> None:
+    many = full()._replace(faults={f"fault_{i}": i for i in range(1, 40)})
+    text = "\n".join(printed(many, View(), 80, 24))
+    assert "more" in text
+    assert "number 19" in text
+
+
+@pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
+@pytest.mark.parametrize("screen", range(len(SCREENS)))
+def test_a_window_that_is_too_small_is_no_error(screen: int, size: tuple[int, int]) -> None:
+    assert all(cell_len(line) <= size[0] for line in printed(full(screen=screen), View(), *size))
+
+
+def test_values_are_written_for_people() -> None:
+    assert [duration(s) for s in (0.0, 3e-7, 12e-6, 9.996e-4, 0.0123, 0.0999, 0.3, 2.5, 1000.0)] == [
+        "0",
+        "300ns",
+        "12µs",
+        "1.0ms",
+        "12.3ms",
+        "99.9ms",
+        "300ms",
+        "2.50s",
+        "1000s",
+    ]
+    assert number(-0.001, 2) == "0.00"
+    assert number(None, 2, "V") == "–"
+    assert number(11.836, 2, "V") == "11.84 V"
+    assert minutes(None) == "–"
+    assert run_time(3725.67) == "1:02:05.6"
+    assert [count(n, 4) for n in (0, 9999, 10_000, 12_345_678)] == ["0", "9999", "10k", "12M"]
+    assert count(123_456_789, 7) == "123457k" or count(123_456_789, 7) == "123.5M"

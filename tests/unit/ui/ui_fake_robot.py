@@ -1,0 +1,72 @@
+"""A robot that only writes down what the terminal does to it: ``python ui_fake_robot.py LOG [SPEED]``."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+
+from blockbuster import blockbuster_ctx
+from ui_snapshots import full
+
+from txt1.errors import CommandRefused
+from txt1.hal.base import Button
+from txt1.kernel.loop import run
+from txt1.tasks.state import Snapshot
+from txt1.ui.terminal import Terminal
+
+
+class FakeRobot:
+    def __init__(self, log: Path) -> None:
+        self._log = log.open("w", buffering=1)
+        self.now = 0.0
+        self.screen = 0
+        self.snapshot: Snapshot | None = None
+
+    def write(self, line: str) -> None:
+        self._log.write(line + "\n")
+
+    def command(self, v: float, omega: float) -> None:
+        self.write(f"command {v:.2f} {omega:.2f}")
+
+    def stop(self) -> None:
+        self.write("stop")
+
+    def arm(self) -> None:
+        self.write("arm")
+        raise CommandRefused("not today")
+
+    def disarm(self, reason: str) -> None:
+        self.write(f"disarm {reason}")
+
+    def press(self, button: Button) -> None:
+        self.write(f"press {button.name}")
+        self.screen += {Button.RIGHT: 1, Button.LEFT: -1}.get(button, 0)
+
+    def tell(self, text: str) -> None:
+        self.write(f"tell {text}")
+
+
+async def live(robot: FakeRobot) -> None:
+    while True:
+        robot.snapshot = full(robot.now, robot.screen % 6)
+        await asyncio.sleep(0.05)
+        robot.now += 0.05
+
+
+async def main() -> None:
+    robot = FakeRobot(Path(sys.argv[1]))
+    living = asyncio.ensure_future(live(robot))
+    with blockbuster_ctx() as blocker:
+        for name in ("io.TextIOWrapper.write", "io.BufferedWriter.write"):  # the log
+            blocker.functions[name].deactivate()
+        async with Terminal(robot) as terminal:
+            reason = await terminal.wait()
+            robot.write(f"reason {reason}")
+            await asyncio.sleep(0.25)
+    living.cancel()
+    robot.write("end")
+
+
+if __name__ == "__main__":
+    run(main(), speed=float(sys.argv[2]) if len(sys.argv) > 2 else None)
