@@ -1,18 +1,11 @@
-"""Asynchronous tests run in virtual time, and fail when something blocks the event loop."""
+"""Asynchronous tests run in virtual time."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
-from blockbuster import BlockBuster, blockbuster_ctx
 
 from txt1.kernel import VirtualTimeLoop
 
 
 def pytest_asyncio_loop_factories(config: pytest.Config, item: pytest.Item) -> dict[str, Callable[[], VirtualTimeLoop]]:
     return {"virtual": VirtualTimeLoop}
-
-
-@pytest.fixture(autouse=True)
-def blocking_calls_fail() -> Iterator[BlockBuster]:
-    with blockbuster_ctx("txt1") as blockbuster:
-        yield blockbuster

@@ -59,6 +59,7 @@ class Robot:
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._command = (0.0, 0.0, -inf)
+        self._commanded = False  # since the driver's last tick
         self._pid_response: asyncio.Future[bool] | None = None
         self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
 
@@ -231,6 +232,7 @@ class Robot:
             self._runtime.post(Velocity(v, omega), self.now)  # the gate refuses and counts it
             raise CommandRefused(f"a velocity command must be finite, not v={v!r}, omega={omega!r}")
         self._command = (v, omega, self.now)
+        self._commanded = True
         self._runtime.post(Velocity(v, omega), self.now)
 
     async def drive(self, v: float, omega: float, duration: float) -> None:
@@ -406,12 +408,15 @@ class Robot:
     # -- inside ------------------------------------------------------------------------------------------------
 
     async def _drive_messages(self, ticks: Ticks) -> None:
-        """The driver: a Velocity message at every tick, the last command while it is fresh, else zeros.
+        """The driver: a Velocity message in every period, the last command while it is fresh, else zeros.
 
         Only who gives a command makes it fresh; sending it again does not.
         """
         timeout = self.config.safety.command_timeout
         async for now in ticks:
+            if self._commanded:  # there was a message in this period already
+                self._commanded = False
+                continue
             v, omega, given = self._command
             if now - given > timeout:
                 v = omega = 0.0

@@ -1,9 +1,10 @@
-"""A robot in an endless room, its gains loaded, and a recording of what it does."""
+"""A robot in an endless room, its gains loaded, and a recording of what it does. Blocking the loop fails a test."""
 
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import Any, NamedTuple
 
 import pytest
+from blockbuster import BlockBuster, blockbuster_ctx
 
 from txt1.kernel import Ticks
 from txt1.robot import Robot
@@ -41,6 +42,12 @@ def recorder(robot: Robot) -> list[Sample]:
 
     robot.add_task("recorder", 0.02, record, priority=-1)
     return samples
+
+
+@pytest.fixture(autouse=True)
+def blocking_calls_fail() -> Iterator[BlockBuster]:
+    with blockbuster_ctx("txt1") as blockbuster:
+        yield blockbuster
 
 
 @pytest.fixture

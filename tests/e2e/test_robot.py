@@ -137,7 +137,7 @@ async def test_the_switches_of_the_power_board_do_what_they_say(robot: Robot) ->
 async def test_the_host_is_shut_down_only_when_allowed_and_disarmed_and_by_a_fixed_command(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(CommandRefused, match="host.allow_shutdown"):
+    with pytest.raises(CommandRefused, match=r"host\.allow_shutdown"):
         await robot.shutdown_host()
 
     called: list[tuple[str, ...]] = []

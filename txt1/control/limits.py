@@ -227,7 +227,8 @@ class Gate:
         """
         if not (self.armed and self._fresh):
             return self.neutral(servos)
-        if not self.admit_finite(motor + front + rear + v + omega):  # one that is not finite spoils the sum
+        if not isfinite(motor + front + rear + v + omega):  # one that is not finite spoils the sum
+            self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
         limits = self.limits
         if abs(motor) > limits.motor_max:

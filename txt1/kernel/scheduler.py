@@ -211,7 +211,11 @@ class Scheduler:
         return self._clock.now_ns() - self._origin_ns
 
     def _prime(self, entry: _Entry) -> None:
-        self._step(entry, None)
+        try:
+            if entry.send(None) is not _NEXT_TICK:
+                self._waited(entry)
+        except BaseException as error:
+            self._raised(entry, error)
 
     def _wake(self) -> None:
         """See to it that whatever is due next is dispatched in time."""
@@ -276,26 +280,29 @@ class Scheduler:
     def _cycle(self, entry: _Entry, now_ns: int, late_ns: int) -> None:
         """Run one cycle of a task and measure it."""
         started_ns = stopwatch_ns()
-        self._step(entry, now_ns / NS_PER_S)
+        try:
+            if entry.send(now_ns / NS_PER_S) is not _NEXT_TICK:
+                self._waited(entry)
+        except BaseException as error:  # CancelledError too: asyncio would only log it
+            self._raised(entry, error)
         entry.add_run_time(stopwatch_ns() - started_ns)
         entry.add_lateness(late_ns)
 
-    def _step(self, entry: _Entry, now: float | None) -> None:
-        try:
-            if entry.send(now) is not _NEXT_TICK:
-                entry.coroutine.close()
-                raise RuntimeError(
-                    "it awaited something other than its next tick; a step must not wait, "
-                    "so start what waits as a coroutine of its own"
-                )
-        except StopIteration:
-            self._fault(entry, RuntimeError("its loop over the ticks came to an end"))
-        except (KeyboardInterrupt, SystemExit) as error:
+    def _waited(self, entry: _Entry) -> None:
+        entry.coroutine.close()
+        raise RuntimeError(
+            "it awaited something other than its next tick; a step must not wait, "
+            "so start what waits as a coroutine of its own"
+        )
+
+    def _raised(self, entry: _Entry, error: BaseException) -> None:
+        if isinstance(error, StopIteration):
+            error = RuntimeError("its loop over the ticks came to an end")
+        if isinstance(error, KeyboardInterrupt | SystemExit):
             self._running = False
             self._on_fault(entry.name, error)
-            raise
-        except BaseException as error:  # CancelledError too: asyncio would only log it
-            self._fault(entry, error)
+            raise error
+        self._fault(entry, error)
 
     def _fault(self, entry: _Entry, error: BaseException) -> None:
         """Make the robot safe, stop every task, and let the error travel."""

@@ -36,7 +36,7 @@ async def display(
             armed=gate.armed,
             stopped=gate.stopped,
             reason=gate.reason,
-            faults={fault.value: count for fault, count in gate.counts.items() if count},
+            faults={str(fault): count for fault, count in gate.counts.items() if count},
             command=state.command,
             gains=state.gains,
             power=state.power,
@@ -55,7 +55,7 @@ async def display(
             room=room,
             light=light,
             tasks=reports(),
-            events=tuple(state.events)[-20:],
+            events=tuple(state.events),
         )
 
 

@@ -184,7 +184,7 @@ class State:
         self.backlight: float | None = None
         self.transmitted = 0
         self.snapshot: Snapshot | None = None
-        self.events: deque[Event] = deque(maxlen=100)
+        self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
 
     def tell(self, time: float, text: str) -> None:

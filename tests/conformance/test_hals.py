@@ -1,0 +1,384 @@
+"""Every hardware layer keeps the promises of `txt1.hal.base`, and the suite notices when one does not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf, isfinite
+from typing import Any
+from unittest import SkipTest
+
+import pytest
+
+from txt1.config import Config, RoomConfig, SimConfig
+from txt1.errors import NotCapable
+from txt1.hal import conformance
+from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.hal.conformance import HalConformance, promises
+from txt1.hal.registry import create
+from txt1.hal.sim import SimHal
+from txt1.model.odometry import Odometry, advance
+from txt1.protocol.messages import Switch
+
+
+def sim() -> SimHal:
+    """The simulated TXT-1 where no wall stops it."""
+    hal = create(Config(sim=SimConfig(room=RoomConfig(length=inf, width=inf))))
+    assert isinstance(hal, SimHal)
+    return hal
+
+
+class TestSim(HalConformance):
+    """The simulated TXT-1."""
+
+    def make(self) -> Hal:
+        return sim()
+
+    def held(self, hal: Hal) -> Outputs:
+        assert isinstance(hal, SimHal)
+        return hal.outputs
+
+
+class ToyHal:
+    """A stranger's simulated car that closes its own velocity loops: odometry and set-points, no ticks, no PWM."""
+
+    name = "toy"
+    capabilities = Capabilities(place=True, pose=True, simulated=True)
+
+    def __init__(self) -> None:
+        self.time = 0.0
+        self.outputs = Outputs()
+        self.odometry = Odometry()
+        self.placed = Odometry()
+
+    async def open(self) -> None:
+        self.outputs = Outputs()
+
+    async def close(self) -> None:
+        self.outputs = Outputs()
+
+    def read(self, now: float) -> Inputs:
+        self._advance_to(now)
+        return Inputs(odometry=self.odometry, odometry_time=now, pose=self.placed[:3])
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        self._advance_to(now)
+        self.outputs = outputs
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        raise NotCapable(self.name, "power")
+
+    def indicate(self, indicators: Indicators) -> None:
+        pass
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        if not (isfinite(x) and isfinite(y) and isfinite(theta)):
+            raise ValueError(f"cannot stand at ({x}, {y}, {theta})")
+        self._advance_to(now)
+        self.placed = Odometry(x, y, theta)
+
+    def _advance_to(self, now: float) -> None:
+        v, omega = self.outputs.v, self.outputs.omega
+        self.odometry = advance(self.odometry, v, omega, now - self.time)
+        self.placed = advance(self.placed, v, omega, now - self.time)
+        self.time = now
+
+
+class TestToy(HalConformance):
+    """A HAL with the fewest capabilities that drives."""
+
+    def make(self) -> Hal:
+        return ToyHal()
+
+    def held(self, hal: Hal) -> Outputs:
+        assert isinstance(hal, ToyHal)
+        return hal.outputs
+
+
+class RealHal(ToyHal):
+    """A real car, as far as the suite can tell: it is not simulated and its battery takes two seconds to report."""
+
+    name = "real"
+    capabilities = Capabilities(battery=True, power=True)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.switched_off: list[Switch] = []
+        self.fastest = 0.0
+
+    def read(self, now: float) -> Inputs:
+        batteries = (12.1, 0.0) if now > 2.0 else None
+        return super().read(now)._replace(pose=None, batteries=batteries)
+
+    def _advance_to(self, now: float) -> None:
+        if now > self.time:  # an instant of full throttle moves nothing
+            self.fastest = max(self.fastest, abs(self.outputs.v))
+        super()._advance_to(now)
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        if not on:
+            self.switched_off.append(switch)
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        raise NotCapable(self.name, "place")
+
+
+class TestReal(HalConformance):
+    """A HAL that drives something real, and reports late."""
+
+    def make(self) -> Hal:
+        return RealHal()
+
+
+@pytest.mark.parametrize("name", promises())
+def test_the_suite_neither_drives_a_real_car_nor_cuts_its_power(name: str) -> None:
+    hal = RealHal()
+
+    class Once(HalConformance):
+        def make(self) -> Hal:
+            return hal
+
+    # a skipped promise is as good as a kept one here
+    with suppress(SkipTest):
+        getattr(Once(), name)()
+    assert (hal.fastest, hal.switched_off) == (0.0, [])
+
+
+# -- a broken promise is noticed -------------------------------------------------------------------------------
+
+
+def mutant(**methods: Any) -> Callable[[], Hal]:
+    """A maker of simulated TXT-1s with some methods or capabilities replaced."""
+    kind = type("Mutant", (SimHal,), methods)
+    return lambda: kind(sim().simulator)
+
+
+def able(**changes: bool) -> Capabilities:
+    """The simulated robot's capabilities, but for these."""
+    return Capabilities(**{**vars(SimHal.capabilities), **changes})
+
+
+def reading(**changes: Callable[[Inputs], Any]) -> Callable[..., Inputs]:
+    """A `read` with some fields replaced by a function of the true inputs."""
+
+    def read(self: SimHal, now: float) -> Inputs:
+        inputs = SimHal.read(self, now)
+        return inputs._replace(**{field: change(inputs) for field, change in changes.items()})
+
+    return read
+
+
+def writing(change: Callable[[Outputs], Outputs]) -> Callable[..., None]:
+    """A `write` of changed outputs."""
+    return lambda self, outputs, now: SimHal.write(self, change(outputs), now)
+
+
+async def async_read(self: SimHal, now: float) -> Inputs:
+    return SimHal.read(self, now)
+
+
+def slow_read(self: SimHal, now: float) -> Inputs:
+    ends = time.perf_counter() + 0.008
+    while time.perf_counter() < ends:
+        pass
+    return SimHal.read(self, now)
+
+
+def jumping_read(self: SimHal, now: float) -> Inputs:
+    self.reads = getattr(self, "reads", 0) + 1
+    inputs = SimHal.read(self, now)
+    assert inputs.ticks is not None
+    return inputs._replace(ticks=(inputs.ticks[0] + self.reads, inputs.ticks[1] + self.reads))
+
+
+async def close_and_forget(self: SimHal) -> None:
+    pass
+
+
+async def close_once(self: SimHal) -> None:
+    del self.indicators  # the second time there are none
+    await SimHal.close(self)
+
+
+async def never_again(self: SimHal) -> None:
+    if getattr(self, "used", False):
+        raise RuntimeError("device busy")
+    self.used = True
+
+
+def refuse(self: SimHal, *arguments: object) -> None:
+    raise NotCapable(self.name, "power")
+
+
+def complain(self: SimHal, *arguments: object) -> None:
+    raise ValueError("out of range")
+
+
+def ignore(self: SimHal, *arguments: object) -> None:
+    pass
+
+
+def place_anywhere(self: SimHal, x: float, y: float, theta: float, now: float) -> None:
+    if isfinite(x) and isfinite(y):
+        SimHal.place(self, x, y, theta, now)
+
+
+def place_rolling(self: SimHal, x: float, y: float, theta: float, now: float) -> None:
+    v = self.simulator.state.v
+    SimHal.place(self, x, y, theta, now)
+    self.simulator.state = self.simulator.state._replace(v=v)
+
+
+def write_latched(self: SimHal, outputs: Outputs, now: float) -> None:
+    if outputs != Outputs():
+        SimHal.write(self, outputs, now)
+
+
+class Liar(SimHal):
+    """Capabilities that come with opening."""
+
+    opened = False
+
+    async def open(self) -> None:
+        self.opened = True
+
+    @property
+    def capabilities(self) -> Capabilities:  # type: ignore[override]
+        return able(buttons=self.opened)
+
+
+MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
+    # what is broken, the HAL, the test that must notice, what it must say
+    ("no name", mutant(name=""), "the_name_is_text", "Hal.name is text"),
+    ("capability unknown", mutant(capabilities=able(ticks=None)), "every_field_of_the_capabilities_is_true_or_false",
+     "Capabilities.ticks is True or False"),
+    ("capabilities change", lambda: Liar(sim().simulator), "capabilities_and_name_are_constant",
+     "opening the HAL changed it"),
+    ("closes once", mutant(close=close_once), "closing_twice_is_harmless", "AttributeError"),
+    ("opens once", mutant(open=never_again), "a_closed_hal_opens_again", "RuntimeError: device busy"),
+    ("not neutral after close", mutant(close=close_and_forget), "closing_leaves_the_outputs_neutral",
+     "Hal.close leaves the outputs neutral"),
+    ("async read", mutant(read=async_read), "reading_returns_inputs_at_once", "Hal.read returns at once"),
+    ("read returns a tuple", mutant(read=lambda self, now: tuple(SimHal.read(self, now))),
+     "reading_returns_inputs_at_once", "returns Inputs, not tuple"),
+    ("read blocks", mutant(read=slow_read), "reading_and_writing_are_prompt", "Hal.read never waits"),
+    ("ticks are floats", mutant(read=reading(ticks=lambda i: tuple(map(float, i.ticks)))),
+     "every_input_agrees_with_the_capabilities", "Inputs.ticks is a pair of ints"),
+    ("no ticks after all", mutant(read=reading(ticks=lambda i: None)), "every_input_agrees_with_the_capabilities",
+     "Inputs.ticks is a pair of ints by the capabilities, but None"),
+    ("ticks kept secret", mutant(capabilities=able(ticks=False)), "every_input_agrees_with_the_capabilities",
+     "Inputs.ticks is None without the capability"),
+    ("battery kept secret", mutant(capabilities=able(battery=False)), "every_input_agrees_with_the_capabilities",
+     "Inputs.batteries is None without the capability"),
+    ("neither ticks nor odometry", mutant(capabilities=able(ticks=False), read=reading(ticks=lambda i: None)),
+     "every_input_agrees_with_the_capabilities", "Inputs.odometry is reported by a HAL without ticks"),
+    ("voltage not a number", mutant(read=reading(batteries=lambda i: (float("nan"), 0.0))),
+     "every_input_agrees_with_the_capabilities", "Inputs.batteries is a pair of voltages"),
+    ("pose not finite", mutant(read=reading(pose=lambda i: (0.0, 0.0, float("inf")))),
+     "every_input_agrees_with_the_capabilities", "Inputs.pose is finite"),
+    ("odometry from the future", mutant(read=reading(odometry=lambda i: Odometry(), odometry_time=lambda i: 1e9)),
+     "every_input_agrees_with_the_capabilities", "Inputs.odometry_time is when it arrived"),
+    ("a button without a joystick", mutant(read=reading(buttons=lambda i: Button.UP)),
+     "every_input_agrees_with_the_capabilities", "Inputs.buttons is NONE without"),
+    ("backlight in percent", mutant(read=reading(backlight=lambda i: 50.0)),
+     "every_input_agrees_with_the_capabilities", "Inputs.backlight is None or from 0 to 1"),
+    ("ticks with every read", mutant(read=jumping_read), "reading_twice_at_one_instant_changes_nothing",
+     "while time stood still"),
+    ("write complains", mutant(write=refuse), "writing_accepts_everything_between_the_ends", "Hal.write takes Outputs"),
+    ("write ignored", mutant(write=ignore), "what_was_written_is_held", "Hal.write holds the outputs"),
+    ("creeps at neutral", mutant(write=writing(lambda o: o._replace(motor=o.motor + 900))),
+     "neutral_outputs_do_not_move_the_robot", "Outputs are neutral when all are 0"),
+    ("latches the throttle", mutant(write=write_latched), "neutral_outputs_stop_the_robot", "neutral stops the robot"),
+    ("motor the wrong way round", mutant(write=writing(lambda o: o._replace(motor=-o.motor))), "forward_is_positive",
+     "Inputs.ticks are forward positive, but motor 3000"),
+    ("motor knows no reverse", mutant(write=writing(lambda o: o._replace(motor=abs(o.motor)))), "backward_is_negative",
+     "motor -3000"),
+    ("one encoder the wrong way round", mutant(read=reading(ticks=lambda i: (i.ticks[0], -i.ticks[1]))),
+     "forward_is_positive", "Inputs.ticks are forward positive"),
+    ("steering the wrong way round", mutant(write=writing(lambda o: o._replace(front=o.rear, rear=o.front))),
+     "front_to_the_left_and_rear_to_the_right_turn_left", "Outputs.front, Outputs.rear turn left"),
+    ("encoders exchanged", mutant(read=reading(ticks=lambda i: i.ticks[::-1])),
+     "front_to_the_left_and_rear_to_the_right_turn_left", "the right wheel goes further"),
+    ("switches missing", mutant(switch=refuse), "the_switches_work_or_are_refused", "works with the capability"),
+    ("switches hidden", mutant(capabilities=able(power=False)), "the_switches_work_or_are_refused",
+     "raises NotCapable without the capability 'power'"),
+    ("switches fail", mutant(capabilities=able(power=False), switch=complain), "the_switches_work_or_are_refused",
+     "raises NotCapable without 'power', but raised ValueError"),
+    ("ESC does nothing", mutant(switch=ignore), "without_the_esc_nothing_moves", "ESC off lets nothing move"),
+    ("no buzzer", mutant(indicate=refuse), "indicators_are_set_or_ignored", "Hal.indicate does nothing where"),
+    ("wrong refusal", mutant(capabilities=able(place=False), place=refuse), "the_robot_is_placed_or_it_is_refused",
+     "names HAL and capability"),
+    ("placing ignored", mutant(place=ignore), "the_robot_is_placed_or_it_is_refused", "but it stands at"),
+    ("placed rolling", mutant(place=place_rolling), "a_robot_put_down_is_at_rest", "puts the robot down at rest"),
+    ("placed in the clouds", mutant(place=place_anywhere), "the_robot_is_not_placed_where_it_cannot_stand",
+     "raises ValueError"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "name", "message"), [m[1:] for m in MUTANTS], ids=[m[0] for m in MUTANTS])
+def test_a_broken_promise_is_noticed_and_named(make: Callable[[], Hal], name: str, message: str) -> None:
+    class Suite(TestSim):
+        def make(self) -> Hal:
+            return make()
+
+    getattr(TestSim(), f"test_{name}")()  # the healthy HAL passes the very same test
+    with pytest.raises(AssertionError) as failure:
+        getattr(Suite(), f"test_{name}")()
+    assert message in str(failure.value)
+    assert "txt1.hal.base" in str(failure.value)  # where the promise stands
+
+
+def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
+    covered = {f"test_{name}" for _, _, name, _ in MUTANTS}
+    # opening: SimHal starts neutral, so breaking it takes another HAL; survival: any exception at all fails it
+    assert set(promises()) - covered == {
+        "test_opening_leaves_the_outputs_neutral",
+        "test_it_survives_many_reads_and_gaps",
+    }
+
+
+def test_a_wrong_set_point_sign_is_noticed() -> None:
+    class Backwards(ToyHal):
+        def write(self, outputs: Outputs, now: float) -> None:
+            super().write(outputs._replace(v=-outputs.v, omega=-outputs.omega), now)
+
+    class Suite(HalConformance):
+        def make(self) -> Hal:
+            return Backwards()
+
+    with pytest.raises(AssertionError, match=r"Inputs.odometry is forward positive, but v 0.5 m/s"):
+        Suite().test_forward_is_positive()
+    with pytest.raises(AssertionError, match=r"Outputs.omega is left positive"):
+        Suite().test_front_to_the_left_and_rear_to_the_right_turn_left()
+
+
+def test_a_subclass_without_make_is_told_what_to_override() -> None:
+    with pytest.raises(NotImplementedError, match=r"override HalConformance\.make"):
+        HalConformance().test_the_name_is_text()
+
+
+# -- the command -----------------------------------------------------------------------------------------------
+
+
+def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert conformance.main(["sim", "seed=3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(promises())
+    assert "closing twice is harmless: ok" in lines
+
+
+def test_the_command_fails_for_a_broken_hal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conformance, "create", lambda config: mutant(indicate=refuse)())
+    assert conformance.main(["sim"]) == 1
+    broken = [line for line in capsys.readouterr().out.splitlines() if "BROKEN" in line]
+    assert len(broken) == 1
+    assert broken[0].startswith("indicators are set or ignored: BROKEN: Hal.indicate does nothing")
+
+
+@pytest.mark.parametrize("words", [[], ["nonsense"], ["sim", "seed=-1"], ["--help"]])
+def test_the_command_refuses_nonsense_in_one_line(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert conformance.main(words) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,395 @@
+"""The command line, as a user or a script meets it: what it prints, and the exit code it ends with."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blockbuster import BlockBuster
+
+from txt1.cli import execute
+from txt1.errors import HalError
+from txt1.hal.sim import SimHal
+
+ROOT = Path(__file__).parents[2]
+SIM = ("run", "--hal", "sim", "--headless", "--speed", "max")
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in os.environ:
+        if name.startswith("TXT1_"):
+            monkeypatch.delenv(name)
+
+
+@pytest.fixture(autouse=True)
+def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """A hardware layer is looked up on the disk before the first tick, and threads are waited for after the last."""
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+
+
+def report(capsys: Capture, *words: str, code: int = 0) -> dict[str, Any]:
+    """The JSON object a run prints, which is all it prints on stdout."""
+    assert execute([*SIM, *words, "--json"]) == code
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1
+    parsed = json.loads(lines[0])
+    assert isinstance(parsed, dict)
+    return parsed
+
+
+def without_wall_clock(parsed: dict[str, Any]) -> dict[str, Any]:
+    """What of a report must repeat."""
+    tasks = {name: {k: v for k, v in task.items() if k != "run_time_s"} for name, task in parsed["tasks"].items()}
+    return {k: v for k, v in parsed.items() if k != "wall_time_s"} | {"tasks": tasks}
+
+
+def complaint(capsys: Capture, words: Sequence[str], code: int = 2) -> str:
+    """The one line on stderr with which a command is refused."""
+    try:
+        ended: object = execute(words)
+    except SystemExit as exit_:  # argparse's own
+        ended = exit_.code
+    out, err = capsys.readouterr()
+    assert (ended, out) == (code, "")
+    assert err.count("\n") == 1 and err.startswith("txt1: ")
+    return err.removesuffix("\n")
+
+
+def start(*words: str, **options: Any) -> subprocess.Popen[str]:
+    """`txt1` as a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "txt1", *words],
+        cwd=ROOT,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        **options,
+    )
+
+
+# -- txt1 run --------------------------------------------------------------------------------------------------
+
+
+def test_a_minute_costs_every_task_its_cycles_and_none_is_missed(capsys: Capture) -> None:
+    parsed = report(capsys, "--duration", "60", "--seed", "1")
+    cycles = {name: task["cycles"] for name, task in parsed["tasks"].items()}
+    assert cycles["controller"] == cycles["encoder"] == 3000
+    assert cycles["display"] == cycles["button"] == 600
+    assert cycles["mode"] == cycles["battery"] == 60
+    assert cycles["odometry"] == 1200
+    assert {name: task["misses"] for name, task in parsed["tasks"].items()} == dict.fromkeys(parsed["tasks"], 0)
+    assert parsed["sim_time_s"] == 60.0
+    assert parsed["seed"] == 1
+    assert {fault for fault, count in parsed["faults"].items() if count} == set()
+
+
+def test_the_report_has_the_documented_shape(capsys: Capture) -> None:
+    parsed = report(capsys, "--duration", "2")
+    assert {"sim_time_s", "wall_time_s", "seed", "tasks", "odometry", "battery", "faults"} <= set(parsed)
+    for task in parsed["tasks"].values():
+        assert set(task) == {"cycles", "misses", "lateness_s", "run_time_s"}
+        for times in (task["lateness_s"], task["run_time_s"]):
+            assert list(times) == ["p50", "p99", "p999", "max"]
+            assert 0.0 <= times["p50"] <= times["p99"] <= times["p999"] <= times["max"]
+    assert set(parsed["odometry"]) == {"x", "y", "theta", "v", "omega"}
+    assert parsed["battery"]["state"] == "good"
+
+
+def test_the_same_seed_repeats_the_run_and_another_does_not(capsys: Capture) -> None:
+    words = ("--duration", "4", "--drive", "0.4,0.3")
+    one, again, other = (report(capsys, *words, "--seed", seed) for seed in ("1", "1", "2"))
+    assert without_wall_clock(one) == without_wall_clock(again)
+    assert one["odometry"] != other["odometry"]
+    assert one["battery"] != other["battery"]
+
+
+def test_drive_moves_the_robot_at_the_velocity_asked_for(capsys: Capture) -> None:
+    parsed = report(capsys, "--duration", "5", "--drive", "0.5,0")
+    assert 1.7 < parsed["odometry"]["x"] < 2.0  # four of the five seconds, the first being the link's
+    assert parsed["odometry"]["v"] == pytest.approx(0.5, abs=0.05)
+    turned = report(capsys, "--duration", "3", "--drive", "0.5,-0.5")
+    assert turned["odometry"]["theta"] < -0.5
+
+
+def test_driving_into_a_wall_ends_with_exit_code_3_and_says_why(capsys: Capture) -> None:
+    assert execute([*SIM, "--duration", "12", "--drive", "0.5,0", "--json"]) == 3
+    out, err = capsys.readouterr()
+    assert err == "txt1: the robot was stopped: runaway: the right encoder is silent\n"
+    parsed = json.loads(out)
+    assert (parsed["armed"], parsed["faults"]["runaway"], parsed["odometry"]["v"]) == (False, 1, 0.0)
+    assert parsed["sim_time_s"] == 12.0
+
+
+def test_a_robot_that_was_not_armed_does_not_move(capsys: Capture) -> None:
+    parsed = report(capsys, "--duration", "4", "--drive", "0.5,0", "--no-arm")
+    assert parsed["armed"] is False
+    assert set(parsed["odometry"].values()) == {0.0}
+    never = report(capsys, "--duration", "4", "--drive", "0.5,0", "--set", "safety.auto_arm=never")
+    assert set(never["odometry"].values()) == {0.0}
+    armed = report(capsys, "--duration", "4", "--drive", "0.5,0", "--set", "safety.auto_arm=never", "--arm")
+    assert armed["odometry"]["x"] > 1.0
+
+
+def test_without_a_terminal_one_status_line_a_second_is_printed(capsys: Capture) -> None:
+    assert execute([*SIM, "--duration", "5.5"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert [line.split(" s ")[0] for line in out.splitlines()] == [f"t={float(t):8.2f}" for t in range(1, 6)]
+
+
+def test_a_velocity_beyond_the_limits_is_clipped_and_counted(capsys: Capture) -> None:
+    parsed = report(capsys, "--duration", "1.5", "--drive", "10,0")
+    assert parsed["faults"]["speed_clipped"] > 0
+    parsed = report(capsys, "--duration", "1.5", "--drive", "0,3")
+    assert parsed["faults"]["yaw_rate_clipped"] > 0
+    assert parsed["odometry"]["theta"] == 0.0
+
+
+def test_settings_reach_the_run(capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("seed: 5\n")
+    assert report(capsys, "--duration", "1", "--config", str(file))["seed"] == 5
+    monkeypatch.setenv("TXT1_SEED", "6")
+    assert report(capsys, "--duration", "1", "--config", str(file))["seed"] == 6
+    assert report(capsys, "--duration", "1", "--config", str(file), "--set", "seed=7")["seed"] == 7
+    assert report(capsys, "--duration", "1", "--config", str(file), "--set", "seed=7", "--seed", "8")["seed"] == 8
+
+
+# -- mistakes --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--hal", "nonsense"], ["hal", "'nonsense'", "installed:", "sim"]),
+        (["--hal", "simm"], ["'simm'", "did you mean 'sim'?"]),
+        (["--set", "control.linear.kp=abc"], ["control.linear.kp", "'abc'", "valid number", "--set", "config show"]),
+        (["--set", "control.linear.kpp=1"], ["control.linear.kpp", "unknown key", "did you mean 'control.linear.kp'?"]),
+        (["--set", "seed"], ["--set seed", "key=value"]),
+        (["--set", "sim.start=[9, 0, 0]"], ["sim.start", "(9, 0, 0)", "wall", "another start"]),
+        (["--config", "/no/such.yaml"], ["/no/such.yaml", "No such file", "check --config"]),
+        (["--seed", "-1"], ["seed", "-1", "greater than or equal to 0", "--seed"]),
+        (["--seed", "x"], ["--seed", "'x'"]),
+        (["--drive", "1"], ["--drive", "'1'", "V,OMEGA"]),
+        (["--drive", "nan,0"], ["--drive", "'nan'", "finite"]),
+        (["--duration", "0"], ["--duration", "'0'", "positive"]),
+        (["--speed", "fast"], ["--speed", "'fast'", "number"]),
+        (["--arm", "--no-arm"], ["--no-arm", "--arm"]),
+        (["--fly"], ["--fly"]),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_field_value_and_remedy(
+    capsys: Capture, words: list[str], told: list[str]
+) -> None:
+    message = complaint(capsys, ["run", "--headless", "--duration", "1", *words])
+    assert [word for word in told if word not in message] == []
+
+
+def test_a_yaml_mistake_is_one_line_with_the_place(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "broken.yaml"
+    file.write_text("seed: 1\ncontrol: [1,\n")
+    for words in (
+        ["run", "--config", str(file)],
+        ["config", "check", str(file)],
+        ["config", "show", "--config", str(file)],
+    ):
+        assert complaint(capsys, words).startswith(f"txt1: {file}:3:1: not valid YAML: ")
+
+
+def test_virtual_time_is_refused_where_time_is_real(capsys: Capture) -> None:
+    message = complaint(capsys, ["run", "--hal", "serial", "--speed", "max"])
+    assert "--speed max" in message and "'serial'" in message
+
+
+@pytest.mark.parametrize("words", [[], ["fly"], ["config"], ["config", "check"], ["--fly"]])
+def test_a_command_that_does_not_exist_is_one_line(capsys: Capture, words: list[str]) -> None:
+    assert "--help" in complaint(capsys, words)
+
+
+class Broken(Exception):
+    """What a driver of another package may raise."""
+
+
+@pytest.mark.parametrize(
+    ("method", "error", "told"),
+    [
+        ("open", HalError("the port is busy: close the other program"), "txt1: the port is busy: "),
+        ("read", HalError("unplugged: plug it in"), "txt1: task 'encoder' failed: HalError: unplugged"),
+        ("read", Broken("no answer"), "txt1: task 'encoder' failed: Broken: no answer"),
+    ],
+)
+def test_hardware_that_fails_ends_the_run_with_exit_code_1_and_one_line(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, method: str, error: Exception, told: str
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(SimHal, method, fail)
+    assert complaint(capsys, [*SIM, "--duration", "5"], code=1).startswith(told)
+
+
+# -- txt1 config and help ----------------------------------------------------------------------------------------
+
+
+def test_config_show_prints_every_value_and_its_origin(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("control: {linear: {kp: 9}}\n")
+    monkeypatch.setenv("TXT1_SAFETY__V_MAX", "1")
+    assert execute(["config", "show", "--config", str(file), "--set", "seed=3"]) == 0
+    rows = {}
+    for line in capsys.readouterr().out.splitlines():
+        row, _, origin = line.partition("  # ")
+        key, _, value = row.partition(":")
+        rows[key] = (json.loads(value), origin)
+    assert rows["control.linear.kp"] == (9.0, str(file))
+    assert rows["control.linear.ki"] == (18.0, "default")
+    assert rows["safety.v_max"] == (1.0, "environment TXT1_SAFETY__V_MAX")
+    assert rows["seed"] == (3, "--set seed=3")
+    assert len(rows["control.angular"][0]) == 14
+
+
+def test_config_check_says_whether_a_file_is_valid(capsys: Capture, tmp_path: Path) -> None:
+    assert execute(["config", "check", str(ROOT / "config" / "txt1.yaml")]) == 0
+    assert capsys.readouterr().out.endswith("txt1.yaml: valid\n")
+    file = tmp_path / "robot.yaml"
+    file.write_text("safety: {v_max: 2}\n")
+    assert complaint(capsys, ["config", "check", str(file)]).startswith("txt1: safety.v_max: 2: ")
+
+
+@pytest.mark.parametrize("words", [[], ["run"], ["config"], ["config", "show"], ["config", "check"]])
+def test_every_command_has_help(capsys: Capture, words: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        execute([*words, "--help"])
+    out, err = capsys.readouterr()
+    assert (ended.value.code, err) == (0, "")
+    assert out.startswith("usage: txt1")
+
+
+def test_the_exit_codes_are_documented(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        execute(["run", "--help"])
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Exit codes: 0" in out and "129/130/143" in out
+
+
+# -- the process -------------------------------------------------------------------------------------------------
+
+
+WITNESS = """
+from txt1.hal.registry import create_sim
+
+def create(config):
+    hal = create_sim(config)
+    write, close, seen = hal.write, hal.close, []
+
+    def watched_write(outputs, now):
+        seen.append(outputs)
+        write(outputs, now)
+
+    async def watched_close():
+        await close()
+        with open(config.hal_options["report"], "w") as report:
+            report.write(f"{max(o.motor for o in seen)} {seen[-1][:5]}")
+
+    hal.write, hal.close = watched_write, watched_close
+    return hal
+"""
+
+
+@pytest.fixture
+def witness(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory with a HAL `witness` in it, which writes down what it was told last."""
+    (tmp_path / "witness.py").write_text(WITNESS)
+    info = tmp_path / "witness-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: witness\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[txt1.hal]\nwitness = witness:create\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(tmp_path)]))
+    return tmp_path
+
+
+def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness: Path) -> None:
+    signals = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
+    with ExitStack() as stack:
+        runs = {
+            number: stack.enter_context(
+                start(
+                    "run", "--hal", "witness", "--headless", "--duration", "60", "--drive", "0.5,0",
+                    "--set", f"hal_options.report={witness / number.name}", stdout=subprocess.PIPE,
+                )
+            )
+            for number in signals
+        }  # fmt: skip
+        for run in runs.values():
+            stack.callback(run.kill)
+        for number, run in runs.items():
+            assert run.stdout is not None
+            while "v=+0.0" in run.stdout.readline():
+                pass
+            run.send_signal(number)
+        for number, run in runs.items():
+            _, err = run.communicate(timeout=20)
+            assert (run.returncode, err) == (signals[number], "")
+            driven, last = (witness / number.name).read_text().split(" ", 1)
+            assert int(driven) > 500
+            assert last == "(0, 0, 0, 0, 0)"
+
+
+@pytest.mark.parametrize("speed", [[], ["--speed", "max"]], ids=["real time", "virtual time"])
+def test_a_signal_ends_a_run_that_has_no_end(speed: list[str]) -> None:
+    with start("run", "--headless", *speed, stdout=subprocess.PIPE) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline().startswith("t=")
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate(timeout=20)
+    assert (run.returncode, err) == (130, "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--headless", "--duration", "5", "--speed", "max"],
+        ["run", "--headless", "--duration", "5"],
+        ["run", "--json", "--duration", "5", "--speed", "max"],
+        ["config", "show"],
+        ["config", "check", "config/txt1.yaml"],
+        ["--help"],
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_has_gone_is_no_traceback(words: list[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with start(*words, stdout=writing) as process:
+        os.close(writing)
+        _, err = process.communicate(timeout=20)
+    assert err == ""
+    assert process.returncode in (0, 1)  # 0 if there was nothing more to say
+
+
+def test_the_head_of_a_run_can_be_taken() -> None:
+    command = f"{sys.executable} -m txt1 run --headless --duration 600 --speed max | head -1"
+    done = subprocess.run(["sh", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=20, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("t=") and done.stdout.count("\n") == 1
+
+
+def test_a_mistake_costs_a_process_no_traceback() -> None:
+    with start("run", "--hal", "nonsense", stdout=subprocess.PIPE) as process:
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (2, "", "txt1: hal: there is no HAL 'nonsense'; installed: sim\n")

@@ -1,0 +1,378 @@
+"""The configuration: which source wins, what is refused and how, and what a run can be told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from txt1.config import Config, flatten, keys, load, origin_of, to_yaml
+from txt1.control.limits import Limits
+from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
+from txt1.errors import ConfigError
+from txt1.model.vehicle import Geometry
+
+ROBOT = Path(__file__).parents[2] / "config" / "txt1.yaml"
+
+Write = Callable[[str], Path]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Writes a configuration file and returns where."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "robot.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def refusal(*arguments: object, **options: object) -> str:
+    """The message with which a configuration is refused, which is one line."""
+    with pytest.raises(ConfigError) as error:
+        load(*arguments, **options)  # type: ignore[arg-type]
+    message = str(error.value)
+    assert "\n" not in message
+    return message
+
+
+# -- sources ---------------------------------------------------------------------------------------------------
+
+
+def test_nothing_set_means_the_defaults_of_the_thesis() -> None:
+    config, origins = load()
+    assert config == Config()
+    assert origins == {}
+    assert config.control.linear.gains() == LINEAR_GAINS == (11.0, 18.0, 0.25)
+    assert config.control.schedule().sets == tuple(ANGULAR_GAINS)
+    assert config.geometry.geometry() == Geometry()
+    assert config.limits() == Limits()
+
+
+def test_options_win_over_set_over_environment_over_file(write: Write) -> None:
+    file = write("seed: 1")
+    environment = {"TXT1_SEED": "2"}
+    assert load(file).config.seed == 1
+    assert load(file, (), environment).config.seed == 2
+    assert load(file, ["seed=3"], environment).config.seed == 3
+    assert load(file, ["seed=3"], environment, {"seed": 4}).config.seed == 4
+
+
+def test_of_two_overrides_the_later_one_wins() -> None:
+    config, origins = load(overrides=["seed=1", "seed=2"])
+    assert (config.seed, origins["seed"]) == (2, "--set seed=2")
+
+
+def test_the_environment_is_read_only_when_it_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TXT1_SEED", "9")
+    assert load().config.seed == 0
+
+
+def test_environment_variables_are_the_keys_in_capitals_with_double_underscores() -> None:
+    environment = {
+        "TXT1_CONTROL__LINEAR__KP": "9",
+        "TXT1_SIM__START": "[1, 0, 0]",
+        "TXT1_HAL_OPTIONS__PORT": "/dev/ttyUSB0",
+        "TXT2_SEED": "5",
+        "SEED": "5",
+        "HOME": "/root",
+    }
+    config, origins = load(environment=environment)
+    assert config.control.linear.kp == 9.0
+    assert config.sim.start == (1.0, 0.0, 0.0)
+    assert config.hal_options == {"port": "/dev/ttyUSB0"}
+    assert origins == {
+        "control.linear.kp": "environment TXT1_CONTROL__LINEAR__KP",
+        "sim.start": "environment TXT1_SIM__START",
+        "hal_options.port": "environment TXT1_HAL_OPTIONS__PORT",
+    }
+
+
+@pytest.mark.parametrize("text", ["", "# nothing but a comment\n", "{}", "control:\n", "sim:\n  room:\n"])
+def test_an_empty_file_or_section_means_the_defaults(write: Write, text: str) -> None:
+    assert load(write(text)) == (Config(), {})
+
+
+def test_a_section_set_in_part_keeps_its_other_defaults(write: Write) -> None:
+    config = load(write("control: {linear: {kp: 9}}\nsim: {room: {length: 8}}")).config
+    assert config.control.linear.gains() == (9.0, 18.0, 0.25)
+    assert config.control.angular == Config().control.angular
+    assert (config.sim.room.length, config.sim.room.width) == (8.0, 5.0)
+
+
+@pytest.mark.parametrize("source", ["file", "environment", "override"])
+def test_a_mapping_sets_what_is_in_it_whatever_its_source(write: Write, source: str) -> None:
+    mapping = "{linear: {kp: 9}}"
+    config = {
+        "file": lambda: load(write(f"control: {mapping}")),
+        "environment": lambda: load(environment={"TXT1_CONTROL": mapping}),
+        "override": lambda: load(overrides=[f"control={mapping}"]),
+    }[source]().config
+    assert config.control.linear.gains() == (9.0, 18.0, 0.25)
+
+
+def test_sources_that_set_different_keys_of_a_section_add_up(write: Write) -> None:
+    config = load(
+        write("control: {linear: {kp: 1}}"), ["control.linear.kd=3"], {"TXT1_CONTROL__LINEAR__KI": "2"}
+    ).config
+    assert config.control.linear.gains() == (1.0, 2.0, 3.0)
+
+
+def test_a_list_replaces_the_default_as_a_whole(write: Write) -> None:
+    config = load(write("control: {angular: [{v_max: 0.5, kp: 1, ki: 2, kd: 3}]}")).config
+    assert [s.v_max for s in config.control.angular] == [0.5]
+
+
+def test_settings_of_another_packages_hal_pass_as_they_are(write: Write) -> None:
+    file = write("hal_options: {port: /dev/ttyUSB0, nested: {Deep: [1, 2]}, nothing: null}")
+    config = load(file, ["hal_options.baud=57600"]).config
+    assert config.hal_options == {
+        "port": "/dev/ttyUSB0", "nested": {"Deep": [1, 2]}, "nothing": None, "baud": 57600,
+    }  # fmt: skip
+
+
+def test_walls_may_be_infinitely_far_and_a_pack_missing() -> None:
+    config = load(overrides=["sim.room.length=.inf", "sim.battery.used_1=null"]).config
+    assert (config.sim.room.length, config.sim.battery.used_1) == (inf, None)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_any_finite_gain_given_as_text_arrives_exactly(kp: float) -> None:
+    assert load(overrides=[f"control.linear.kp={kp!r}"]).config.control.linear.kp == kp
+    assert load(environment={"TXT1_CONTROL__LINEAR__KP": str(kp)}).config.control.linear.kp == kp
+
+
+# -- refusals --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "remedy"),
+    [
+        ("control.linear.kpp", "did you mean 'control.linear.kp'?"),
+        ("saftey.v_max", "did you mean 'safety'?"),
+        ("sim.vehicle.deadband", "did you mean 'sim.vehicle.dead_band'?"),
+        ("control.linear.gain", "known here: kp, ki, kd"),
+        ("", "known here: hal, hal_options, seed"),
+    ],
+)
+def test_an_unknown_key_is_refused_with_the_nearest_one(write: Write, key: str, remedy: str) -> None:
+    if key:
+        assert refusal(overrides=[f"{key}=1"]).startswith(f"{key}: unknown key (from --set {key}=1); {remedy}")
+    name = "TXT1_" + key.upper().replace(".", "__")
+    assert refusal(environment={name: "1"}).startswith(f"{key}: unknown key (from environment {name}); {remedy}")
+    nested: object = 1
+    for part in reversed(key.split(".")):
+        nested = {part: nested}
+    file = write(yaml.safe_dump(nested))
+    assert refusal(file).startswith(f"{key}: unknown key (from {file}); {remedy}")
+
+
+def test_a_key_below_a_value_is_refused() -> None:
+    assert refusal(overrides=["seed.low=1"]) == (
+        "seed.low: there is nothing below 'seed' (from --set seed.low=1); give that key one value"
+    )
+    assert "nothing below 'control.angular'" in refusal(overrides=["control.angular.0.kp=1"])
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "value", "problem"),
+    [
+        ("control.linear.kp", "abc", "'abc'", "valid number"),
+        ("control.linear.kp", ".nan", "nan", "finite number"),
+        ("control.linear.kp", ".inf", "inf", "finite number"),
+        ("control.linear.kp", "true", "True", "number, not true or false"),
+        ("control.linear.kp", "null", "None", "valid number"),
+        ("control.linear", "3", "3", "valid dictionary"),
+        ("control.angular", "3", "3", "valid tuple"),
+        ("seed", "1.5", "1.5", "valid integer"),
+        ("seed", "-1", "-1", "greater than or equal to 0"),
+        ("seed", "yes", "True", "number, not true or false"),
+        ("hal", "", "None", "valid string"),
+        ("hal", "''", "''", "at least 1 character"),
+        ("hal_options", "3", "3", "valid dictionary"),
+        ("geometry.wheelbase", "0", "0", "greater than 0"),
+        ("geometry.counts_per_rev", "0.5", "0.5", "valid integer"),
+        ("safety.v_max", "1.51", "1.51", "less than or equal to 1.5"),
+        ("safety.v_max", "0", "0", "greater than 0"),
+        ("safety.v_max", ".nan", "nan", "greater than 0"),
+        ("safety.motor_max", "24001", "24001", "less than or equal to 24000"),
+        ("safety.command_timeout", "2.1", "2.1", "less than or equal to 2"),
+        ("safety.auto_arm", "sometimes", "'sometimes'", "'auto', 'always' or 'never'"),
+        ("sim.room.length", ".nan", "nan", "greater than 0"),
+        ("sim.battery.used_1", "-1", "-1", "greater than or equal to 0"),
+        ("sim.battery.used_1", "yes", "True", "number, not true or false"),
+        ("sim.vehicle.slip", "1.5", "1.5", "less than or equal to 1"),
+        ("host.allow_shutdown", "maybe", "'maybe'", "valid boolean"),
+        ("teleop.speed", "0", "0", "greater than or equal to 0.1"),
+    ],
+)
+def test_a_wrong_value_names_key_value_problem_and_origin(key: str, text: str, value: str, problem: str) -> None:
+    message = refusal(overrides=[f"{key}={text}"])
+    assert message.startswith(f"{key}: {value}: ")
+    assert problem in message
+    assert f"(from --set {key}={text})" in message
+    assert "txt1 config show" in message
+
+
+def test_the_origin_of_a_wrong_value_is_the_source_that_set_it(write: Write) -> None:
+    file = write("seed: -3\n")
+    assert f"seed: -3: input should be greater than or equal to 0 (from {file})" in refusal(file)
+    assert "(from environment TXT1_SEED)" in refusal(file, (), {"TXT1_SEED": "-2"})
+    assert "(from --seed)" in refusal(file, (), {"TXT1_SEED": "-2"}, {"seed": -1})
+
+
+@pytest.mark.parametrize(
+    ("value", "where", "problem"),
+    [
+        ("[{v_max: 1, kp: 1, ki: 1, kd: 1}, {v_max: 0.5, kp: 1, ki: 1, kd: 1}]", "control.angular", "v_max must rise"),
+        ("[{v_max: 1, kp: 1, ki: 1, kd: 1}, {v_max: 1, kp: 1, ki: 1, kd: 1}]", "control.angular", "v_max must rise"),
+        ("[{v_max: 1, kp: 1, ki: 1}]", "control.angular.0.kd", "field required"),
+        ("[{v_max: 1, kp: x, ki: 1, kd: 1}]", "control.angular.0.kp", "'x': input should be a valid number"),
+        (str([{"v_max": i, "kp": 1, "ki": 1, "kd": 1} for i in range(15)]), "control.angular", "at most 14 items"),
+    ],
+)
+def test_a_wrong_gain_schedule_names_the_part_that_is_wrong(write: Write, value: str, where: str, problem: str) -> None:
+    file = write(f"control:\n  angular: {value}\n")
+    message = refusal(file)
+    assert message.startswith(f"{where}: ")
+    assert problem in message
+    assert f"(from {file})" in message
+
+
+@pytest.mark.parametrize("length", [0, 2, 4])
+def test_a_start_pose_has_three_numbers(length: int) -> None:
+    assert refusal(overrides=[f"sim.start={[0] * length}"]).startswith("sim.start")
+
+
+def test_of_several_mistakes_the_first_is_told() -> None:
+    assert refusal(overrides=["control.linear.kp=a", "seed=b"]).count("input should") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "problem"),
+    [
+        ("seed: 1\ncontrol: [1,\n", 3, "expected the node content"),
+        ("seed: 1\ncontrol:\n\tlinear: 1\n", 3, "cannot start any token"),
+        ("seed: 1: 2\n", 1, "mapping values are not allowed here"),
+        ("a: 1\nb: &x 1\nc: *y\n", 3, "found undefined alias 'y'"),
+        ("seed: !!python/name:os.system\n", 1, "could not determine a constructor"),
+    ],
+)
+def test_a_yaml_mistake_names_file_and_line(write: Write, text: str, line: int, problem: str) -> None:
+    file = write(text)
+    message = refusal(file)
+    assert message.startswith(f"{file}:{line}:")
+    assert problem in message
+
+
+@pytest.mark.parametrize(("text", "kind"), [("- 1\n", "a list"), ("hello\n", "text"), ("3\n", "a number")])
+def test_a_file_that_is_no_mapping_is_refused(write: Write, text: str, kind: str) -> None:
+    file = write(text)
+    assert refusal(file) == f"{file}: expected 'key: value' lines, found {kind}"
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    missing = tmp_path / "missing.yaml"
+    assert refusal(missing) == f"{missing}: cannot read the configuration: No such file or directory; check --config"
+    assert "Is a directory" in refusal(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    assert refusal(tmp_path / "binary.yaml").endswith("binary.yaml: not a text file in UTF-8")
+
+
+@pytest.mark.parametrize("text", ["seed", "=3", " =3", ""])
+def test_an_override_without_a_key_or_value_is_refused(text: str) -> None:
+    assert refusal(overrides=[text]).endswith("expected key=value, for example --set control.linear.kp=9")
+
+
+def test_an_override_that_is_no_yaml_is_refused() -> None:
+    assert refusal(overrides=["sim.start=[1,"]).startswith("--set sim.start=[1,: not a valid value: ")
+    assert refusal(environment={"TXT1_SIM__START": "[1,"}).startswith("TXT1_SIM__START: not a valid value: ")
+
+
+# -- the configuration as a value --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("section", ["", "control", "safety", "sim", "geometry", "host"])
+def test_a_configuration_does_not_change(section: str) -> None:
+    part = getattr(Config(), section) if section else Config()
+    name = next(iter(type(part).model_fields))
+    with pytest.raises(ValidationError, match="frozen"):
+        setattr(part, name, getattr(part, name))
+
+
+def test_every_setting_is_documented() -> None:
+    undocumented = []
+    models = [(Config, "")]
+    while models:
+        model, prefix = models.pop()
+        for name, field in model.model_fields.items():
+            if isinstance(field.annotation, type) and hasattr(field.annotation, "model_fields"):
+                models.append((field.annotation, f"{prefix}{name}."))
+            elif not field.description:
+                undocumented.append(prefix + name)
+    assert undocumented == []
+
+
+def test_flatten_lists_every_value_by_its_key() -> None:
+    values = dict(flatten(load(overrides=["control.linear.kp=9", "hal_options.a.b=1"]).config))
+    assert values["control.linear.kp"] == 9.0
+    assert values["hal_options"] == {"a": {"b": 1}}
+    assert values["sim.start"] == [0.0, 0.0, 0.0]
+    assert list(values) == list(keys())
+
+
+def test_every_listed_key_can_be_set() -> None:
+    config = Config()
+    for key, value in flatten(config):
+        assert load(overrides=[f"{key}={yaml.safe_dump(value, default_flow_style=True, width=inf)}"]).config == config
+
+
+def test_origin_of_finds_the_source_of_a_value_or_of_the_section_it_came_with(write: Write) -> None:
+    file = write("control: {linear: {kp: 1}}\nhal_options: {port: x}")
+    origins = load(file, ["seed=3"], {"TXT1_SAFETY__V_MAX": "1"}).origins
+    assert origin_of("control.linear.kp", origins) == str(file)
+    assert origin_of("control.linear.ki", origins) == "default"
+    assert origin_of("hal_options", origins) == str(file)
+    assert origin_of("hal_options.port", origins) == str(file)
+    assert origin_of("seed", origins) == "--set seed=3"
+    assert origin_of("safety.v_max", origins) == "environment TXT1_SAFETY__V_MAX"
+    assert origin_of("sim.room.length", origins) == "default"
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        [],
+        ["sim.room.length=.inf", "sim.battery.used_1=null", "control.linear.kp=0.1", "safety.auto_arm=never"],
+        ["control.angular=[]", "hal=mycar", "hal_options={port: x, deep: {a: [1, null]}}", "sim.start=[1, 2, 3]"],
+    ],
+)
+def test_a_configuration_written_as_yaml_loads_as_the_same(write: Write, overrides: list[str]) -> None:
+    config = load(overrides=overrides).config
+    assert load(write(to_yaml(config))).config == config
+
+
+# -- the robot's file --------------------------------------------------------------------------------------------
+
+
+def test_the_robots_file_is_the_defaults() -> None:
+    assert load(ROBOT).config == Config()
+
+
+def test_the_robots_file_sets_every_key() -> None:
+    assert sorted(load(ROBOT).origins) == sorted(keys())
+
+
+def test_the_robots_file_comments_every_setting() -> None:
+    lines = ROBOT.read_text().splitlines()
+    settings = [line for line in lines if ": " in line and not line.lstrip().startswith(("#", "-"))]
+    assert len(settings) > 40
+    assert [line for line in settings if "#" not in line] == []
