@@ -11,6 +11,7 @@ import argparse
 import asyncio
 import json
 import os
+import select
 import signal
 import sys
 from collections.abc import Sequence
@@ -23,6 +24,8 @@ from txt1 import __version__
 from txt1.config import Config, LoadedConfig, flatten, load, origin_of
 from txt1.control.limits import Fault
 from txt1.errors import ConfigError, HalError, Txt1Error
+from txt1.hal.conformance import BROKEN, verdicts
+from txt1.hal.registry import create, names
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.scheduler import Ticks
@@ -31,6 +34,7 @@ from txt1.robot import REFRESH, Robot
 from txt1.ui.terminal import Terminal
 
 OK, FAULT, USAGE, DISARMED = 0, 1, 2, 3
+STDOUT = 1
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 BEAT_MIN = 0.005
 """Shortest time between two heartbeats of the drawing process, s."""
@@ -106,6 +110,14 @@ def _parser() -> argparse.ArgumentParser:
     check = actions.add_parser("check", help="say whether a file is a valid configuration")
     check.add_argument("file", metavar="FILE")
     check.set_defaults(command=check_config)
+
+    hal_parser = commands.add_parser("hal", help="list or check hardware layers")
+    actions = hal_parser.add_subparsers(required=True, metavar="ACTION")
+    actions.add_parser("list", help="print the names of those that are installed").set_defaults(command=list_hals)
+    check = actions.add_parser("check", help="run one through the conformance suite; wheels off the ground, it drives")
+    check.add_argument("name", metavar="NAME")
+    _add_config_arguments(check)
+    check.set_defaults(command=check_hal)
     return parser
 
 
@@ -172,6 +184,26 @@ def check_config(arguments: argparse.Namespace) -> int:
     return OK
 
 
+# -- txt1 hal --------------------------------------------------------------------------------------------------
+
+
+def list_hals(arguments: argparse.Namespace) -> int:
+    """Print the names of the hardware layers that are installed."""
+    del arguments
+    print("\n".join(names()))
+    return OK
+
+
+def check_hal(arguments: argparse.Namespace) -> int:
+    """Run a hardware layer through the conformance suite."""
+    config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
+    kept = True
+    for text, verdict in verdicts(lambda: create(config)):
+        kept = kept and not verdict.startswith(BROKEN)
+        print(f"{text}: {verdict}")
+    return OK if kept else FAULT
+
+
 # -- txt1 run --------------------------------------------------------------------------------------------------
 
 
@@ -180,11 +212,13 @@ def run_robot(arguments: argparse.Namespace) -> int:
     options = {name: value for name in ("hal", "seed") if (value := getattr(arguments, name)) is not None}
     loaded = load(arguments.config, arguments.set, os.environ, options)
     speed: Speed = arguments.speed
-    if speed is not None and loaded.config.hal != "sim":
-        raise ConfigError(f"--speed {speed}: the HAL '{loaded.config.hal}' is not simulated and runs in real time only")
     ending = _Ending()
     with suppress(asyncio.CancelledError):
         run(_run(arguments, loaded, ending), speed=speed)
+    if ending.report is not None:
+        print(json.dumps(ending.report))
+    if ending.code == DISARMED:
+        print(f"txt1: the robot was stopped: {ending.reason or 'see the counters'}", file=sys.stderr)
     return ending.code
 
 
@@ -193,6 +227,8 @@ class _Ending:
 
     def __init__(self) -> None:
         self.code = OK
+        self.reason = ""
+        self.report: dict[str, Any] | None = None
 
     def interrupt(self, number: signal.Signals, main: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
         """End the run because of a signal; a second one is not caught any more."""
@@ -215,11 +251,13 @@ async def _run(arguments: argparse.Namespace, loaded: LoadedConfig, ending: _End
             robot.add_task("script", REFRESH, partial(_script, robot=robot, velocity=arguments.drive))
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        await _watch(robot, arguments, loaded.config, ending)
-        if arguments.json:
-            print(json.dumps(report(robot, (stopwatch_ns() - started_ns) / NS_PER_S)))
+        try:
+            await _watch(robot, arguments, loaded.config, ending)
+        finally:  # an interrupted run has its report, too
+            ending.reason = robot.reason
+            if arguments.json:
+                ending.report = report(robot, (stopwatch_ns() - started_ns) / NS_PER_S)
         if ending.code == OK and any(robot.runtime.gate.counts[fault] for fault in DISARMING):
-            print(f"txt1: the robot was stopped: {robot.reason or 'see the counters'}", file=sys.stderr)
             ending.code = DISARMED
 
 
@@ -233,7 +271,7 @@ async def _watch(robot: Robot, arguments: argparse.Namespace, config: Config, en
     """Let the operator see and drive the robot until the run ends."""
     ended = robot.runtime.scheduler.ended
     if arguments.json:
-        await ended
+        await asyncio.wait({ended})
         return
     screens = not arguments.headless and arguments.speed != "max" and sys.stdin.isatty() and sys.stdout.isatty()
     if screens:
@@ -260,9 +298,12 @@ async def _first_of(*futures: asyncio.Future[Any]) -> None:
 
 
 async def _status_lines(robot: Robot) -> None:
-    """Print one status line a second, from a thread: a reader that is slow must not hold up the robot."""
+    """Print one status line a second; a reader that has stopped reading misses some, it never holds up the robot."""
+    sys.stdout.flush()
     while True:
-        await asyncio.to_thread(print, status_line(robot), flush=True)
+        _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
+        if writable:
+            os.write(STDOUT, f"{status_line(robot)}\n".encode())
         await asyncio.sleep(1.0)
 
 

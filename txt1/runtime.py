@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from functools import partial
 from math import isfinite
+from typing import Any
 
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate
-from txt1.errors import NotArmed
+from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create
+from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.protocol.messages import BoardMessage, HostMessage
@@ -49,6 +53,7 @@ class Runtime:
         self._next_report = 0
         self._notify_serial: Callable[[], None] = lambda: None
         self._open = False
+        self._failed = False
 
     # -- life --------------------------------------------------------------------------------------------------
 
@@ -59,7 +64,9 @@ class Runtime:
             HalError: the hardware cannot be opened.
 
         """
-        await self.hal.open()
+        if not self.hal.capabilities.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
+        await self._hardware("opened", self.hal.open())
         self._open = True
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         simulated = hal.capabilities.simulated
@@ -112,9 +119,19 @@ class Runtime:
         self.scheduler.stop()
         gc.unfreeze()
         try:
-            self.make_safe()
+            if not self._failed:  # else it was made safe then, as far as that was possible
+                self.make_safe()
         finally:
-            await self.hal.close()
+            await self._hardware("closed", self.hal.close())
+
+    async def _hardware(self, done: str, action: Coroutine[Any, Any, None]) -> None:
+        """Wait for the HAL to be opened or closed; whatever a stranger's raises becomes a HalError."""
+        try:
+            await action
+        except Txt1Error:
+            raise
+        except Exception as error:
+            raise HalError(f"the HAL '{self.hal.name}' cannot be {done}: {type(error).__name__}: {error}") from error
 
     # -- for the host side -------------------------------------------------------------------------------------
 
@@ -202,5 +219,7 @@ class Runtime:
         self.state.tell(self.now, f"disarmed: {reason}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:
+        self._failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
-        self.make_safe()
+        with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts
+            self.make_safe()

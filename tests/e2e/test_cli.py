@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,7 +17,11 @@ import pytest
 from blockbuster import BlockBuster
 
 from txt1.cli import execute
+from txt1.config import Config
 from txt1.errors import HalError
+from txt1.hal import registry
+from txt1.hal.base import Capabilities
+from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 
 ROOT = Path(__file__).parents[2]
@@ -34,9 +39,13 @@ def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """A hardware layer is looked up on the disk before the first tick, and threads are waited for after the last."""
+    """A hardware layer is looked up on the disk before the first tick, and threads are waited for after the last.
+
+    A status line is written only where it fits.
+    """
     for function in blocking_calls_fail.functions.values():
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/cli.py", {"_status_lines"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
@@ -143,9 +152,9 @@ def test_a_robot_that_was_not_armed_does_not_move(capsys: Capture) -> None:
     assert armed["odometry"]["x"] > 1.0
 
 
-def test_without_a_terminal_one_status_line_a_second_is_printed(capsys: Capture) -> None:
+def test_without_a_terminal_one_status_line_a_second_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     assert execute([*SIM, "--duration", "5.5"]) == 0
-    out, err = capsys.readouterr()
+    out, err = capfd.readouterr()
     assert err == ""
     assert [line.split(" s ")[0] for line in out.splitlines()] == [f"t={float(t):8.2f}" for t in range(1, 6)]
 
@@ -209,9 +218,25 @@ def test_a_yaml_mistake_is_one_line_with_the_place(capsys: Capture, tmp_path: Pa
         assert complaint(capsys, words).startswith(f"txt1: {file}:3:1: not valid YAML: ")
 
 
-def test_virtual_time_is_refused_where_time_is_real(capsys: Capture) -> None:
-    message = complaint(capsys, ["run", "--hal", "serial", "--speed", "max"])
-    assert "--speed max" in message and "'serial'" in message
+def test_virtual_time_is_refused_where_time_is_real(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Real(SimHal):
+        name = "floor"
+        capabilities = Capabilities(ticks=True, pwm=True)
+
+    simulator = create(Config()).simulator  # type: ignore[attr-defined]
+    monkeypatch.setitem(registry.OURS, "floor", lambda config: Real(simulator))
+    message = complaint(capsys, ["run", "--hal", "floor", "--speed", "max"])
+    assert "--speed" in message and "'floor'" in message
+
+
+def test_a_reader_that_stops_reading_cannot_keep_the_run_alive(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "txt1", "run", "--headless", "--speed", "max"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(1.0)  # nobody reads: the pipe is full long since
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10.0) == 143
 
 
 @pytest.mark.parametrize("words", [[], ["fly"], ["config"], ["config", "check"], ["--fly"]])

@@ -132,6 +132,8 @@ class Gate:
         self._fresh = False
         self._motor = 0
         self._servos = (0, 0)
+        self._neutral = Outputs()
+        self._suspicious = False
         self._silent = [0.0, 0.0]  # how long each wheel has been silent under power, s
         self._passed = [0, 0]  # counts of the other wheel meanwhile
 
@@ -146,7 +148,7 @@ class Gate:
         self.armed, self.stopped, self.reason = True, False, ""
         self._armed_at = now
         self._fresh = False
-        self._silent, self._passed = [0.0, 0.0], [0, 0]
+        self._forget_silence()
 
     def disarm(self, reason: str, fault: Fault | None = None) -> None:
         """Close the gate; counts the fault, if it is one, when the gate was open."""
@@ -171,13 +173,14 @@ class Gate:
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
-        if not self.admit_finite(v, omega):
+        if not (isfinite(v) and isfinite(omega)):
+            self.count(Fault.NOT_FINITE)
             return None
         limited = limit_velocity(v, omega, self.limits)
-        if abs(v) > self.limits.v_max:
-            self.count(Fault.SPEED)
         if limited[1] != omega:
             self.count(Fault.YAW_RATE)
+        if limited[0] != v and abs(v) > self.limits.v_max:
+            self.count(Fault.SPEED)
         return limited
 
     def admit_finite(self, *values: float) -> bool:
@@ -210,12 +213,13 @@ class Gate:
         self._motor = 0
         if self.armed:
             self._hold(servos)
-        return Outputs(0, 0, 0, *self._servos)
+        return self._neutral
 
     def _hold(self, servos: tuple[int, int]) -> None:
         """Move the free servos, if they are to move."""
         if servos != self._servos:
             self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
+            self._neutral = Outputs(0, 0, 0, *self._servos)
 
     def outputs(
         self, motor: float, front: float, rear: float, servos: tuple[int, int], v: float, omega: float
@@ -254,8 +258,10 @@ class Gate:
         if not self.armed:
             return
         if right and left:
-            self._silent, self._passed = [0.0, 0.0], [0, 0]
+            if self._suspicious:
+                self._forget_silence()
             return
+        self._suspicious = True
         driven = abs(self._motor) > self.limits.runaway_motor
         for wheel, ticks, other in ((0, right, left), (1, left, right)):
             if ticks:
@@ -266,6 +272,10 @@ class Gate:
             if self._silent[wheel] >= self.limits.runaway_time or self._passed[wheel] > self.limits.runaway_counts:
                 self.disarm(f"runaway: the {('right', 'left')[wheel]} encoder is silent", Fault.RUNAWAY)
                 return
+
+    def _forget_silence(self) -> None:
+        self._suspicious = False
+        self._silent, self._passed = [0.0, 0.0], [0, 0]
 
     def missed(self, cycles: int) -> None:
         """Disarm when the controller has missed too many cycles in a row."""

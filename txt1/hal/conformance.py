@@ -10,7 +10,7 @@ With pytest, which collects the `test_` methods of a subclass whose name starts 
 
 From the command line, for a HAL that is registered::
 
-    python -m txt1.hal.conformance mycar hal_options.port=/dev/ttyUSB0
+    txt1 hal check mycar --set hal_options.port=/dev/ttyUSB0
 
 The promises themselves stand in `txt1.hal.base`; a failure names the one that was broken. A promise that this HAL
 cannot break, because it lacks the capability, is skipped.
@@ -23,8 +23,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import sys
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from math import hypot, inf, isfinite, nan
@@ -32,15 +31,16 @@ from statistics import median
 from typing import Any, ClassVar, Final, NoReturn
 from unittest import SkipTest
 
-from txt1.config import load
-from txt1.errors import ConfigError, HalError, NotCapable
+from txt1.errors import HalError, NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
-from txt1.hal.registry import create
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX
 from txt1.protocol.messages import Switch
+
+BROKEN: Final = "BROKEN"
+"""How the verdict on a promise that is not kept begins."""
 
 PERIOD: Final = 0.02
 """Seconds between two calls: the controller's."""
@@ -608,7 +608,7 @@ def _named(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-# -- the command -----------------------------------------------------------------------------------------------
+# -- for a command -----------------------------------------------------------------------------------------------
 
 
 def promises() -> list[str]:
@@ -616,34 +616,19 @@ def promises() -> list[str]:
     return [name for name in vars(HalConformance) if name.startswith("test_")]
 
 
-def main(words: Sequence[str]) -> int:
-    """Check the registered HAL ``NAME``, with settings ``KEY=VALUE``: 0 if it keeps all promises, 1 if not, else 2."""
-    if not words or words[0].startswith("-"):
-        print("usage: python -m txt1.hal.conformance NAME [KEY=VALUE ...]", file=sys.stderr)
-        return 2
-    try:
-        config = load(overrides=words[1:], options={"hal": words[0]}).config
-        create(config)
-    except (ConfigError, HalError) as error:
-        print(f"txt1: {error}", file=sys.stderr)
-        return 2
+def verdicts(make: Callable[[], Hal]) -> Iterator[tuple[str, str]]:
+    """Every promise in words, and "ok", "skipped: ..." or "BROKEN: ...", for the HAL that `make` makes."""
 
-    class Registered(HalConformance):
+    class Checked(HalConformance):
         def make(self) -> Hal:
-            return create(config)
+            return make()
 
-    kept = True
     for name in promises():
         verdict = "ok"
         try:
-            getattr(Registered(), name)()
+            getattr(Checked(), name)()
         except SkipTest as reason:
             verdict = f"skipped: {reason}"
         except Exception as error:
-            kept, verdict = False, f"BROKEN: {error if isinstance(error, AssertionError) else _named(error)}"
-        print(f"{name.removeprefix('test_').replace('_', ' ')}: {verdict}")
-    return 0 if kept else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+            verdict = f"{BROKEN}: {error if isinstance(error, AssertionError) else _named(error)}"
+        yield name.removeprefix("test_").replace("_", " "), verdict

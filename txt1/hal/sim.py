@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from txt1.hal.base import Capabilities, Indicators, Inputs, Outputs
+from typing import Final
+
+from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.protocol.messages import Switch
 from txt1.sim.simulator import Simulator
 
-NEUTRAL = Outputs()
+NEUTRAL: Final = Outputs()
+BACKLIGHT: Final = 0.5
+"""Nobody turns the simulated potentiometer."""
 
 
 class SimHal:
@@ -35,8 +39,9 @@ class SimHal:
         self.indicators = Indicators()
 
     async def open(self) -> None:
-        """Nothing to open: the outputs are neutral."""
+        """Start with neutral outputs."""
         self.outputs = NEUTRAL
+        self.simulator.command(0, 0, 0)
 
     async def close(self) -> None:
         """Leave the outputs neutral."""
@@ -48,11 +53,14 @@ class SimHal:
         simulator.advance_to(now)
         state = simulator.state
         return Inputs(
-            ticks=simulator.encoder_counts(),
-            batteries=simulator.battery_readings(),
-            cut_off=simulator.cut_off,
-            backlight=0.5,
-            pose=(state.x, state.y, state.theta),
+            simulator.encoder_counts(),
+            None,
+            now,
+            simulator.battery_readings(),
+            simulator.cut_off,
+            Button.NONE,
+            BACKLIGHT,
+            (state.x, state.y, state.theta),
         )
 
     def write(self, outputs: Outputs, now: float) -> None:

@@ -52,11 +52,12 @@ class VirtualClock:
     """
 
     def __init__(self) -> None:
-        self._now_ns = 0
+        self.ns = 0
+        """The virtual time in ns; to be read only."""
 
     def now_ns(self) -> int:
         """The virtual time in ns."""
-        return self._now_ns
+        return self.ns
 
     def advance_to(self, ns: int) -> None:
         """Move forward to an instant in ns.
@@ -65,10 +66,10 @@ class VirtualClock:
             ValueError: the instant lies in the past; time cannot go backwards.
 
         """
-        if ns < self._now_ns:
-            raise ValueError(f"time cannot go backwards: it is {self._now_ns} ns, asked for {ns} ns")
-        self._now_ns = ns
+        if ns < self.ns:
+            raise ValueError(f"time cannot go backwards: it is {self.ns} ns, asked for {ns} ns")
+        self.ns = ns
 
     def spend(self, duration: float) -> None:
         """Let `duration` seconds pass at once, as a step that computes for so long does."""
-        self.advance_to(self._now_ns + nanoseconds(duration))
+        self.advance_to(self.ns + nanoseconds(duration))

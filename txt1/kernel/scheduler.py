@@ -99,6 +99,7 @@ class Scheduler:
         self._loop = asyncio.get_running_loop()
         self._clock = clock_of(self._loop)
         self._virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
+        self._virtual_clock = None if self._virtual is None else self._virtual.clock
         self._on_fault = on_fault
         self._entries: list[_Entry] = []
         self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank
@@ -226,23 +227,25 @@ class Scheduler:
 
     def _dispatch(self) -> None:
         """Run everything that is due, then set the timer for what is due next."""
-        clock_ns, origin_ns, waiting, ready = self._clock.now_ns, self._origin_ns, self._waiting, self._ready
-        if self._virtual is None:
+        clock, virtual, origin_ns, waiting, ready = (
+            self._clock, self._virtual_clock, self._origin_ns, self._waiting, self._ready,
+        )  # fmt: skip
+        if virtual is None:
             self._spin_to_next_deadline()
         self._dispatching = True
         late_cycles = 0
         try:
             while self._running:
-                now_ns = clock_ns() - origin_ns
+                now_ns = (clock.now_ns() if virtual is None else virtual.ns) - origin_ns
                 if now_ns >= self._stop_ns:
                     self._end()
                     return
                 if waiting and waiting[0][0] <= now_ns:
-                    if waiting[0][0] == now_ns and not ready:
+                    due_ns, rank, entry = waiting[0]
+                    if due_ns == now_ns and not ready:
                         # Nobody is late, so the heap's own order is that of the priorities.
-                        entry = waiting[0][2]
-                        entry.due_ns = now_ns + entry.period_ns
-                        heapreplace(waiting, (entry.due_ns, entry.rank, entry))
+                        entry.due_ns = due_ns = now_ns + entry.period_ns
+                        heapreplace(waiting, (due_ns, rank, entry))
                         entry.ticks.missed = 0
                         self._cycle(entry, now_ns, 0)
                         continue
@@ -327,14 +330,13 @@ class Scheduler:
     def _jump_to_next(self) -> bool:
         """True when virtual time was moved to the next deadline; else a timer is set for it."""
         due_ns = self._next_due_ns()
+        if due_ns != NEVER and self._virtual is not None and self._virtual.try_jump(due_ns + self._origin_ns):
+            return True
         self._timer = None
         if due_ns == NEVER:
             return False
         due_ns += self._origin_ns
-        if self._virtual is not None:
-            if self._virtual.try_jump(due_ns):
-                return True
-        else:
+        if self._virtual is None:
             due_ns -= self._margin_ns
         self._timer = self._loop.call_at(due_ns / NS_PER_S, self._dispatch)
         return False

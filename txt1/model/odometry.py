@@ -38,6 +38,8 @@ def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[fl
 
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
     """The odometry after moving for dt seconds at constant (v, omega)."""
+    if v == 0.0 and omega == 0.0:
+        return Odometry(odometry.x, odometry.y, odometry.theta)
     distance = v * dt
     if abs(distance) > 1e-15:  # m; the curvature of less than that could overflow
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)

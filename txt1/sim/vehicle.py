@@ -106,8 +106,10 @@ def advance(
         rear = STEERING_MAX if rear > 0.0 else -STEERING_MAX
     target_front = -p.steering_max * (front / STEERING_MAX)
     target_rear = -p.steering_max * (rear / STEERING_MAX)
-    coasting = abs(motor) <= p.dead_band
+    coasting = -p.dead_band <= motor <= p.dead_band
     if coasting:
+        if v == 0.0 and target_front == phi_front and target_rear == phi_rear:
+            return state  # at rest, and stays so
         v_free, tau = 0.0, p.coast_time_constant
     else:
         v_free = p.speed_gain * (motor - p.dead_band if motor > 0.0 else motor + p.dead_band)
@@ -121,10 +123,12 @@ def advance(
         h = remaining
         next_front, next_rear = target_front, target_rear
         if gap_front != 0.0 or gap_rear != 0.0:
-            h = min(h, p.ramp_step)
-            if gap_front != 0.0:
-                h = min(h, abs(gap_front) / p.servo_rate)
-            if gap_rear != 0.0:
+            if h > p.ramp_step:
+                h = p.ramp_step
+            arrives = abs(gap_front if gap_front != 0.0 else gap_rear) / p.servo_rate
+            if h > arrives:
+                h = arrives
+            if gap_rear != 0.0 and gap_rear != -gap_front:
                 h = min(h, abs(gap_rear) / p.servo_rate)
             travel = p.servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
             if abs(gap_front) > travel:

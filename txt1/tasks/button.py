@@ -20,9 +20,12 @@ async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal) -
     async for now in ticks:
         inputs = hal.read(now)
         state.backlight = inputs.backlight
-        edges = inputs.buttons & ~held
-        held = inputs.buttons
-        presses.extend(b for b in Button if b and b in edges)
+        if inputs.buttons != held:
+            edges = inputs.buttons & ~held
+            held = inputs.buttons
+            presses.extend(button for button in Button if button in edges)
+        if not presses:
+            continue
         panel = state.panel
         while presses:
             panel = press(panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.pwm)

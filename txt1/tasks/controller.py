@@ -7,7 +7,7 @@ from txt1.control.pid import Gains, Pid
 from txt1.hal.base import Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
-from txt1.tasks.state import CombinedSample, Command, Control, ManualPwm, Source, State
+from txt1.tasks.state import Command, Control, ManualPwm, Source, State
 
 PRIORITY = 4
 PERIOD = 0.02
@@ -24,7 +24,8 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
     closes_loops = hal.capabilities.pwm
     was_manual = False
     async for now in ticks:
-        gate.missed(ticks.missed)
+        if ticks.missed:
+            gate.missed(ticks.missed)
         right, left = state.encoders
         if right is not None and left is not None:
             gate.watch(right, left, PERIOD)
@@ -33,7 +34,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
         given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
         v = omega = 0.0
         gains = _OFF
-        source = measured_by(state, now)
+        source, v_now, omega_now = measured(state, now)
         passes = gate.passes(None if given is None else given.time, now)
         if not (passes and state.link.alive and state.power.esc) or manual is not was_manual:
             loops.clear()
@@ -45,14 +46,15 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
             v, omega = given.v, given.omega
             motor = steering = 0.0
             if closes_loops:
-                v_now, omega_now = measured_velocity(state, source)
                 gains = state.gains.angular.at(v_now)
                 motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains)
             # u > 0 turns left: the front wheels to the left, the rear ones to the right
             outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
         was_manual = manual
         hal.write(outputs, now)
-        state.control = Control(outputs, v, omega, source, gains)
+        control = state.control
+        if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
+            state.control = Control(outputs, v, omega, source, gains)
 
 
 class VelocityLoops:
@@ -61,11 +63,14 @@ class VelocityLoops:
     def __init__(self) -> None:
         self._linear = Pid(PWM_MAX)
         self._angular = Pid(STEERING_MAX)
+        self._clear = True
 
     def clear(self) -> None:
         """Forget the past."""
-        self._linear.clear()
-        self._angular.clear()
+        if not self._clear:
+            self._linear.clear()
+            self._angular.clear()
+            self._clear = True
 
     def step(
         self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains
@@ -74,6 +79,7 @@ class VelocityLoops:
 
         In reverse the steering acts the other way round, so there the yaw-rate error changes its sign.
         """
+        self._clear = False
         yaw_error = 1000.0 * (omega - omega_now)
         return (
             self._linear.step(1000.0 * (v - v_now), linear, PERIOD),
@@ -81,17 +87,10 @@ class VelocityLoops:
         )
 
 
-def measured_by(state: State, now: float) -> Source:
-    """Where the loops take their measured velocities from: combined odometry while it is selected and fresh."""
+def measured(state: State, now: float) -> tuple[Source, float, float]:
+    """The measured speed (m/s) and yaw rate (rad/s), and their source: combined odometry while selected and fresh."""
     combined = state.combined
-    if state.link.combined and combined is not None and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
-        return Source.COMBINED
-    return Source.ENCODER
-
-
-def measured_velocity(state: State, source: Source) -> tuple[float, float]:
-    """Speed and yaw rate (v, omega) from a source, m/s and rad/s."""
-    sample: CombinedSample | None = state.combined
-    if source is Source.COMBINED and sample is not None:
-        return sample.v, sample.omega
-    return state.odometry.v, state.odometry.omega
+    if combined is not None and state.link.combined and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
+        return Source.COMBINED, combined.v, combined.omega
+    odometry = state.odometry
+    return Source.ENCODER, odometry.v, odometry.omega

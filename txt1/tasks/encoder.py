@@ -11,6 +11,8 @@ from txt1.tasks.state import Encoders, State
 PRIORITY = 3
 PERIOD = 0.02
 
+STILL = Encoders(0, 0)
+
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
     """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry itself."""
@@ -33,6 +35,6 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
                 wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
             )
             odometry = advance(odometry, v, omega, dt)
-            state.encoders = Encoders(right, left)
+            state.encoders = Encoders(right, left) if right or left else STILL
             state.odometry, state.odometry_time = odometry, now
         last_counts, last_time = counts, now
