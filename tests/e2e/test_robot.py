@@ -12,7 +12,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.config import Config
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.errors import CommandRefused, NotArmed, NotCapable
+from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable
 from txt1.hal.base import Button, Capabilities, Inputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
@@ -189,7 +189,7 @@ class SetpointHal(SimHal):
     """A board that closes its own loops, in a world where they are perfect."""
 
     name = "board"
-    capabilities = Capabilities(pose=True)
+    capabilities = Capabilities(pose=True, simulated=True)
 
     def read(self, now: float) -> Inputs:
         return Inputs(odometry=Odometry(v=self.outputs.v, omega=self.outputs.omega), odometry_time=now)
@@ -218,10 +218,17 @@ async def test_a_hal_that_takes_set_points_gets_them_and_runs_no_second_pid() ->
         assert not robot.runtime.state.panel.manual
 
 
-async def test_a_hal_without_arming_by_itself_waits_for_it() -> None:
-    hal = SetpointHal(create(Config()).simulator)  # type: ignore[attr-defined]
-    async with Robot.open(hal) as robot:
-        assert not robot.armed
+def test_what_is_not_simulated_waits_for_being_armed_and_for_real_time() -> None:
+    class Real(SetpointHal):
+        capabilities = Capabilities()
+
+    async def main() -> bool:
+        async with Robot.open(Real(create(Config()).simulator)) as robot:  # type: ignore[attr-defined]
+            return robot.armed
+
+    assert not txt1.run(main())
+    with pytest.raises(ConfigError, match="real time only"):
+        txt1.run(main(), speed="max")
 
 
 async def test_two_runs_with_one_seed_are_alike_to_the_last_bit_and_another_seed_differs() -> None:
