@@ -178,7 +178,7 @@ class VehicleConfig(Section):
 class NoiseConfig(Section):
     """Standard deviations of what is random in the simulation; 0 switches it off."""
 
-    drag: NotNegative = Noise().drag
+    drag: Annotated[float, Field(ge=0.0, le=0.2)] = Noise().drag
     """Of the floor's drag, as a share of the speed, drawn anew every 20 ms; assumed."""
     battery: NotNegative = Noise().battery
     """Of a voltage reading, V; assumed."""

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 from txt1.config import Config, load
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.errors import CommandRefused, NotArmed, NotCapable
+from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.model.odometry import Odometry
@@ -97,6 +97,8 @@ class Robot:
         if seed is not None:
             options["seed"] = seed
         if isinstance(config, Config):
+            if settings:
+                raise ConfigError("settings: they go on top of a file; a ready Config takes model_copy(update=...)")
             effective = config.model_copy(update=options)
         else:
             effective = load(config, settings, os.environ, options).config
