@@ -35,11 +35,11 @@ async def drawn(duration: float) -> dict[str, Any]:
     async with Robot.open(hal="sim", seed=1) as robot:
         await robot.load_gains()
         robot.runtime.watched = True  # someone looks, as in `txt1 run`
-        ended = robot.runtime.scheduler.ended
+        ended: asyncio.Future[Any] = robot.runtime.scheduler.ended
         robot.runtime.scheduler.end_at(robot.now + duration)
         began, cpu_s = robot.now, _cpu_s(resource.RUSAGE_SELF)
         async with Terminal(robot) as terminal:
-            operator = asyncio.ensure_future(terminal.wait())
+            operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
             await asyncio.wait({ended, operator}, return_when=asyncio.FIRST_COMPLETED)
             lost = operator.done()
             operator.cancel()

@@ -87,8 +87,10 @@ def show(results: dict[str, list[Round]], duration: float) -> None:
         ],
     )  # fmt: skip
     rows = []
-    for name, of in (("p50", lambda r: r.p50), ("p99", lambda r: r.p99)):
-        theirs, mine = [of(r) for r in c], [of(r) for r in ours]
+    for name, theirs, mine in (
+        ("p50", [r.p50 for r in c], [r.p50 for r in ours]),
+        ("p99", [r.p99 for r in c], [r.p99 for r in ours]),
+    ):
         ratio = median(mine) / median(theirs)
         rows.append((name, spread(theirs, 1), spread(mine, 1), f"{ratio:.2f}", f"{LIMIT}", verdict(ratio <= LIMIT)))
     table(
