@@ -1,4 +1,7 @@
-"""A robot in an endless room, its gains loaded, and a recording of what it does. Blocking the loop fails a test."""
+"""A robot in an endless room, its gains loaded, and a recording of what it does.
+
+Asynchronous tests run in virtual time, and fail when something blocks the event loop.
+"""
 
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import Any, NamedTuple
@@ -6,7 +9,7 @@ from typing import Any, NamedTuple
 import pytest
 from blockbuster import BlockBuster, blockbuster_ctx
 
-from txt1.kernel import Ticks
+from txt1.kernel import Ticks, VirtualTimeLoop
 from txt1.robot import Robot
 
 ENDLESS = ("sim.room.length=.inf", "sim.room.width=.inf")
@@ -42,6 +45,10 @@ def recorder(robot: Robot) -> list[Sample]:
 
     robot.add_task("recorder", 0.02, record, priority=-1)
     return samples
+
+
+def pytest_asyncio_loop_factories(config: pytest.Config, item: pytest.Item) -> dict[str, Callable[[], VirtualTimeLoop]]:
+    return {"virtual": VirtualTimeLoop}
 
 
 @pytest.fixture(autouse=True)

@@ -62,7 +62,10 @@ class _JumpingSelector(selectors.DefaultSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         loop = self.loop
         if timeout is not None and timeout <= 0.0:
-            return super().select(0) if loop.must_poll() else []
+            events = super().select(0) if loop.must_poll() else []
+            if events and loop.speed is not None and not loop.threads_outstanding:
+                loop.catch_up(loop.next_timer_ns())  # input comes at the time it is, however busy the loop was
+            return events
         if timeout is None or loop.threads_outstanding:
             # Nothing to jump to, or a thread is still computing what happens now: wait for input in real time.
             events = super().select(None)
@@ -118,8 +121,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return super().call_later(max(delay, 1.0 / NS_PER_S), callback, *args, context=context)
 
     def next_timer_ns(self) -> int:
-        """The instant of the next timer, to the nearest ns."""
-        return nanoseconds(self._scheduled[0].when())
+        """The instant of the next timer, to the nearest ns; that of the clock when there is none."""
+        return nanoseconds(self._scheduled[0].when()) if self._scheduled else self.clock.ns
 
     def must_poll(self) -> bool:
         """True once in POLL_EVERY calls: whether to ask the operating system for input this time."""
