@@ -233,9 +233,10 @@ class Robot:
         if not (isfinite(v) and isfinite(omega)):
             self._runtime.post(Velocity(v, omega), self.now)  # the gate refuses and counts it
             raise CommandRefused(f"a velocity command must be finite, not v={v!r}, omega={omega!r}")
-        self._command = (v, omega, self.now)
+        now = self.now
+        self._command = (v, omega, now)
         self._commanded = True
-        self._runtime.post(Velocity(v, omega), self.now)
+        self._runtime.post(Velocity(v, omega), now)
 
     async def drive(self, v: float, omega: float, duration: float) -> None:
         """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.

@@ -244,7 +244,8 @@ class Gate:
         v, omega = limit_velocity(v, omega, limits)
         self._motor = int(motor)
         self._hold(servos)
-        return Outputs(self._motor, int(front), int(rear), *self._servos, v, omega)
+        pwm4, pwm5 = self._servos
+        return Outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 

@@ -247,7 +247,15 @@ class Scheduler:
                         entry.due_ns = due_ns = now_ns + entry.period_ns
                         heapreplace(waiting, (due_ns, rank, entry))
                         entry.ticks.missed = 0
-                        self._cycle(entry, now_ns, 0)
+                        # What `_cycle` does, without the call: a simulation does little else.
+                        started_ns = stopwatch_ns()
+                        try:
+                            if entry.send(now_ns / NS_PER_S) is not _NEXT_TICK:
+                                self._waited(entry)
+                        except BaseException as error:
+                            self._raised(entry, error)
+                        entry.add_run_time(stopwatch_ns() - started_ns)
+                        entry.statistics.lateness.zeros += 1
                         continue
                     while waiting and waiting[0][0] <= now_ns:
                         _, rank, entry = heappop(waiting)
@@ -329,7 +337,9 @@ class Scheduler:
 
     def _jump_to_next(self) -> bool:
         """True when virtual time was moved to the next deadline; else a timer is set for it."""
-        due_ns = self._next_due_ns()
+        due_ns = self._waiting[0][0] if self._waiting else NEVER
+        if due_ns > self._stop_ns:
+            due_ns = self._stop_ns
         if due_ns != NEVER and self._virtual is not None and self._virtual.try_jump(due_ns + self._origin_ns):
             return True
         self._timer = None

@@ -96,6 +96,7 @@ class Simulator:
         self._drag_ends = 0.0
         self._motor = self._front = self._rear = 0.0
         self._voltage_noise = (0.0, 0.0)
+        self._readings = (0.0, 0.0)
         self._voltage_noise_ends = 0.0
         self._drawn = 0.0  # seconds of full load since the packs were settled
         self._settle_due = 0.0
@@ -141,7 +142,7 @@ class Simulator:
         while self.time < time:
             if self.time >= self._drag_ends:
                 self._draw_drag()
-            until = min(time, self._drag_ends)
+            until = time if time < self._drag_ends else self._drag_ends
             self._advance(until - self.time)
             self.time = until
 
@@ -171,6 +172,7 @@ class Simulator:
         self.packs = discharge(self.packs, self._drawn)
         self._drawn = 0.0
         self.voltages = self.packs.voltages()
+        self._read_batteries()
         self.cut_off = max(self.voltages) <= CUT_OFF_V
 
     def _stop_at_wall(self, before: VehicleState, after: VehicleState) -> VehicleState:
@@ -202,5 +204,10 @@ class Simulator:
             one, two = self._battery_rng.standard_normal(2).tolist()
             self._voltage_noise = one * self.noise.battery, two * self.noise.battery
             self._voltage_noise_ends += BATTERY_NOISE_PERIOD
-        one, two = self.voltages
-        return (one + self._voltage_noise[0] if one else 0.0), (two + self._voltage_noise[1] if two else 0.0)
+            self._read_batteries()
+        return self._readings
+
+    def _read_batteries(self) -> None:
+        """Keep the readings: they are looked at 61 times a second and change once, with voltages and noise."""
+        (one, two), (noise_one, noise_two) = self.voltages, self._voltage_noise
+        self._readings = (one + noise_one if one else 0.0), (two + noise_two if two else 0.0)

@@ -16,6 +16,9 @@ from typing import NamedTuple
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX, Geometry
 
+SHORT_RAMP = 0.25
+"""Share of the ramp step below which the end of a servo's turn gets no piece of its own."""
+
 
 class VehicleState(NamedTuple):
     """Where the vehicle is and what it does.
@@ -99,44 +102,54 @@ def advance(
 
     """
     x, y, theta, v, phi_front, phi_rear, right, left = state
+    # one name each: in plain Python looking up an attribute costs as much as the multiplication it is for
+    (
+        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
+        coast_friction, servo_rate, scrub, slip, understeer, ramp_step,
+    ) = p  # fmt: skip
     # front = -u, rear = +u turns left (spec: plant)
     if not -STEERING_MAX <= front <= STEERING_MAX:
         front = STEERING_MAX if front > 0.0 else -STEERING_MAX
     if not -STEERING_MAX <= rear <= STEERING_MAX:
         rear = STEERING_MAX if rear > 0.0 else -STEERING_MAX
-    target_front = -p.steering_max * (front / STEERING_MAX)
-    target_rear = -p.steering_max * (rear / STEERING_MAX)
-    coasting = -p.dead_band <= motor <= p.dead_band
+    target_front = -steering_max * (front / STEERING_MAX)
+    target_rear = -steering_max * (rear / STEERING_MAX)
+    coasting = -dead_band <= motor <= dead_band
+    if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
+        return state  # at rest
     if coasting:
-        if v == 0.0 and target_front == phi_front and target_rear == phi_rear:
-            return state  # at rest, and stays so
-        v_free, tau = 0.0, p.coast_time_constant
+        v_free, tau = 0.0, coast_time_constant
     else:
-        v_free = p.speed_gain * (motor - p.dead_band if motor > 0.0 else motor + p.dead_band)
-        tau = p.speed_time_constant
-    tan_max = tan(p.steering_max)
+        v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
+        tau = speed_time_constant
+    tan_max = tan(steering_max)
 
     remaining = dt
     while remaining > 0.0:
         # -- steering: the piece ends with the ramp step or when a servo arrives
-        gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
-        h = remaining
-        next_front, next_rear = target_front, target_rear
-        if gap_front != 0.0 or gap_rear != 0.0:
-            if h > p.ramp_step:
-                h = p.ramp_step
-            arrives = abs(gap_front if gap_front != 0.0 else gap_rear) / p.servo_rate
-            if h > arrives:
-                h = arrives
-            if gap_rear != 0.0 and gap_rear != -gap_front:
-                h = min(h, abs(gap_rear) / p.servo_rate)
-            travel = p.servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
+        if phi_front == target_front and phi_rear == target_rear:
+            h = remaining
+            mean_front, mean_rear = phi_front, phi_rear
+        else:
+            gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
+            h = remaining if remaining < ramp_step else ramp_step
+            for gap in (gap_front, gap_rear):
+                if gap != 0.0 and abs(gap) < h * servo_rate:
+                    h = abs(gap) / servo_rate
+            travel = servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
+            next_front, next_rear = target_front, target_rear
             if abs(gap_front) > travel:
                 next_front = phi_front + (travel if gap_front > 0.0 else -travel)
             if abs(gap_rear) > travel:
                 next_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
-        mean_front, mean_rear = 0.5 * (phi_front + next_front), 0.5 * (phi_rear + next_rear)
-        phi_front, phi_rear = next_front, next_rear
+            mean_front, mean_rear = 0.5 * (phi_front + next_front), 0.5 * (phi_rear + next_rear)
+            phi_front, phi_rear = next_front, next_rear
+            if h < SHORT_RAMP * ramp_step and phi_front == target_front and phi_rear == target_rear:
+                # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
+                share = h / remaining
+                mean_front = phi_front + share * (mean_front - phi_front)
+                mean_rear = phi_rear + share * (mean_rear - phi_rear)
+                h = remaining
 
         # -- direction of motion: sideslip of the centre, 0 for opposite angles
         tan_front = tan(mean_front)
@@ -149,14 +162,14 @@ def advance(
 
         # -- speed: tau dv/dt = v_target - (1 + drag) v, exactly
         lock = 0.5 * (tan_front - tan_rear) / tan_max
-        loss = 1.0 + p.scrub * lock * lock + drag
+        loss = 1.0 + scrub * lock * lock + drag
         tau_h = tau / loss
         if coasting:
-            friction = p.coast_friction if v > 0.0 else -p.coast_friction
+            friction = coast_friction if v > 0.0 else -coast_friction
             v_end = -friction / loss
             # dry friction stops the vehicle, it does not turn it round; without friction it rolls on
             stop = 0.0 if v == 0.0 else tau_h * log(1.0 - v / v_end) if v_end != 0.0 else h + 1.0
-            rolling = min(h, stop)
+            rolling = h if h < stop else stop
             decay = exp(-rolling / tau_h)
             distance = v_end * rolling + (v - v_end) * tau_h * (1.0 - decay)
             v = v_end + (v - v_end) * decay if stop > h else 0.0
@@ -169,13 +182,13 @@ def advance(
         if distance != 0.0:
             # -- curvature, thesis (2.12) for opposite angles; understeer by the piece's mean speed
             mean_v = distance / h
-            curvature = cos_beta * (tan_front - tan_rear) / (p.wheelbase * (1.0 + p.understeer * mean_v * mean_v))
+            curvature = cos_beta * (tan_front - tan_rear) / (wheelbase * (1.0 + understeer * mean_v * mean_v))
             # -- the front wheels roll along their own heading: the hub's velocity projected on it
             cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
             sin_front = tan_front * cos_front
-            forward = cos_beta * cos_front + (sin_beta + 0.5 * curvature * p.wheelbase) * sin_front
-            apart = 0.5 * curvature * p.track_width * cos_front
-            rolled = distance if coasting else distance * (1.0 + p.slip)
+            forward = cos_beta * cos_front + (sin_beta + 0.5 * curvature * wheelbase) * sin_front
+            apart = 0.5 * curvature * track_width * cos_front
+            rolled = distance if coasting else distance * (1.0 + slip)
             right += rolled * (forward + apart)
             left += rolled * (forward - apart)
             # -- the arc, (2.2) integrated over its length
