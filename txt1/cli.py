@@ -58,8 +58,12 @@ def execute(argv: Sequence[str]) -> int:
     except Txt1Error as error:
         return _complain(error, FAULT)
     except BrokenPipeError:  # whoever read the output has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
         return FAULT
+    except OSError as error:
+        return _complain(error, FAULT)
+    except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
+        return 128 + signal.SIGINT
 
 
 def _complain(error: Exception, code: int) -> int:
@@ -228,11 +232,14 @@ class _Ending:
     def __init__(self) -> None:
         self.code = OK
         self.reason = ""
+        self.robot: Robot | None = None
         self.report: dict[str, Any] | None = None
 
     def interrupt(self, number: signal.Signals, main: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
         """End the run because of a signal; a second one is not caught any more."""
         self.code = 128 + number
+        if self.robot is not None:
+            self.robot.disarm("ended by a signal")
         for each in SIGNALS:
             loop.remove_signal_handler(each)
         main.cancel()
@@ -245,6 +252,7 @@ async def _run(arguments: argparse.Namespace, loaded: LoadedConfig, ending: _End
         loop.add_signal_handler(number, partial(ending.interrupt, number, main_task, loop))
     started_ns = stopwatch_ns()
     async with Robot.open(config=loaded.config, arm=arguments.arm) as robot:
+        ending.robot = robot
         if not await robot.load_gains():
             raise HalError("the board did not accept the gains; check control.linear and control.angular")
         if arguments.drive is not None:
@@ -277,11 +285,13 @@ async def _watch(robot: Robot, arguments: argparse.Namespace, config: Config, en
     if screens:
         robot.runtime.watched = True
         beat = max(0.05 / max(arguments.speed or 1.0, 1.0), BEAT_MIN)
-        async with Terminal(robot, beat=beat, speed=config.teleop.speed, turn=config.teleop.turn) as terminal:
+        teleop, radius_min = config.teleop, config.geometry.radius_min
+        async with Terminal(robot, beat, teleop.speed, teleop.turn, radius_min) as terminal:
             operator = asyncio.ensure_future(terminal.wait())
             await _first_of(ended, operator)
             quit_by_operator = operator.done() and operator.result() == "quit"
             operator.cancel()
+            robot.disarm("the run has ended")  # before the screens are put away, which takes its time
         if quit_by_operator or ended.done():
             return
         print("txt1: the terminal was lost and the robot disarmed; Ctrl-C ends the run", file=sys.stderr)

@@ -135,6 +135,8 @@ class SafetyConfig(Section):
     """How long it may be silent, s."""
     runaway_counts: Annotated[Whole, Field(gt=0)] = Limits().runaway_counts
     """Encoder counts of one wheel during which the other may be silent."""
+    runaway_speed: Positive = Limits().runaway_speed
+    """Measured speed that means the controller has gone astray, m/s."""
     missed_ticks_max: Annotated[Whole, Field(gt=0)] = Limits().missed_ticks_max
     """Controller cycles missed in a row that disarm."""
     auto_arm: Literal["auto", "always", "never"] = "auto"

@@ -208,6 +208,7 @@ class Robot:
             NotArmed: the robot may not be armed now; the message says why.
 
         """
+        self._command = (0.0, 0.0, -inf)  # nothing from before counts
         self._runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
@@ -427,6 +428,8 @@ class Robot:
 
     async def _repeat(self, give: Callable[[], None], duration: float) -> None:
         """Give a command again and again for `duration` s, as long as the gate is open."""
+        if not duration >= 0.0:
+            raise CommandRefused(f"duration must be a number of seconds, not {duration!r}")
         ends = self.now + duration
         while True:
             if not self.armed:

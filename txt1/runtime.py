@@ -66,8 +66,8 @@ class Runtime:
         """
         if not self.hal.capabilities.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
+        self._open = True  # from here on `stop` closes it, also when opening fails half-way
         await self._hardware("opened", self.hal.open())
-        self._open = True
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         simulated = hal.capabilities.simulated
         room = (config.sim.room.length, config.sim.room.width)
@@ -103,7 +103,7 @@ class Runtime:
         )  # fmt: skip
         self.add_task(
             "button", button.PRIORITY, button.PERIOD,
-            partial(button.button, presses=self._presses, state=state, hal=hal),
+            partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
         )  # fmt: skip
         # What exists by now stays: the collector need not look through it in the middle of a cycle.
         gc.collect()
@@ -116,13 +116,15 @@ class Runtime:
             return
         self._open = False
         self.gate.disarm("the run has ended")
-        self.scheduler.stop()
-        gc.unfreeze()
         try:
             if not self._failed:  # else it was made safe then, as far as that was possible
                 self.make_safe()
         finally:
-            await self._hardware("closed", self.hal.close())
+            try:
+                self.scheduler.stop()
+            finally:
+                gc.unfreeze()
+                await self._hardware("closed", self.hal.close())
 
     async def _hardware(self, done: str, action: Coroutine[Any, Any, None]) -> None:
         """Wait for the HAL to be opened or closed; whatever a stranger's raises becomes a HalError."""
@@ -144,7 +146,7 @@ class Runtime:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
         if len(self._inbox) == self._inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
-        self._inbox.append((message, time))
+        self._inbox.append((message, time, self.gate.epoch))
         self._notify_serial()
 
     def press(self, button: Button) -> None:
@@ -170,6 +172,8 @@ class Runtime:
             return "link lost: the host has not been heard for a second"
         if not state.power.atx:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
+        if self.hal.read(self.now).cut_off:
+            return "the batteries are cut off: change them first"
         if state.battery.state == "bad":
             return "batteries bad: change them first"
         return None

@@ -7,12 +7,16 @@ from math import inf, nan
 import pytest
 
 from tests.e2e.conftest import ENDLESS, Sample, recorder
-from txt1.errors import CommandRefused, NotArmed, TaskFault
-from txt1.hal.base import Outputs
+from txt1.config import Config
+from txt1.errors import CommandRefused, HalError, NotArmed, TaskFault
+from txt1.hal.base import Button, Inputs, Outputs
+from txt1.hal.registry import create
+from txt1.hal.sim import SimHal
 from txt1.kernel import Ticks, clock_of
 from txt1.protocol.messages import Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.simulator import Faults
+from txt1.tasks.state import CombinedSample, Link
 
 TICK = 0.02
 Every = Callable[[Callable[[], None]], None]
@@ -278,6 +282,133 @@ async def test_combined_odometry_that_reads_10_per_cent_high_slows_the_vehicle_b
     assert robot.now - last <= 0.1 + 2 * TICK
     await robot.drive(0.5, 0.0, 5.0)
     assert true_speed(robot) == pytest.approx(0.5, rel=0.02)
+
+
+async def test_combined_odometry_that_freezes_at_zero_cannot_run_the_robot_away(
+    robot: Robot, samples: list[Sample], every_tick: Every
+) -> None:
+    every_tick(lambda: robot.combined_odometry(0.0, 0.0, 0.0, 0.0, 0.0))
+    await asyncio.sleep(1.5)
+    with pytest.raises(NotArmed, match=r"runaway: combined odometry"):
+        await robot.drive(0.5, 0.0, 10.0)
+    assert max(s.v for s in samples) < 1.8
+
+
+async def test_an_encoder_with_its_sign_reversed_stops_the_robot(robot: Robot) -> None:
+    read = robot.hal.read
+
+    def reversed_left(now: float) -> Inputs:
+        inputs = read(now)
+        assert inputs.ticks is not None
+        return inputs._replace(ticks=(inputs.ticks[0], -inputs.ticks[1]))
+
+    robot.hal.read = reversed_left  # type: ignore[method-assign]
+    with pytest.raises(NotArmed, match="against each other"):
+        await robot.drive(0.5, 0.0, 10.0)
+
+
+async def test_a_hal_that_reports_no_ticks_any_more_ends_the_run() -> None:
+    with pytest.raises(TaskFault, match="no encoder ticks"):
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.load_gains()
+            await robot.drive(0.5, 0.0, 1.0)
+            robot.hal.read = lambda now: Inputs()  # type: ignore[method-assign]
+            await robot.drive(0.5, 0.0, 10.0)
+    assert outputs(robot)[:3] == (0, 0, 0)
+
+
+@pytest.mark.parametrize("v", [0.02, 0.05, 0.3, 1.0, 1.5])
+@pytest.mark.parametrize("share", [0.0, 1.0])
+async def test_no_ordinary_driving_is_taken_for_a_runaway(robot: Robot, v: float, share: float) -> None:
+    for sign in (1.0, -1.0, 1.0):
+        await robot.drive(sign * v, share * v / 0.56, 2.0)
+        await robot.drive(sign * v, -share * v / 0.56, 2.0)
+    assert robot.armed
+    assert robot.faults["runaway"] == 0
+
+
+async def test_a_command_given_at_the_instant_of_arming_but_before_it_does_not_count(robot: Robot) -> None:
+    robot.disarm()
+    robot.command(1.0, 0.0)
+    robot.arm()
+    await asyncio.sleep(0.2)
+    assert true_speed(robot) == 0.0
+
+
+async def test_a_pwm_test_does_not_survive_leaving_manual_mode(robot: Robot, samples: list[Sample]) -> None:
+    await robot.set_manual(True)
+    robot.pwm_test(5000, 0, 0)
+    await asyncio.sleep(0.02)
+    robot.press(Button.CENTRE)
+    robot.press(Button.CENTRE)
+    await robot.set_manual(False)
+    await robot.set_manual(True)
+    back = robot.now
+    await asyncio.sleep(0.1)
+    assert all(s.motor == 0 for s in samples if s.time >= back)
+
+
+async def test_a_duration_that_is_no_number_is_refused(robot: Robot) -> None:
+    with pytest.raises(CommandRefused, match="duration"):
+        await robot.drive(0.5, 0.0, nan)
+
+
+async def test_a_measurement_that_is_not_finite_stops_and_driving_resumes_after_it(robot: Robot) -> None:
+    await robot.drive(0.5, 0.0, 2.0)
+    for _ in range(4):
+        robot.runtime.state.combined = CombinedSample(nan, 0.0, robot.now)  # past the gate, as a broken task would
+        robot.runtime.state.link = Link(alive=True, combined=True)
+        robot.command(0.5, 0.0)
+        await asyncio.sleep(TICK)
+    assert outputs(robot).motor == 0
+    assert robot.faults["measurement_not_finite"] > 0
+    await robot.drive(0.5, 0.0, 3.0)
+    assert true_speed(robot) == pytest.approx(0.5, abs=0.05)
+
+
+async def test_the_external_supply_drives_without_any_pack() -> None:
+    async with Robot.open("sim", seed=1, settings=[*ENDLESS, "sim.battery.used_1=null"]) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.0, 3.0)
+        assert robot.battery.state == "external power"
+        assert true_speed(robot) == pytest.approx(0.5, abs=0.05)
+
+
+async def test_a_pack_that_is_cut_off_stops_the_robot_and_cannot_be_armed() -> None:
+    async with Robot.open("sim", seed=1, settings=[*ENDLESS, "sim.battery.used_1=49.99"]) as robot:
+        await robot.load_gains()
+        with pytest.raises(NotArmed):
+            await robot.drive(0.5, 0.0, 10.0)
+        with pytest.raises(NotArmed, match="cut off"):
+            robot.arm()
+
+
+@pytest.mark.parametrize("failing", ["open", "task"])
+async def test_the_hardware_is_let_go_of_whatever_fails(failing: str) -> None:
+    closed: list[bool] = []
+
+    class Hardware(SimHal):
+        async def open(self) -> None:
+            if failing == "open":
+                raise OSError("half-way")
+
+        async def close(self) -> None:
+            closed.append(True)
+            await super().close()
+
+    async def untidy(ticks: Ticks) -> None:
+        try:
+            async for _ in ticks:
+                pass
+        finally:
+            raise ValueError("in its finally clause")
+
+    hal = Hardware(create(Config()).simulator)  # type: ignore[attr-defined]
+    with pytest.raises((HalError, TaskFault)):
+        async with Robot.open(hal) as robot:
+            robot.add_task("untidy", 0.1, untidy)
+            await asyncio.sleep(0.5)
+    assert closed == [True]
 
 
 async def test_a_flood_of_messages_is_bounded_and_counted(robot: Robot) -> None:

@@ -18,6 +18,7 @@ from enum import StrEnum
 from math import isfinite
 from typing import NamedTuple
 
+from txt1.control.runaway import RunawayWatch
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -32,6 +33,7 @@ class Fault(StrEnum):
     MOTOR = "motor_limited"
     STEERING = "steering_limited"
     STALE = "command_stale"
+    MEASURED = "measurement_not_finite"
     NOT_MANUAL = "pwm_test_refused"
     POWER = "power_control_refused"
     GAINS = "gains_refused"
@@ -39,6 +41,7 @@ class Fault(StrEnum):
     LINK = "link_lost"
     MISSED = "missed_ticks"
     RUNAWAY = "runaway"
+    ODOMETRY = "odometry_lost"
     BATTERY = "battery_bad"
     TASK = "task_fault"
     STOP = "emergency_stop"
@@ -56,6 +59,7 @@ class Limits(NamedTuple):
         runaway_motor: motor output, PWM counts, above which silent encoders mean a runaway.
         runaway_time: how long they may be silent, s.
         runaway_counts: encoder counts of one wheel during which the other may be silent.
+        runaway_speed: measured speed that means the controller has gone astray, m/s.
         missed_ticks_max: controller cycles missed in a row that disarm.
 
     """
@@ -68,6 +72,7 @@ class Limits(NamedTuple):
     runaway_motor: int = 2000
     runaway_time: float = 0.3
     runaway_counts: int = 150
+    runaway_speed: float = 2.0
     missed_ticks_max: int = 5
 
 
@@ -128,14 +133,16 @@ class Gate:
         self.reason = "not armed yet"
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
-        self._armed_at = 0.0
+        self.epoch = 0
+        """Stamped on every command as it comes in; `renew` raises it."""
+        self._valid_from = 0.0
         self._fresh = False
         self._motor = 0
         self._servos = (0, 0)
         self._neutral = Outputs()
-        self._suspicious = False
-        self._silent = [0.0, 0.0]  # how long each wheel has been silent under power, s
-        self._passed = [0, 0]  # counts of the other wheel meanwhile
+        self._runaway = RunawayWatch(
+            limits.runaway_motor, limits.runaway_time, limits.runaway_counts, limits.runaway_speed
+        )
 
     def count(self, fault: Fault) -> None:
         """Count a fault."""
@@ -146,9 +153,14 @@ class Gate:
     def arm(self, now: float) -> None:
         """Open the gate at `now` and release the emergency stop. Only commands given from then on count."""
         self.armed, self.stopped, self.reason = True, False, ""
-        self._armed_at = now
+        self.renew(now)
+        self._runaway.clear()
+
+    def renew(self, now: float) -> None:
+        """Let no command count that was given up to `now`: the robot has been armed, or its mode changed."""
+        self.epoch += 1
+        self._valid_from = now
         self._fresh = False
-        self._forget_silence()
 
     def disarm(self, reason: str, fault: Fault | None = None) -> None:
         """Close the gate; counts the fault, if it is one, when the gate was open."""
@@ -200,9 +212,17 @@ class Gate:
 
     # -- outputs on their way out ------------------------------------------------------------------------------
 
-    def passes(self, given: float | None, now: float) -> bool:
-        """Whether a command given at that time (s of the run) may move the robot now. Counts it going stale."""
-        fresh = given is not None and given >= self._armed_at and now - given <= self.limits.command_timeout + 1e-9
+    def passes(self, given: float | None, epoch: int, now: float) -> bool:
+        """Whether a command given at that time (s of the run), in that epoch, may move the robot now.
+
+        Counts it going stale.
+        """
+        fresh = (
+            given is not None
+            and epoch == self.epoch
+            and given >= self._valid_from
+            and now - given <= self.limits.command_timeout + 1e-9
+        )
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)
         self._fresh = fresh
@@ -249,34 +269,12 @@ class Gate:
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 
-    def watch(self, right: int, left: int, dt: float) -> None:
-        """Disarm on a runaway, given the encoder ticks of the last dt seconds.
-
-        An encoder is silent too long when the motor has been driven hard for `runaway_time` without a tick from it,
-        or when the other wheel has passed `runaway_counts` meanwhile: even at full lock the inner wheel of the two
-        turns at 0.63 of the outer one's speed.
-        """
-        if not self.armed:
-            return
-        if right and left:
-            if self._suspicious:
-                self._forget_silence()
-            return
-        self._suspicious = True
-        driven = abs(self._motor) > self.limits.runaway_motor
-        for wheel, ticks, other in ((0, right, left), (1, left, right)):
-            if ticks:
-                self._silent[wheel], self._passed[wheel] = 0.0, 0
-                continue
-            self._silent[wheel] = self._silent[wheel] + dt if driven else 0.0
-            self._passed[wheel] += abs(other)
-            if self._silent[wheel] >= self.limits.runaway_time or self._passed[wheel] > self.limits.runaway_counts:
-                self.disarm(f"runaway: the {('right', 'left')[wheel]} encoder is silent", Fault.RUNAWAY)
-                return
-
-    def _forget_silence(self) -> None:
-        self._suspicious = False
-        self._silent, self._passed = [0.0, 0.0], [0, 0]
+    def watch(self, right: int, left: int, v: float, v_combined: float | None, dt: float) -> None:
+        """Disarm on a runaway, given what the last dt seconds brought (see `RunawayWatch.check`)."""
+        if self.armed:
+            reason = self._runaway.check(self._motor, right, left, v, v_combined, dt)
+            if reason is not None:
+                self.disarm(f"runaway: {reason}", Fault.RUNAWAY)
 
     def missed(self, cycles: int) -> None:
         """Disarm when the controller has missed too many cycles in a row."""

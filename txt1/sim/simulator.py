@@ -173,7 +173,8 @@ class Simulator:
         self._drawn = 0.0
         self.voltages = self.packs.voltages()
         self._read_batteries()
-        self.cut_off = max(self.voltages) <= CUT_OFF_V
+        fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
+        self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
 
     def _stop_at_wall(self, before: VehicleState, after: VehicleState) -> VehicleState:
         """The state at contact if the step ends in a wall: pose and wheels as before it, speed 0."""

@@ -29,6 +29,7 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     """Smooth the voltages, judge them, send them, and stop the robot when they have been bad for too long."""
     smoothed: tuple[float, float] | None = None
     bad_since: float | None = None
+    told = False
     async for now in ticks:
         inputs = hal.read(now)
         if inputs.batteries is None:
@@ -46,10 +47,11 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
         if inputs.cut_off:
             gate.disarm("batteries cut off", Fault.BATTERY)
         if judged is not BatteryState.BAD:
-            bad_since = None
+            bad_since, told = None, False
         elif bad_since is None:
             bad_since = now
-        elif now - bad_since >= BAD_TIME and gate.armed:
+        elif now - bad_since >= BAD_TIME and not told:
+            told = True
             gate.disarm("batteries bad", Fault.BATTERY)
             state.tell(now, "batteries bad: change them, or shut the computer down (Robot.shutdown_host)")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.tasks.state import SCREENS, Panel, State
@@ -14,7 +15,7 @@ PERIOD = 0.1
 GAINS_SCREEN = SCREENS.index("PID GAINS")
 
 
-async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal) -> None:
+async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:
     """Act on every press, of the board's joystick or of the operator's keys (`presses`), once."""
     held = Button.NONE
     async for now in ticks:
@@ -30,6 +31,7 @@ async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal) -
         while presses:
             panel = press(panel, presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=hal.capabilities.pwm)
         if panel.manual != state.panel.manual:
+            gate.renew(now)  # a command for the one mode is none in the other
             state.tell(now, "manual mode" if panel.manual else "controller mode")
         state.panel = panel
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from txt1.control.limits import Gate
+from math import isfinite
+
+from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains, Pid
 from txt1.hal.base import Hal
 from txt1.kernel.scheduler import Ticks
@@ -14,6 +16,9 @@ PERIOD = 0.02
 
 COMBINED_TIMEOUT = 0.1
 """Age in seconds at which combined odometry is not used any more."""
+
+ODOMETRY_TIMEOUT = 0.5
+"""Age in seconds at which odometry is lost."""
 
 _OFF = Gains()
 
@@ -28,14 +33,19 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
             gate.missed(ticks.missed)
         right, left = state.encoders
         if right is not None and left is not None:
-            gate.watch(right, left, PERIOD)
+            gate.watch(right, left, state.odometry.v, combined_speed(state, now), PERIOD)
+        if now - state.odometry_time > ODOMETRY_TIMEOUT:
+            gate.disarm("odometry lost", Fault.ODOMETRY)
 
         manual = state.panel.manual
         given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
         v = omega = 0.0
         gains = _OFF
         source, v_now, omega_now = measured(state, now)
-        passes = gate.passes(None if given is None else given.time, now)
+        passes = given is not None and gate.passes(given.time, given.epoch, now)
+        if not isfinite(v_now + omega_now):
+            gate.count(Fault.MEASURED)
+            passes = False
         if not (passes and state.link.alive and state.power.esc) or manual is not was_manual:
             loops.clear()
             outputs = gate.neutral(state.servos)
@@ -94,3 +104,9 @@ def measured(state: State, now: float) -> tuple[Source, float, float]:
         return Source.COMBINED, combined.v, combined.omega
     odometry = state.odometry
     return Source.ENCODER, odometry.v, odometry.omega
+
+
+def combined_speed(state: State, now: float) -> float | None:
+    """The speed by combined odometry in m/s while the loops use it, else None."""
+    source, v, _ = measured(state, now)
+    return v if source is Source.COMBINED else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from txt1.errors import HalError
 from txt1.hal.base import Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
@@ -24,6 +25,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
         inputs = hal.read(now)
         state.pose = inputs.pose
         if inputs.ticks is None:
+            if hal.capabilities.ticks:
+                raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
             if inputs.odometry is not None:
                 state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
             continue

@@ -16,4 +16,4 @@ async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], No
     """Send pose and velocities, once per tick."""
     async for _ in ticks:
         send(EncoderOdometry(*state.odometry))
-        state.transmitted += 1
+        state.transmitted += 1  # for the transmit LED; the few other messages do not show beside these

@@ -34,8 +34,8 @@ PRIORITY = 4
 INBOX_MAX: Final = 1000
 """Messages that may wait for the task; a host that floods it loses the oldest."""
 
-Inbox = deque[tuple[HostMessage, float]]
-"""Messages that have arrived, each with the time its author stands for it, s of the run."""
+Inbox = deque[tuple[HostMessage, float, int]]
+"""Messages that have arrived, each with the time its author gave it (s of the run) and the gate's epoch then."""
 
 
 async def serial(
@@ -44,14 +44,14 @@ async def serial(
     """Carry out every message that has arrived, in order."""
     async for now in arrivals:
         while inbox:
-            message, time = inbox.popleft()
+            message, time, epoch = inbox.popleft()
             state.received += 1
             match message:
                 case Velocity(v, omega):
                     state.velocity_count += 1
                     limited = gate.admit_velocity(v, omega)
                     if limited is not None:
-                        state.command = Command(*limited, time)
+                        state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
                         state.combined_count += 1
@@ -61,7 +61,7 @@ async def serial(
                     if not state.panel.manual:
                         gate.count(Fault.NOT_MANUAL)
                     elif pwm is not None:
-                        state.manual_pwm = ManualPwm(pwm[0], pwm[1], pwm[2], time)
+                        state.manual_pwm = ManualPwm(pwm[0], pwm[1], pwm[2], time, epoch)
                         state.servos = pwm[3], pwm[4]
                 case PwmCommand(pwm4, pwm5):
                     servos = gate.admit_pwm(pwm4, pwm5)

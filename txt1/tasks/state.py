@@ -18,20 +18,22 @@ from txt1.model.odometry import Odometry
 
 
 class Command(NamedTuple):
-    """A velocity command: v in m/s, omega in rad/s, and when its author gave it, s of the run."""
+    """A velocity command: v in m/s, omega in rad/s, when its author gave it (s of the run), the gate's epoch then."""
 
     v: float
     omega: float
     time: float
+    epoch: int = 0
 
 
 class ManualPwm(NamedTuple):
-    """A PWM test command: counts of motor and steering, and when its author gave it, s of the run."""
+    """A PWM test command: counts of motor and steering, when its author gave it (s of the run), the epoch then."""
 
     motor: int
     front: int
     rear: int
     time: float
+    epoch: int = 0
 
 
 class CombinedSample(NamedTuple):

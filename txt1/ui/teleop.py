@@ -19,9 +19,6 @@ HOLD: Final = 0.7
 DECAY: Final = 0.3
 """s from the end of the hold to zero."""
 
-RADIUS_MIN: Final = 0.56
-"""m, (2.16): the yaw-rate limit is abs(v) / RADIUS_MIN."""
-
 SPEED_MIN: Final = 0.1
 SPEED_MAX: Final = 1.5
 SPEED_STEP: Final = 0.1
@@ -60,16 +57,18 @@ class Teleop:
     Args:
         speed: of w and s, m/s; + and - change it.
         turn: share of the yaw-rate limit that a and d command, 0 to 1.
+        radius_min: R_min, m: the yaw-rate limit is abs(v) / R_min, (2.16).
 
     """
 
-    def __init__(self, speed: float = 0.5, turn: float = 0.8) -> None:
+    def __init__(self, speed: float = 0.5, turn: float = 0.8, radius_min: float = 0.56) -> None:
         if not SPEED_MIN <= speed <= SPEED_MAX:
             raise ValueError(f"speed must be from {SPEED_MIN} to {SPEED_MAX} m/s, not {speed!r}")
         if not 0.0 <= turn <= 1.0:
             raise ValueError(f"turn must be from 0 to 1, not {turn!r}")
         self.speed = speed
         self.turn = turn
+        self.radius_min = radius_min
         self.release()
 
     def release(self) -> None:
@@ -102,4 +101,4 @@ class Teleop:
         drive, steer = self._drive.value(now), self._steer.value(now)
         self._active = bool(drive or steer)
         v = self.speed * drive
-        return v, steer * self.turn * v / RADIUS_MIN
+        return v, steer * self.turn * v / self.radius_min

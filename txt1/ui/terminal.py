@@ -84,16 +84,19 @@ class Terminal:
         beat: s (real time) between the drawing process's heartbeats.
         speed: that w and s drive at first, m/s.
         turn: share of the largest yaw rate that a and d ask for.
+        radius_min: R_min of the vehicle, m.
 
     Raises:
         TerminalLost: on entering, if standard input or output is no terminal.
 
     """
 
-    def __init__(self, robot: Robot, beat: float = 0.05, speed: float = 0.5, turn: float = 0.8) -> None:
+    def __init__(
+        self, robot: Robot, beat: float = 0.05, speed: float = 0.5, turn: float = 0.8, radius_min: float = 0.56
+    ) -> None:
         self._robot = robot
         self._beat = beat
-        self._teleop = Teleop(speed, turn)
+        self._teleop = Teleop(speed, turn, radius_min)
         self._tail = b""
         self._shown: Snapshot | None = None
         self._sent = 0
@@ -177,6 +180,7 @@ class Terminal:
             self._teleop.release()
             self._end("quit")
         elif key == "m":
+            self._teleop.release()  # a key pressed while stopped does not count
             self._try(robot.arm)
         elif key in _BUTTONS:
             self._try(lambda: robot.press(_BUTTONS[key]))

@@ -19,7 +19,7 @@ def open_gate(limits: Limits = LIMITS) -> Gate:
     """A gate that is armed and has just seen a fresh command."""
     gate = Gate(limits, on_close=lambda reason: None)
     gate.arm(0.0)
-    assert gate.passes(0.0, 0.0)
+    assert gate.passes(0.0, gate.epoch, 0.0)
     return gate
 
 
@@ -53,7 +53,7 @@ def test_whatever_anyone_wants_the_outputs_are_inside_the_limits(
     gate = open_gate()
     if not armed:
         gate.disarm("test")
-    gate.passes(0.0, age)
+    gate.passes(0.0, gate.epoch, age)
     out = gate.outputs(motor, front, rear, SERVOS, v, omega)
     assert abs(out.motor) <= Limits().motor_max
     assert abs(out.front) <= STEERING_MAX
@@ -123,31 +123,39 @@ def test_the_steering_limit_at_its_boundary(steering: int, passed: int, counted:
 
 def test_a_command_is_fresh_up_to_its_time_out_and_then_stale_but_the_gate_stays_armed() -> None:
     gate = open_gate()
-    assert gate.passes(1.0, 1.25)
-    assert not gate.passes(1.0, 1.251)
+    assert gate.passes(1.0, gate.epoch, 1.25)
+    assert not gate.passes(1.0, gate.epoch, 1.251)
     assert gate.armed
     assert gate.counts[Fault.STALE] == 1
-    assert not gate.passes(1.0, 1.3)
+    assert not gate.passes(1.0, gate.epoch, 1.3)
     assert gate.counts[Fault.STALE] == 1, "one command goes stale once"
-    assert gate.passes(1.31, 1.32), "the next fresh command resumes"
+    assert gate.passes(1.31, gate.epoch, 1.32), "the next fresh command resumes"
 
 
 def test_a_closed_gate_is_neutral_and_opens_by_arming_only() -> None:
     gate = Gate(Limits(), on_close=lambda reason: None)
-    assert not gate.passes(0.0, 0.0)
+    assert not gate.passes(0.0, gate.epoch, 0.0)
     gate.arm(0.0)
-    assert gate.passes(0.0, 0.0)
+    assert gate.passes(0.0, gate.epoch, 0.0)
     gate.disarm("link lost", Fault.LINK)
-    assert not gate.passes(0.0, 0.0)
+    assert not gate.passes(0.0, gate.epoch, 0.0)
     assert gate.reason == "link lost"
     assert gate.counts[Fault.LINK] == 1
+
+
+def test_a_command_of_an_earlier_epoch_does_not_count_even_when_given_at_the_same_instant() -> None:
+    gate = Gate(LIMITS, on_close=lambda reason: None)
+    before = gate.epoch
+    gate.arm(1.0)
+    assert not gate.passes(1.0, before, 1.0)
+    assert gate.passes(1.0, gate.epoch, 1.0)
 
 
 def test_a_command_from_before_arming_does_not_count() -> None:
     gate = Gate(LIMITS, on_close=lambda reason: None)
     gate.arm(1.0)
-    assert not gate.passes(0.9, 1.0)
-    assert gate.passes(1.0, 1.0)
+    assert not gate.passes(0.9, gate.epoch, 1.0)
+    assert gate.passes(1.0, gate.epoch, 1.0)
 
 
 def test_arming_alone_moves_nothing_before_a_fresh_command() -> None:
@@ -185,7 +193,7 @@ def driven(motor: int) -> Gate:
 def watched(gate: Gate, right: int, left: int, ticks: int) -> bool:
     """Whether the gate is still armed after so many periods with these encoder ticks."""
     for _ in range(ticks):
-        gate.watch(right, left, 0.02)
+        gate.watch(right, left, 0.1, None, 0.02)
     return gate.armed
 
 
@@ -214,6 +222,36 @@ def test_a_wheel_that_is_silent_while_the_other_rolls_is_a_runaway_at_any_power(
     gate = driven(500)
     assert watched(gate, 10, 0, 15)
     assert not watched(gate, 10, 0, 1)
+
+
+def test_wheels_that_turn_against_each_other_are_a_runaway() -> None:
+    gate = driven(1000)
+    assert watched(gate, 20, -20, 4)
+    assert not watched(gate, 20, -20, 1)
+    assert "against each other" in gate.reason
+    assert watched(driven(1000), 2, -2, 100), "a wheel at rest may show a count or two"
+
+
+def test_a_speed_that_nobody_asked_for_is_a_runaway() -> None:
+    gate = driven(3000)
+    for _ in range(4):
+        gate.watch(130, 130, 2.05, None, 0.02)
+    assert gate.armed
+    gate.watch(130, 130, 2.05, None, 0.02)
+    assert not gate.armed
+
+
+def test_combined_odometry_that_contradicts_the_encoders_is_a_runaway_and_a_bias_is_not() -> None:
+    gate = driven(3000)
+    for _ in range(14):
+        gate.watch(40, 40, 0.7, 0.0, 0.02)
+    assert gate.armed
+    gate.watch(40, 40, 0.7, 0.0, 0.02)
+    assert not gate.armed
+    biased = driven(3000)
+    for _ in range(100):
+        biased.watch(90, 90, 1.5, 1.65, 0.02)
+    assert biased.armed
 
 
 def test_missing_five_cycles_in_a_row_disarms_and_four_do_not() -> None:

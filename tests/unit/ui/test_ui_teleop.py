@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.ui.teleop import DECAY, HOLD, RADIUS_MIN, Teleop
+from txt1.ui.teleop import DECAY, HOLD, Teleop
 
 
 def test_an_untouched_keyboard_says_nothing() -> None:
@@ -40,7 +40,7 @@ def test_steering_keeps_driving_alive_because_only_the_last_key_repeats() -> Non
     teleop.key("w", 0.0)
     for i in range(1, 20):
         teleop.key("a", 0.2 * i)
-        assert teleop.command(0.2 * i) == pytest.approx((0.5, 0.8 * 0.5 / RADIUS_MIN))
+        assert teleop.command(0.2 * i) == pytest.approx((0.5, 0.8 * 0.5 / 0.56))
 
 
 def test_steering_does_not_wake_a_drive_that_has_run_out() -> None:
@@ -115,7 +115,7 @@ def test_no_sequence_of_keys_exceeds_the_limits(keys: list[tuple[str, float]], s
         if command is not None:
             v, omega = command
             assert abs(v) <= teleop.speed <= 1.5
-            assert abs(omega) <= abs(v) / RADIUS_MIN + 1e-12
+            assert abs(omega) <= abs(v) / 0.56 + 1e-12
 
 
 @settings(max_examples=60)

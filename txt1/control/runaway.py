@@ -1,0 +1,86 @@
+"""Noticing that the robot does not do what the outputs say, from the encoders alone."""
+
+from __future__ import annotations
+
+from typing import Final
+
+PERSISTS: Final = 0.1
+"""What the geometry forbids has to last so long to be believed, s."""
+NOISE_COUNTS: Final = 3
+"""Counts per period that a wheel at rest may show."""
+DISAGREEMENT: Final = 0.5
+"""Difference between combined odometry and the encoders that slip does not explain, m/s."""
+
+
+class RunawayWatch:
+    """Watches encoder ticks, and combined odometry while it is in use.
+
+    Args:
+        motor_min: motor output, PWM counts, above which a silent encoder is suspicious.
+        silence: how long it may be silent then, s.
+        counts: of one wheel during which the other may be silent: at full lock the inner wheel of the two turns at
+            0.63 of the outer one's speed, so it is never silent for long.
+        v_max: speed that only a controller gone astray reaches, m/s.
+
+    """
+
+    def __init__(self, motor_min: int, silence: float, counts: int, v_max: float) -> None:
+        self._motor_min = motor_min
+        self._silence = silence
+        self._counts = counts
+        self._v_max = v_max
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all suspicions."""
+        self._calm = True
+        self._silent = [0.0, 0.0]  # how long each wheel has been silent under power, s
+        self._passed = [0, 0]  # counts of the other wheel meanwhile
+        self._against = 0.0  # how long the wheels have turned against each other, s
+        self._fast = 0.0  # how long the vehicle has been too fast, s
+        self._apart = 0.0  # how long combined odometry and encoders have disagreed, s
+
+    def check(self, motor: int, right: int, left: int, v: float, v_combined: float | None, dt: float) -> str | None:
+        """Why this is a runaway, or None.
+
+        Args:
+            motor: output, PWM counts.
+            right: ticks of the right encoder in the last `dt` seconds.
+            left: ticks of the left one.
+            v: speed by the encoders, m/s.
+            v_combined: speed by combined odometry while the loops use it, m/s.
+            dt: s.
+
+        """
+        strange = abs(v) > self._v_max or (v_combined is not None and abs(v_combined - v) > DISAGREEMENT)
+        if right * left > 0 and not strange:  # both turn the same way
+            if not self._calm:
+                self.clear()
+            return None
+        self._calm = False
+        self._fast = self._fast + dt if abs(v) > self._v_max else 0.0
+        if self._fast >= PERSISTS:
+            return f"{abs(v):.1f} m/s is faster than was ever asked for"
+        disagree = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
+        self._apart = self._apart + dt if disagree else 0.0
+        if self._apart >= self._silence:
+            return f"combined odometry says {v_combined:.1f} m/s, the encoders {v:.1f} m/s"
+        against = right * left < 0 and min(abs(right), abs(left)) > NOISE_COUNTS
+        self._against = self._against + dt if against else 0.0
+        if self._against >= PERSISTS:
+            return "the encoders turn against each other"
+        return self._check_silence(abs(motor) > self._motor_min, right, left, dt)
+
+    def _check_silence(self, driven: bool, right: int, left: int, dt: float) -> str | None:
+        for wheel, ticks, other in ((0, right, left), (1, left, right)):
+            if ticks:
+                self._silent[wheel], self._passed[wheel] = 0.0, 0
+                continue
+            self._silent[wheel] = self._silent[wheel] + dt if driven else 0.0
+            self._passed[wheel] += abs(other)
+        too_long = [s >= self._silence or p > self._counts for s, p in zip(self._silent, self._passed, strict=True)]
+        if all(too_long):
+            return "both encoders are silent, or something blocks the robot"
+        if any(too_long):
+            return f"the {'right' if too_long[0] else 'left'} encoder is silent"
+        return None
