@@ -233,6 +233,15 @@ async def test_the_emergency_stop_lets_go_of_the_keys(peer: Peer) -> None:
     peer.robot.command.assert_not_called()
 
 
+async def test_a_key_pressed_while_stopped_does_not_drive_after_arming(peer: Peer) -> None:
+    await peer.beat("space", "w")
+    peer.robot.command.reset_mock()
+    await peer.beat("m")
+    peer.robot.arm.assert_called_once_with()
+    await peer.beat()
+    peer.robot.command.assert_not_called()
+
+
 async def test_keys_from_before_a_standstill_stop_but_do_not_drive(peer: Peer) -> None:
     old = json.dumps({"keys": ["w", "m", "space"], "drawn": 0}).encode() + b"\n"
     beats = json.dumps({"keys": [], "drawn": 0}).encode() + b"\n"
