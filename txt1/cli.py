@@ -26,7 +26,6 @@ from txt1.control.limits import Fault
 from txt1.errors import ConfigError, HalError, Txt1Error
 from txt1.hal.conformance import BROKEN, verdicts
 from txt1.hal.registry import create, names
-from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.scheduler import Ticks
 from txt1.kernel.statistics import TaskStatistics
@@ -250,7 +249,6 @@ async def _run(arguments: argparse.Namespace, loaded: LoadedConfig, ending: _End
     assert main_task is not None
     for number in SIGNALS:
         loop.add_signal_handler(number, partial(ending.interrupt, number, main_task, loop))
-    started_ns = stopwatch_ns()
     async with Robot.open(config=loaded.config, arm=arguments.arm) as robot:
         ending.robot = robot
         if not await robot.load_gains():
@@ -264,7 +262,7 @@ async def _run(arguments: argparse.Namespace, loaded: LoadedConfig, ending: _End
         finally:  # an interrupted run has its report, too
             ending.reason = robot.reason
             if arguments.json:
-                ending.report = report(robot, (stopwatch_ns() - started_ns) / NS_PER_S)
+                ending.report = report(robot)
         if ending.code == OK and any(robot.runtime.gate.counts[fault] for fault in DISARMING):
             ending.code = DISARMED
 
@@ -328,12 +326,12 @@ def status_line(robot: Robot) -> str:
     )
 
 
-def report(robot: Robot, wall_time_s: float) -> dict[str, Any]:
+def report(robot: Robot) -> dict[str, Any]:
     """What `run --json` prints. Of it, `wall_time_s` and `run_time_s` are measured on the wall clock."""
     battery = robot.battery
     return {
         "sim_time_s": round(robot.now, 9),
-        "wall_time_s": wall_time_s,
+        "wall_time_s": robot.runtime.scheduler.wall_time,
         "seed": robot.config.seed,
         "tasks": {name: _task_report(task) for name, task in robot.runtime.statistics().items()},
         "odometry": robot.odometry._asdict(),

@@ -38,7 +38,8 @@ class Schedule:
                 raise ValueError(f"v_max must rise from set to set: {upper.v_max} follows {lower.v_max}")
         self.sets = tuple(sets)
         self._v_max = [s.v_max for s in sets]
-        self._gains = [s.gains for s in sets] or [Gains()]
+        last = sets[-1].gains if sets else Gains()
+        self._gains = [*(s.gains for s in sets), last]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Schedule) and self.sets == other.sets
@@ -48,7 +49,7 @@ class Schedule:
 
     def at(self, v: float) -> Gains:
         """The gains for a measured, signed speed v in m/s."""
-        return self._gains[min(bisect_left(self._v_max, v), len(self._gains) - 1)]
+        return self._gains[bisect_left(self._v_max, v)]
 
 
 LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)

@@ -105,6 +105,7 @@ class Scheduler:
         self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank
         self._ready: list[tuple[int, _Entry]] = []  # by rank
         self._origin_ns = self._clock.now_ns()
+        self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
         self._margin_ns = MARGIN_START_NS
         self._timer: asyncio.Handle | None = None
@@ -170,9 +171,15 @@ class Scheduler:
         """Seconds since the run started."""
         return self._elapsed_ns() / NS_PER_S
 
+    @property
+    def wall_time(self) -> float:
+        """Seconds of real time since the run started, whatever clock it runs on."""
+        return (stopwatch_ns() - self._started_ns) / NS_PER_S
+
     def start(self) -> None:
         """Start the clock at 0 and run every task up to its first tick."""
         self._origin_ns = self._clock.now_ns()
+        self._started_ns = stopwatch_ns()
         self._running = True
         for entry in self._entries:
             if self._running:  # not after a fault

@@ -149,22 +149,26 @@ class Simulator:
     def _advance(self, dt: float) -> None:
         if self.time >= self._settle_due:
             self._settle_batteries()
-        powered = not self.cut_off
-        motor = self._motor if self.esc_on and powered else 0.0
+        motor = self._motor if self.esc_on and not self.cut_off else 0.0
         before = self.state
         after = advance(before, motor, self._front, self._rear, dt, self._drag, self.parameters)
-        if not (-self._free_x < after.x < self._free_x and -self._free_y < after.y < self._free_y):
-            after = self._stop_at_wall(before, after)
-        self.state = after
-        if powered and self.atx_on:  # without the ATX supply's 5 V the encoders see nothing
-            if not self.faults.right_encoder:
-                self._phase[0] += (after.right - before.right) * self._counts_per_m
-            if not self.faults.left_encoder:
-                self._phase[1] += (after.left - before.left) * self._counts_per_m
+        if after is not before:
+            self._moved(before, after)
         if abs(motor) > self.parameters.dead_band:
             self._drawn += dt
         else:
             self._drawn += dt * (self.load.idle if self.atx_on else self.load.standby)
+
+    def _moved(self, before: VehicleState, after: VehicleState) -> None:
+        """Stop at a wall, and count what the encoders see."""
+        if not (-self._free_x < after.x < self._free_x and -self._free_y < after.y < self._free_y):
+            after = self._stop_at_wall(before, after)
+        self.state = after
+        if self.atx_on and not self.cut_off:  # without the ATX supply's 5 V the encoders see nothing
+            if not self.faults.right_encoder:
+                self._phase[0] += (after.right - before.right) * self._counts_per_m
+            if not self.faults.left_encoder:
+                self._phase[1] += (after.left - before.left) * self._counts_per_m
 
     def _settle_batteries(self) -> None:
         """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""

@@ -31,9 +31,10 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
     async for now in ticks:
         if ticks.missed:
             gate.missed(ticks.missed)
+        source, v_now, omega_now = measured(state, now)
         right, left = state.encoders
         if right is not None and left is not None:
-            gate.watch(right, left, state.odometry.v, combined_speed(state, now), PERIOD)
+            gate.watch(right, left, state.odometry.v, v_now if source is Source.COMBINED else None, PERIOD)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
@@ -41,7 +42,6 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
         given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
         v = omega = 0.0
         gains = _OFF
-        source, v_now, omega_now = measured(state, now)
         passes = given is not None and gate.passes(given.time, given.epoch, now)
         if not isfinite(v_now + omega_now):
             gate.count(Fault.MEASURED)
@@ -104,9 +104,3 @@ def measured(state: State, now: float) -> tuple[Source, float, float]:
         return Source.COMBINED, combined.v, combined.omega
     odometry = state.odometry
     return Source.ENCODER, odometry.v, odometry.omega
-
-
-def combined_speed(state: State, now: float) -> float | None:
-    """The speed by combined odometry in m/s while the loops use it, else None."""
-    source, v, _ = measured(state, now)
-    return v if source is Source.COMBINED else None
