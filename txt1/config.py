@@ -457,13 +457,3 @@ def _problem(error: yaml.YAMLError) -> str:
 
 def _kind(value: Any) -> str:
     return {list: "a list", str: "text", bool: "true or false"}.get(type(value), "a number")
-
-
-def to_yaml(config: Config) -> str:
-    """A configuration as a YAML file, every value in it."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
-
-
-def keys() -> Iterable[str]:
-    """Every dotted key there is."""
-    return (key for key, _ in flatten(Config()))
