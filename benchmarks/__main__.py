@@ -6,12 +6,13 @@ import argparse
 import os
 import platform
 
-from benchmarks import punctuality, simulation_speed, statistics_cost
+from benchmarks import decoder, punctuality, simulation_speed, statistics_cost
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
     "statistics_cost": statistics_cost.main,
     "punctuality": punctuality.main,
+    "decoder": decoder.main,
 }
 
 

@@ -15,7 +15,7 @@ import select
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from math import isfinite
 from typing import Any, NoReturn
@@ -23,17 +23,22 @@ from typing import Any, NoReturn
 from txt1 import __version__
 from txt1.config import Config, LoadedConfig, flatten, load, origin_of
 from txt1.control.limits import Fault
-from txt1.errors import ConfigError, HalError, Txt1Error
+from txt1.errors import CaptureError, ConfigError, HalError, Txt1Error
 from txt1.hal.conformance import BROKEN, verdicts
 from txt1.hal.registry import create, names
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.scheduler import Ticks
 from txt1.kernel.statistics import TaskStatistics
+from txt1.protocol import listing
+from txt1.protocol.decoder import Decoder
+from txt1.protocol.layout import Role
 from txt1.robot import REFRESH, Robot
 from txt1.ui.terminal import Terminal
 
 OK, FAULT, USAGE, DISARMED = 0, 1, 2, 3
 STDOUT = 1
+CHUNK = 1 << 16
+"""Bytes of a capture that are read at a time."""
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 BEAT_MIN = 0.005
 """Shortest time between two heartbeats of the drawing process, s."""
@@ -114,6 +119,13 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("file", metavar="FILE")
     check.set_defaults(command=check_config)
 
+    decode_parser = commands.add_parser("decode", help="print a capture of the line, a line per message and fault")
+    decode_parser.add_argument("file", metavar="FILE", help="the captured bytes; - for standard input")
+    decode_parser.add_argument("--role", choices=("host", "board"), required=True, help="whose receiver read them")
+    decode_parser.add_argument("--hex", action="store_true", help="the file is hexadecimal text")
+    decode_parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    decode_parser.set_defaults(command=decode_capture)
+
     hal_parser = commands.add_parser("hal", help="list or check hardware layers")
     actions = hal_parser.add_subparsers(required=True, metavar="ACTION")
     actions.add_parser("list", help="print the names of those that are installed").set_defaults(command=list_hals)
@@ -184,6 +196,30 @@ def check_config(arguments: argparse.Namespace) -> int:
     """Say whether a file is a valid configuration."""
     load(arguments.file)
     print(f"{arguments.file}: valid")
+    return OK
+
+
+# -- txt1 decode -----------------------------------------------------------------------------------------------
+
+
+def decode_capture(arguments: argparse.Namespace) -> int:
+    """Print a capture of the line as one line per message and fault, and a summary on standard error."""
+    decoder = Decoder(Role.HOST if arguments.role == "host" else Role.BOARD)
+    show = listing.as_json if arguments.json else listing.describe
+    try:
+        with ExitStack() as stack:
+            file = sys.stdin.buffer if arguments.file == "-" else stack.enter_context(open(arguments.file, "rb"))
+            lines = (line.decode("ascii", "replace") for line in file)
+            reads = listing.read_hex(lines) if arguments.hex else iter(lambda: file.read(CHUNK), b"")
+            for offset, event in listing.decode(decoder, reads):
+                print(show(offset, event))
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise ConfigError(f"{arguments.file}: cannot read the capture: {error.strerror}") from None
+    except CaptureError as error:
+        raise ConfigError(f"{arguments.file}: {error}; without --hex the file is read as raw bytes") from None
+    print(listing.summary(decoder), file=sys.stderr)
     return OK
 
 

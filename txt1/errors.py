@@ -5,6 +5,8 @@
     ├── MissingExtra         a feature needs an optional dependency: names the extra to install
     ├── HalError             the hardware layer cannot be opened or has failed
     │   └── NotCapable       this HAL cannot do that: names the HAL and the capability
+    ├── EncodeError          a message does not fit its frame: names message, field, value and range (also a ValueError)
+    ├── CaptureError         the text of a capture is no hexadecimal: names line and column
     ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
     │   └── NotArmed         the safety gate is closed: carries the reason
     ├── TaskFault            a task raised: carries its name, the cause is chained
@@ -49,6 +51,36 @@ class NotCapable(HalError):
         super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'")
         self.hal = hal
         self.capability = capability
+
+
+class EncodeError(Txt1Error, ValueError):
+    """A message cannot be put on the wire; nothing was sent.
+
+    >>> raise EncodeError("Velocity", "v", 40.0, "a number from -32.768 to 32.767")
+    Traceback (most recent call last):
+    txt1.errors.EncodeError: Velocity.v is 40.0, its field on the wire takes a number from -32.768 to 32.767
+    """
+
+    def __init__(self, message: str, field: str, value: object, takes: str) -> None:
+        super().__init__(f"{message}.{field} is {value!r}, its field on the wire takes {takes}")
+        self.message = message
+        self.field = field
+        self.value = value
+        self.takes = takes
+
+
+class CaptureError(Txt1Error):
+    """A capture given as text holds something else than hexadecimal digits.
+
+    >>> raise CaptureError(2, 7, "'G' is no hexadecimal digit")
+    Traceback (most recent call last):
+    txt1.errors.CaptureError: line 2, column 7: 'G' is no hexadecimal digit
+    """
+
+    def __init__(self, line: int, column: int, what: str) -> None:
+        super().__init__(f"line {line}, column {column}: {what}")
+        self.line = line
+        self.column = column
 
 
 class CommandRefused(Txt1Error):

@@ -418,3 +418,33 @@ def test_a_mistake_costs_a_process_no_traceback() -> None:
     with start("run", "--hal", "nonsense", stdout=subprocess.PIPE) as process:
         out, err = process.communicate(timeout=20)
     assert (process.returncode, out, err) == (2, "", "txt1: hal: there is no HAL 'nonsense'; installed: sim\n")
+
+
+# -- txt1 decode -------------------------------------------------------------------------------------------------
+
+VELOCITY = bytes.fromhex("FA FB 04 67 01 F4 02 EE 5B ED")
+
+
+def test_a_capture_is_listed_with_offsets_and_faults(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "capture.bin"
+    file.write_bytes(b"\x00" + VELOCITY + VELOCITY[:-1] + b"\x00")
+    assert execute(["decode", "--role", "board", str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0].split() == ["1", "Velocity", "v=0.5", "omega=0.75"]
+    assert "bad checksum" in out.splitlines()[1]
+    assert err.startswith("21 bytes, 1 Velocity, 1 bad checksum")
+
+
+def test_a_capture_is_listed_as_json_from_hexadecimal_text(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "capture.txt"
+    file.write_text(VELOCITY.hex(" ") + "  # half a metre a second\n")
+    assert execute(["decode", "--role", "board", "--hex", "--json", str(file)]) == 0
+    line = capsys.readouterr().out.strip()
+    assert json.loads(line) == {"offset": 0, "type": "Velocity", "v": 0.5, "omega": 0.75}
+
+
+def test_a_capture_that_cannot_be_read_is_one_line(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "capture.txt"
+    file.write_text("FA FB\n0G\n")
+    assert "line 2, column 2" in complaint(capsys, ["decode", "--role", "host", "--hex", str(file)])
+    assert "missing.bin" in complaint(capsys, ["decode", "--role", "host", "missing.bin"])

@@ -26,7 +26,10 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True)
 class EncoderOdometry:
-    """The board's odometry: x, y in m, theta in rad, v in m/s, omega in rad/s."""
+    """The board's odometry: x, y in m, theta in rad, v in m/s, omega in rad/s.
+
+    Off the wire, theta is what the board sent: original boards count 0 .. 6.283, and whoever uses it wraps it.
+    """
 
     x: float
     y: float
@@ -101,3 +104,6 @@ HostMessage = Velocity | CombinedOdometry | PwmTest | PowerControl | PwmCommand 
 
 BoardMessage = EncoderOdometry | BatteryLevels | PidResponse
 """What a board sends to its host."""
+
+Message = HostMessage | BoardMessage
+"""What goes over the wire, either way."""

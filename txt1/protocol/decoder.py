@@ -1,0 +1,171 @@
+"""Bytes in, messages and faults out; no I/O, no clock (thesis 3.5).
+
+The rule: in any stream, every valid frame whose bytes are intact and that is not inside a longer valid frame is
+delivered. So a false header costs nothing that follows it: after it the search goes on at its next byte but one. Two
+valid frames that overlap, each with bytes of its own, are both delivered, for one of them is what was sent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from txt1.protocol.frame import DATA_MAX, HEADER, ILLEGAL, OLD_COMMANDS, RECEIVABLE
+from txt1.protocol.layout import BadValue, Role
+from txt1.protocol.messages import Message
+
+HEAD: Final = 8
+"""Bytes of a faulty frame that are kept for the reader."""
+
+
+class Reason(Enum):
+    """Why something that began like a frame is no message."""
+
+    BAD_CHECKSUM = "bad checksum"
+    BAD_LENGTH = "bad length"
+    """The command exists, but not with this length; or no frame is that long."""
+    UNKNOWN_COMMAND = "unknown command"
+    """This end of the line does not receive such a command."""
+    OLD_COMMAND = "old command"
+    """An older message, 0x6B with 24 bytes or 0x6D with 16: expected from boards and hosts in the field, ignored."""
+    BAD_VALUE = "bad value"
+    """The frame is intact, but a byte of it stands for nothing, such as switch 7."""
+    EXPIRED = "expired"
+    """The line fell silent in the middle of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that began like a frame at this byte of the stream and is no message."""
+
+    reason: Reason
+    offset: int
+    head: bytes
+    """Its first bytes, at most 8: header, length, command and some data, as far as they were there."""
+
+
+Event = Message | Fault
+
+
+class Decoder:
+    """The frames of a stream, as one end of the line receives them.
+
+    `Decoder(Role.HOST)` understands what boards send, `Decoder(Role.BOARD)` what hosts send. It keeps no more than one
+    unfinished frame, at most 241 bytes, whatever comes in, and takes time proportional to the bytes.
+
+    Attributes:
+        position: bytes fed so far.
+        offsets: where in the stream each event of the last `feed` or `expire` began, one for one.
+        messages: how many of each type of message were delivered.
+        faults: how many there were for each reason.
+        skipped: bytes that are part of no intact frame: noise, damaged frames and foreign ones.
+
+    """
+
+    def __init__(self, role: Role) -> None:
+        self.role = role
+        self.position = 0
+        self.offsets: list[int] = []
+        self.messages = {legal.message: 0 for legal in RECEIVABLE[role].values() if legal.message is not None}
+        self.faults = dict.fromkeys(Reason, 0)
+        self.skipped = 0
+        self._table = RECEIVABLE[role]
+        self._commands = {pair[1] for pair in self._table}
+        self._tail = b""
+        self._wanted = 0  # fewer bytes than this decide nothing
+        self._settled = 0  # the stream up to here is in an intact frame or counted as skipped
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back because they may be the beginning of a frame."""
+        return len(self._tail)
+
+    def feed(self, data: bytes | bytearray | memoryview) -> list[Event]:
+        """The messages and faults that these bytes complete, in the order of the stream."""
+        self.position += len(data)
+        stream = self._tail + data
+        if len(stream) < self._wanted:
+            self._tail = stream
+            self.offsets = []
+            return []
+        return self._scan(stream, final=False)
+
+    def expire(self) -> list[Event]:
+        """What is left after giving up on a half frame, because the line was silent for 50 ms.
+
+        Every beginning of a frame among the bytes held back is a fault EXPIRED, and frames that are whole behind a
+        false header are delivered. Nothing is held back afterwards.
+        """
+        return self._scan(self._tail, final=True)
+
+    def _scan(self, stream: bytes, *, final: bool) -> list[Event]:
+        """The events in the bytes held back and the new ones; the unfinished rest is kept unless this is final."""
+        events: list[Event] = []
+        offsets: list[int] = []
+        table, messages, size = self._table, self.messages, len(stream)
+        base = self.position - size
+        settled = self._settled - base
+        before, *pieces = stream.split(HEADER)  # finds all headers at once; what follows is after that of each piece
+        at = following = len(before)
+        pair = None
+        for piece in pieces:
+            at = following
+            following = at + 2 + len(piece)
+            if piece[:2] != pair:  # most frames are of the same kind as the one before
+                pair = piece[:2]
+                length, unpack, odd, read, message = table.get(pair, ILLEGAL)
+            end = at + length
+            if end > size:
+                if not final:
+                    self._wanted = length
+                    break
+                reason, end = Reason.EXPIRED, size
+            elif message is None:
+                reason = self._why_illegal(stream[at + 2], stream[at + 3])
+            else:
+                words = unpack(stream, at + 3)
+                check = words[-1]
+                last = words[-2] if odd else 0
+                if (sum(words) - check - last ^ last) & 0xFFFF == check:
+                    if end > settled:  # else it is inside a longer one
+                        if at > settled:
+                            self.skipped += at - settled
+                        settled = end
+                        offsets.append(base + at)
+                        try:
+                            events.append(read(stream, at + 4))
+                            messages[message] += 1
+                        except BadValue:
+                            events.append(self._fault(Reason.BAD_VALUE, base + at, stream[at:end]))
+                    continue
+                reason = Reason.BAD_CHECKSUM
+            if at >= settled:  # what only looks like a header inside an intact frame is none
+                events.append(self._fault(reason, base + at, stream[at : min(end, at + HEAD)]))
+                offsets.append(base + at)
+        else:
+            self._wanted = 0
+            at = size
+            if stream.endswith(HEADER[:1]):
+                if not final:
+                    at = size - 1
+                elif size > settled:
+                    events.append(self._fault(Reason.EXPIRED, base + size - 1, HEADER[:1]))
+                    offsets.append(base + size - 1)
+        if at > settled:
+            self.skipped += at - settled
+            settled = at
+        self._settled = base + settled
+        self._tail = stream[at:]
+        self.offsets = offsets
+        return events
+
+    def _why_illegal(self, length: int, command: int) -> Reason:
+        """What is wrong with a length and command that are not in the table."""
+        if (length, command) in OLD_COMMANDS:
+            return Reason.OLD_COMMAND
+        return Reason.BAD_LENGTH if length > DATA_MAX or command in self._commands else Reason.UNKNOWN_COMMAND
+
+    def _fault(self, reason: Reason, offset: int, head: bytes) -> Fault:
+        self.faults[reason] += 1
+        return Fault(reason, offset, head)

@@ -1,0 +1,97 @@
+"""Frames: header, length, command, data, checksum (thesis 3.5).
+
+0xFA 0xFB | length (data bytes, 0 .. 249) | command | data | checksum high | checksum low
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import chain
+from struct import Struct
+from typing import Final, NamedTuple
+
+from txt1.protocol.layout import LAYOUTS, BadValue, Layout, Reader, Role, pack
+from txt1.protocol.messages import Message
+
+__all__ = ["Role", "checksum", "encode"]
+
+HEADER: Final = b"\xfa\xfb"
+DATA_MAX: Final = 249
+OVERHEAD: Final = 6
+"""Bytes of a frame that are not data: header, length, command and checksum."""
+FRAME_MAX: Final = DATA_MAX + OVERHEAD
+
+OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
+"""(length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore."""
+
+
+def checksum(data: bytes) -> int:
+    """The checksum, 0 .. 65535, of a frame's command and data.
+
+    Pairs of bytes, the first one the high one, are added modulo 65536; an odd last byte is XORed into the low byte. It
+    notices any single flipped bit; of frames filled at random one in 65536 passes, and so does one in which two flips
+    cancel out (the same bit of two pairs, once up and once down) or two pairs changed places.
+    """
+    total = sum(data[0:-1:2]) * 256 + sum(data[1::2])
+    return (total ^ data[-1] if len(data) % 2 else total) & 0xFFFF
+
+
+def encode(message: Message) -> bytes:
+    """The frame of a message, values rounded to the nearest count of the wire, ties to the even one.
+
+    Raises:
+        EncodeError: a value is not finite or does not fit its field; it names message, field, value and range.
+        TypeError: this is no message.
+
+    """
+    layout = _LAYOUT_OF.get(type(message))
+    if layout is None:
+        raise TypeError(f"{message!r} is no message of the protocol")
+    data = pack(layout, message)
+    body = bytes((layout.command,)) + data
+    return HEADER + bytes((len(data),)) + body + checksum(body).to_bytes(2, "big")
+
+
+class Receivable(NamedTuple):
+    """How to check and read a frame of one (length, command) pair."""
+
+    size: int
+    """Bytes of the whole frame."""
+    words: Callable[[bytes, int], tuple[int, ...]]
+    """From the command on: the pairs of command and data, the odd last byte if there is one, and the checksum."""
+    odd: bool
+    """Whether there is an odd last byte, for the XOR."""
+    read: Reader
+    message: type[Message] | None
+
+
+def _receivable(layout: Layout, count: int) -> Receivable:
+    data = layout.struct(count)
+    pairs, odd = divmod(1 + data.size, 2)
+    words = Struct(f">{pairs}H{'B' * odd}H").unpack_from
+    return Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
+
+
+def _nothing(_buffer: bytes, _at: int) -> Message:
+    raise BadValue("this is no frame")
+
+
+def _table(role: Role) -> dict[bytes, Receivable]:
+    return {
+        bytes((layout.struct(count).size, layout.command)): _receivable(layout, count)
+        for layout in LAYOUTS
+        if layout.receiver is role
+        for count in layout.counts
+    }
+
+
+_LAYOUT_OF: Final = {layout.message: layout for layout in LAYOUTS}
+
+RECEIVABLE: Final[Mapping[Role, Mapping[bytes, Receivable]]] = {role: _table(role) for role in Role}
+"""Per receiver: its legal frames by their bytes of length and command. Anything else is no frame."""
+
+ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, _nothing, None)
+"""What every other pair is: no frame, and its four bytes tell."""
+
+LONGEST: Final = max(each.size for each in chain.from_iterable(table.values() for table in RECEIVABLE.values()))
+"""Bytes of the longest legal frame: a PID set with 14 angular sets."""

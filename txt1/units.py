@@ -1,0 +1,34 @@
+"""Wire integers and SI values (thesis 3.5).
+
+The wire counts mm, mm/s, mrad, mrad/s and mV, and carries the gains times 1000: always thousandths of the SI value.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Final
+
+PER_UNIT: Final = 1000
+"""Wire counts per m, m/s, rad, rad/s, V, or 1 of a gain."""
+
+
+def to_thousandths(value: float) -> int:
+    """The whole number of thousandths nearest to `value`, m -> mm and so on; exactly between two, the even one.
+
+    Exact: a binary fraction times 1000 in floating point can land on a tie that it is not on (0.0005 is a little more
+    than half a thousandth), so the arithmetic is done in integers.
+
+    Raises:
+        ValueError: the value is not finite.
+
+    """
+    if not isfinite(value):
+        raise ValueError(f"{value} is not finite")
+    numerator, denominator = value.as_integer_ratio()
+    below, rest = divmod(numerator * PER_UNIT, denominator)
+    return below + (2 * rest > denominator or (2 * rest == denominator and below % 2 == 1))
+
+
+def from_thousandths(count: int) -> float:
+    """The float nearest to `count` thousandths, mm -> m and so on: 1127 gives just what is written 1.127."""
+    return count / PER_UNIT
