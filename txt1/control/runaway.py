@@ -53,10 +53,13 @@ class RunawayWatch:
 
         """
         strange = abs(v) > self._v_max or (v_combined is not None and abs(v_combined - v) > DISAGREEMENT)
-        if right * left > 0 and not strange:  # both turn the same way
-            if not self._calm:
-                self.clear()
-            return None
+        if not strange:
+            if right * left > 0:  # both turn the same way
+                if not self._calm:
+                    self.clear()
+                return None
+            if self._calm and right == left == 0 and abs(motor) <= self._motor_min:  # at rest
+                return None
         self._calm = False
         self._fast = self._fast + dt if abs(v) > self._v_max else 0.0
         if self._fast >= PERSISTS:

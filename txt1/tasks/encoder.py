@@ -34,10 +34,12 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
         if last_counts is not None:
             right, left = counts[0] - last_counts[0], counts[1] - last_counts[1]
             dt = now - last_time  # measured: a late tick reads the same speed
-            v, omega = body_velocity(
-                wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
-            )
-            odometry = advance(odometry, v, omega, dt)
-            state.encoders = Encoders(right, left) if right or left else STILL
-            state.odometry, state.odometry_time = odometry, now
+            if right or left or state.encoders is not STILL:
+                v, omega = body_velocity(
+                    wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
+                )
+                odometry = advance(odometry, v, omega, dt)
+                state.encoders = Encoders(right, left) if right or left else STILL
+                state.odometry = odometry
+            state.odometry_time = now
         last_counts, last_time = counts, now
