@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
 from typing import Final, Literal, Protocol, Self
 
@@ -29,6 +31,9 @@ TTY_OUT: Final = 1
 
 PATIENCE: Final = 1.0
 """s that the drawing process gets to end by itself, in real time."""
+
+NICENESS: Final = 10
+"""Of the drawing process: on a processor they share, the robot's process is woken at once, not when a slice ends."""
 
 BACKLOG: Final = 0.5
 """s of heartbeats: keys older than that, found after this process was held up, no longer drive or arm."""
@@ -241,7 +246,10 @@ def _start_drawing(fd: int, beat: float) -> subprocess.Popen[bytes]:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         command = [sys.executable, "-m", "txt1.ui.drawing", "--fd", str(fd), "--interval", str(beat)]
-        return subprocess.Popen(command, pass_fds=(fd,))  # noqa: S603 - our own module
+        child = subprocess.Popen(command, pass_fds=(fd,))  # noqa: S603 - our own module
+        with suppress(OSError):  # it has ended already
+            os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
+        return child
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
