@@ -42,7 +42,7 @@ CHUNK = 1 << 16
 SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 BEAT_MIN = 0.005
 """Shortest time between two heartbeats of the drawing process, s."""
-DISARMING = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.BATTERY)
+DISARMING = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
 
 
 def main() -> NoReturn:

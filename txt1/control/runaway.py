@@ -52,8 +52,9 @@ class RunawayWatch:
             dt: s.
 
         """
-        strange = abs(v) > self._v_max or (v_combined is not None and abs(v_combined - v) > DISAGREEMENT)
-        if not strange:
+        fast = abs(v) > self._v_max
+        apart = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
+        if not (fast or apart):
             if right * left > 0:  # both turn the same way
                 if not self._calm:
                     self.clear()
@@ -61,11 +62,10 @@ class RunawayWatch:
             if self._calm and right == left == 0 and abs(motor) <= self._motor_min:  # at rest
                 return None
         self._calm = False
-        self._fast = self._fast + dt if abs(v) > self._v_max else 0.0
+        self._fast = self._fast + dt if fast else 0.0
         if self._fast >= PERSISTS:
             return f"{abs(v):.1f} m/s is faster than was ever asked for"
-        disagree = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
-        self._apart = self._apart + dt if disagree else 0.0
+        self._apart = self._apart + dt if apart else 0.0
         if self._apart >= self._silence:
             return f"combined odometry says {v_combined:.1f} m/s, the encoders {v:.1f} m/s"
         against = right * left < 0 and min(abs(right), abs(left)) > NOISE_COUNTS

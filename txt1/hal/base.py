@@ -1,6 +1,6 @@
 """The interface between the tasks and whatever is underneath them.
 
-A HAL is four methods and a statement of what it can do. The tasks ask for the capability, never for the name.
+A HAL is a handful of methods and a statement of what it can do. The tasks ask for the capability, never for the name.
 `txt1.hal.conformance` checks any HAL against what is promised here.
 """
 

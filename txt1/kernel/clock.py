@@ -7,18 +7,12 @@ origin of its own; only differences mean something.
 from __future__ import annotations
 
 import time
-from datetime import UTC, datetime
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
 
 stopwatch_ns = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
-
-
-def wall_time() -> datetime:
-    """The calendar date and time (UTC), for labels on what a run leaves behind; never for control."""
-    return datetime.now(UTC)
 
 
 def seconds(ns: int) -> float:
