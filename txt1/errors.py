@@ -4,9 +4,13 @@
     ├── ConfigError          a setting is wrong: names the field, the value and the remedy (exit code 2)
     ├── MissingExtra         a feature needs an optional dependency: names the extra to install
     ├── HalError             the hardware layer cannot be opened or has failed
+    │   ├── LinkLost         bytes were given to a link that is down: carries the reason
     │   └── NotCapable       this HAL cannot do that: names the HAL and the capability
     ├── EncodeError          a message does not fit its frame: names message, field, value and range (also a ValueError)
     ├── CaptureError         the text of a capture is no hexadecimal: names line and column
+    ├── LightFault           a light sensor cannot be believed: names the sensor and what it does
+    │   └── NoDirection      the four light sensors read the same: they tell nothing about where the light is
+    ├── QTableError          a file is no sound Q-table: names the file, the problem and the remedy
     ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
     │   └── NotArmed         the safety gate is closed: carries the reason
     ├── TaskFault            a task raised: carries its name, the cause is chained
@@ -37,6 +41,19 @@ class MissingExtra(Txt1Error):
 
 class HalError(Txt1Error):
     """The hardware layer cannot be found, opened or used."""
+
+
+class LinkLost(HalError):
+    """Bytes were given to a link that is down; nothing was sent. `reason` is a sentence that names the link.
+
+    >>> raise LinkLost("/dev/ttyUSB0 was unplugged")
+    Traceback (most recent call last):
+    txt1.errors.LinkLost: nothing was sent: /dev/ttyUSB0 was unplugged
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"nothing was sent: {reason}")
+        self.reason = reason
 
 
 class NotCapable(HalError):
@@ -81,6 +98,50 @@ class CaptureError(Txt1Error):
         super().__init__(f"line {line}, column {column}: {what}")
         self.line = line
         self.column = column
+
+
+class LightFault(Txt1Error):
+    """A light sensor cannot be believed, so there is no direction to go by.
+
+    >>> raise LightFault("FR", "reads nan, which is no reading")
+    Traceback (most recent call last):
+    txt1.errors.LightFault: light sensor FR reads nan, which is no reading
+    """
+
+    def __init__(self, sensor: str, what: str) -> None:
+        super().__init__(f"light sensor {sensor} {what}")
+        self.sensor = sensor
+        self.what = what
+
+
+class NoDirection(LightFault):
+    """The four sensors read the same: no light, or one too far away, and nothing says where.
+
+    >>> raise NoDirection(1.0)
+    Traceback (most recent call last):
+    txt1.errors.NoDirection: light sensors FL, FR, RL and RR all read 1 lux: they tell no direction
+    """
+
+    def __init__(self, reading: float) -> None:
+        Txt1Error.__init__(self, f"light sensors FL, FR, RL and RR all read {reading:g} lux: they tell no direction")
+        self.sensor = "all"
+        self.what = "tell no direction"
+        self.reading = reading
+
+
+class QTableError(Txt1Error):
+    """A Q-table cannot be read from or written to a file.
+
+    >>> raise QTableError("out/qtable.json", "it ends in the middle", "take a copy or learn it again")
+    Traceback (most recent call last):
+    txt1.errors.QTableError: out/qtable.json: it ends in the middle; take a copy or learn it again
+    """
+
+    def __init__(self, file: str, problem: str, remedy: str) -> None:
+        super().__init__(f"{file}: {problem}; {remedy}")
+        self.file = file
+        self.problem = problem
+        self.remedy = remedy
 
 
 class CommandRefused(Txt1Error):

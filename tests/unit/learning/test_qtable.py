@@ -1,0 +1,224 @@
+"""The Q-table, its update and its file."""
+
+from __future__ import annotations
+
+import json
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.errors import QTableError
+from txt1.learning.light import SECTORS
+from txt1.learning.policy import greedy_action
+from txt1.learning.qtable import ACTIONS, STATES, TABLE_5_3, StoredTable, initial, load, save, update
+
+# -- table and update --------------------------------------------------------------------------------------------
+
+
+def test_a_new_table_is_uniform_between_minus_and_plus_a_tenth() -> None:
+    q = initial(np.random.default_rng(1))
+    assert q.shape == (8, 3)
+    assert np.array_equal(q, initial(np.random.default_rng(1)))
+    many = initial(np.random.default_rng(1), 10_000)
+    assert -0.1 <= many.min() < -0.0999
+    assert 0.0999 < many.max() <= 0.1
+    assert many.std() == pytest.approx(0.1 / 3**0.5, rel=0.01)
+
+
+def test_the_update_is_5_1() -> None:
+    q = np.zeros((8, 3))
+    q[2, 1], q[3] = 0.4, (0.1, 0.8, -0.2)
+    # by hand: 1 + 0.5 * 0.8 - 0.4 = 1.0, three tenths of it
+    assert update(q, 2, 1, 1.0, 3) == pytest.approx(1.0)
+    assert q[2, 1] == pytest.approx(0.7)
+    assert np.count_nonzero(q) == 4, "nothing else changes"
+    assert update(q, 2, 1, -1.0, 2, alpha=1.0, gamma=0.0) == pytest.approx(-1.7)
+    assert q[2, 1] == -1.0
+
+
+@given(st.integers(0, 7), st.integers(0, 2), st.integers(-1, 1), st.integers(0, 7), st.floats(0, 1), st.floats(0, 0.99))
+def test_an_update_moves_towards_the_discounted_reward(s: int, a: int, r: int, s2: int, alpha: float, g: float) -> None:
+    q = initial(np.random.default_rng(5))
+    before, target = q[s, a], r + g * q[s2].max()
+    update(q, s, a, r, s2, alpha, g)
+    assert q[s, a] == pytest.approx((1 - alpha) * before + alpha * target, abs=1e-12)
+
+
+@pytest.mark.parametrize("bad", [(8, 0, 0), (-1, 0, 0), (0, 3, 0), (0, -1, 0), (0, 0, 8), (0, 0, -1)])
+def test_states_and_actions_outside_the_table_are_refused(bad: tuple[int, int, int]) -> None:
+    q = initial(np.random.default_rng(1))
+    s, a, s_next = bad
+    with pytest.raises(IndexError, match="8 states, 3 actions"):
+        update(q, s, a, 0.0, s_next)
+
+
+@pytest.mark.parametrize("reward", [nan, inf])
+def test_a_reward_that_is_none_leaves_the_table_as_it_was(reward: float) -> None:
+    q = initial(np.random.default_rng(1))
+    before = q.copy()
+    with pytest.raises(ValueError, match="would become"):
+        update(q, 1, 1, reward, 2)
+    assert np.array_equal(q, before)
+
+
+def test_table_5_3_turns_to_where_the_light_is() -> None:
+    rng = np.random.default_rng(1)
+    turns = [ACTIONS[greedy_action(np.array(row), rng)] for row in TABLE_5_3]
+    assert turns == ["right", "right", "right", "right", "straight", "left", "left", "left"]
+    assert np.shape(TABLE_5_3) == (STATES, len(ACTIONS)) == (len(SECTORS), 3)
+
+
+# -- the file ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "qtable.json"
+    save(
+        path, StoredTable(np.array(TABLE_5_3), {"agent": "thesis", "seed": 1, "repetitions": 31, "grüße": [1.5, None]})
+    )
+    return path
+
+
+def test_what_was_saved_is_loaded_to_the_last_bit(tmp_path: Path, file: Path) -> None:
+    stored = load(file, 8, 3)
+    assert np.array_equal(stored.values, np.array(TABLE_5_3))
+    assert stored.about == {"agent": "thesis", "seed": 1, "repetitions": 31, "grüße": [1.5, None]}
+    values = np.random.default_rng(1).normal(size=(24, 5)) * 10.0 ** np.arange(-2, 3)
+    save(tmp_path / "other.json", StoredTable(values))
+    assert np.array_equal(load(tmp_path / "other.json").values, values)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["other.json", "qtable.json"], "no leftovers"
+
+
+def test_saving_again_replaces_the_file(file: Path) -> None:
+    save(file, StoredTable(np.zeros((2, 2))))
+    assert load(file).values.shape == (2, 2)
+
+
+def test_white_space_is_no_alteration(file: Path) -> None:
+    file.write_text(json.dumps(json.loads(file.read_text())))
+    load(file, 8, 3)
+
+
+def refused(path: Path, problem: str, states: int | None = 8, actions: int | None = 3) -> None:
+    """Loading fails and says which file, what is wrong and what to do."""
+    with pytest.raises(QTableError, match=problem) as caught:
+        load(path, states, actions)
+    assert str(caught.value).startswith(str(path))
+    assert caught.value.problem
+    assert caught.value.remedy
+    assert caught.value.remedy in str(caught.value)
+
+
+def alter(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(("old", "new"), [("0.9494", "0.9495"), ("0.9494", "-0.9494"), ('"seed": 1', '"seed": 2')])
+def test_an_altered_table_is_refused(file: Path, old: str, new: str) -> None:
+    alter(file, old, new)
+    refused(file, "was altered")
+
+
+def test_a_table_without_its_checksum_is_refused(file: Path) -> None:
+    content = json.loads(file.read_text())
+    del content["sha256"]
+    file.write_text(json.dumps(content))
+    refused(file, "was altered")
+
+
+def test_a_table_truncated_anywhere_is_refused(file: Path) -> None:
+    text = file.read_text()
+    for length in range(0, len(text.rstrip()), 5):
+        file.write_text(text[:length])
+        refused(file, "ends in the middle|is empty|is no JSON" if length else "is empty")
+    file.write_text(text[:200])
+    refused(file, "ends in the middle")
+
+
+@pytest.mark.parametrize(
+    "value", ["NaN", "Infinity", "-Infinity", "1e999", '"0.9"', "null", "true", "[]", "1" + "0" * 400]
+)
+def test_a_value_that_is_no_finite_number_is_refused(file: Path, value: str) -> None:
+    alter(file, "0.9494", value)
+    refused(file, "value NaN|value -?Infinity|no finite number for state 0, action 0")
+
+
+@pytest.mark.parametrize(
+    ("shape", "problem"),
+    [((8, 2), "has 2 actions where 3"), ((7, 3), "has 7 states where 8"), ((16, 3), "has 16 states")],
+)
+def test_a_table_of_the_wrong_shape_is_refused(tmp_path: Path, shape: tuple[int, int], problem: str) -> None:
+    path = tmp_path / "qtable.json"
+    save(path, StoredTable(np.zeros(shape)))
+    refused(path, problem)
+    assert load(path).values.shape == shape
+
+
+@pytest.mark.parametrize("values", [None, [], [[]], [[1.0, 2.0], 3.0], "table", [1.0, 2.0]])
+def test_values_that_are_no_table_are_refused(file: Path, values: object) -> None:
+    content = json.loads(file.read_text())
+    content["values"] = values
+    file.write_text(json.dumps(content))
+    refused(file, "has no rows of values")
+
+
+def test_rows_of_different_length_are_refused(file: Path) -> None:
+    content = json.loads(file.read_text())
+    content["values"][3].pop()
+    file.write_text(json.dumps(content))
+    refused(file, "has 2 actions in state 3 and 3 in state 0")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[1, 2]", "no Q-table"),
+        ("{}", "no Q-table"),
+        ('"qtable"', "no Q-table"),
+        ("state;action\n1;2\n", "is no JSON"),
+        ("[" * 100_000, "holds what no Q-table does|ends in the middle"),
+        ("", "is empty"),
+        ("\n \n", "is empty"),
+    ],
+)
+def test_files_of_something_else_are_refused(tmp_path: Path, text: str, problem: str) -> None:
+    path = tmp_path / "qtable.json"
+    path.write_text(text)
+    refused(path, problem)
+
+
+@pytest.mark.parametrize("version", [0, 2, "1", None])
+def test_another_version_is_refused(file: Path, version: object) -> None:
+    content = json.loads(file.read_text())
+    content["version"] = version
+    file.write_text(json.dumps(content))
+    refused(file, "this program reads 1")
+
+
+def test_binary_missing_files_and_directories_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "q.pickle").write_bytes(b"\x80\x04\x95\xff\x00")
+    refused(tmp_path / "q.pickle", "is no text")
+    refused(tmp_path / "nowhere.json", "cannot be read: No such file")
+    refused(tmp_path, "cannot be read")
+
+
+def test_a_file_that_cannot_be_written_says_so_and_an_old_one_survives(tmp_path: Path, file: Path) -> None:
+    with pytest.raises(QTableError, match=r"nowhere/qtable.json: cannot be written: No such file"):
+        save(tmp_path / "nowhere" / "qtable.json", StoredTable(np.zeros((8, 3))))
+    old = file.read_bytes()
+    for values, about in (
+        (np.full((8, 3), nan), {}),
+        (np.zeros(8), {}),
+        (np.zeros((8, 3)), {"x": nan}),
+        (np.zeros((8, 3)), {"x": {1}}),
+    ):
+        with pytest.raises(ValueError, match=r"Q-table|JSON|float"):
+            save(file, StoredTable(values, about))
+    assert file.read_bytes() == old

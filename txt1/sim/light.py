@@ -1,0 +1,212 @@
+"""A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: one call, one sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from functools import cache
+from math import cos, erf, exp, pi, sin, sqrt, tan
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
+
+NEAREST: Final = 0.03**2
+"""Square of the lamp's radius, m^2: nearer than this it gets no brighter."""
+
+
+class PointLight(NamedTuple):
+    """A light that shines alike in all directions, at the height of the sensors.
+
+    The default is the thesis's 100 W lamp: 1700 lm over the whole sphere are 135 lux at 1 m. So the sensors' three
+    decades reach from 0.37 m, which is the last decimetre before the goal circle, to 11.6 m, which is farther than
+    any corner of the walls at +-8 m: inside them no healthy sensor falls silent.
+
+    Attributes:
+        x: m, in the room.
+        y: m, in the room.
+        intensity: lux at a distance of 1 m.
+        exponent: the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9).
+
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    intensity: float = 135.0
+    exponent: float = 2.0
+
+
+class Limits(NamedTuple):
+    """The readings a sensor can give, lux: what lies outside reads as the nearer end."""
+
+    low: float = LUX_MIN
+    high: float = LUX_MAX
+
+
+class Fault(StrEnum):
+    """What is wrong with a sensor."""
+
+    NONE = "none"
+    DEAD = "dead"  # its wire is off: it reads 0
+    NAN = "nan"  # its driver gives no number
+    FROZEN = "frozen"  # it repeats the reading it had
+
+
+SENSOR_LIMITS: Final = Limits()
+"""1 to 1000 lux (thesis 5.3)."""
+
+SOUND: Final = (Fault.NONE, Fault.NONE, Fault.NONE, Fault.NONE)
+"""Four sensors in order."""
+
+
+def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
+    """Light on each of the four sensors, lux, without noise or limits, for a vehicle at (x, y, theta); m and rad."""
+    c, s = cos(theta), sin(theta)
+    # the light in the vehicle's frame
+    ahead = c * (light.x - x) + s * (light.y - y)
+    left = c * (light.y - y) - s * (light.x - x)
+    front, rear = (ahead - SENSOR_X) ** 2, (ahead + SENSOR_X) ** 2
+    port, starboard = (left - SENSOR_Y) ** 2, (left + SENSOR_Y) ** 2
+    # I = I(1 m) / d^n, from the squares of the distances
+    fl, fr, rl, rr = front + port, front + starboard, rear + port, rear + starboard
+    if fl < NEAREST or fr < NEAREST or rl < NEAREST or rr < NEAREST:
+        fl, fr, rl, rr = max(fl, NEAREST), max(fr, NEAREST), max(rl, NEAREST), max(rr, NEAREST)
+    intensity, half = light.intensity, 0.5 * light.exponent
+    return Readings(intensity / fl**half, intensity / fr**half, intensity / rl**half, intensity / rr**half)
+
+
+@cache
+def noise_for_jitter(
+    jitter: float = pi / 4.0, share: float = 0.95, distance: float = 1.25, exponent: float = 2.0
+) -> float:
+    """Standard deviation sigma of a reading's noise, as a share of it, for a direction that jitters so much.
+
+    The thesis saw the unfiltered direction oscillate by +-45 degrees (5.5.2). Here that is an interval which holds
+    `share` of the samples when the robot faces the light at the distance where repetitions begin.
+
+    By symmetry both front sensors then see the light F and both rear ones B. With readings I_i = (1 + sigma z_i) times
+    these, z_i standard normal, the summed components X = a (FL + FR - RL - RR) and Y = b (FL + RL - FR - RR), where
+    a and b are the sensors' offsets, are normal too:
+
+        E X = 2 a (F - B)      sd X = a sigma sqrt(2 F^2 + 2 B^2)
+        E Y = 0                sd Y = b sigma sqrt(2 F^2 + 2 B^2)
+
+    and independent: their covariance a b sigma^2 (F^2 - F^2 - B^2 + B^2) is 0. The direction atan2(Y, X) is within
+    +-jitter when abs(Y) <= X tan(jitter), so
+
+        share = integral over X > 0 of  phi((X - E X) / sd X) / sd X  erf(X tan(jitter) / (sqrt(2) sd Y))  dX
+
+    which falls as sigma grows; bisection finds sigma: 0.302 for the default. Only the ratio of F to B enters, not the
+    light's intensity. The simple estimate 1.96 sd Y = E X would give twice the value: it forgets that X is noisier
+    than Y. At 0.302 hardly a reading would fall below 0, where a sensor's range ends; with the 0.484 for exponent 4
+    one in fifty would, which leaves 96 % of the directions inside.
+
+    Args:
+        jitter: half the interval, rad, below pi/2.
+        share: of the samples inside it.
+        distance: of the light from the robot's centre, m.
+        exponent: of the light's fall.
+
+    Raises:
+        ValueError: no noise makes it jitter so.
+
+    """
+    facing = illuminances(-distance, 0.0, 0.0, PointLight(exponent=exponent))
+    front, rear = facing.front_left, facing.rear_left
+    mean = 2.0 * SENSOR_X * (front - rear)
+    per_sigma = sqrt(2.0 * front * front + 2.0 * rear * rear)
+    if not (0.0 < jitter < pi / 2.0 and mean > 0.0):
+        raise ValueError(f"no jitter of +-{jitter:g} rad can be had with the light {distance:g} m ahead")
+
+    def inside(sigma: float) -> float:
+        sd_x, sd_y = SENSOR_X * sigma * per_sigma, SENSOR_Y * sigma * per_sigma
+        lowest, highest = max(0.0, mean - 8.0 * sd_x), mean + 8.0 * sd_x
+        step = (highest - lowest) / 400
+        total = 0.0
+        for k in range(400):  # midpoint rule
+            x = lowest + (k + 0.5) * step
+            density = exp(-0.5 * ((x - mean) / sd_x) ** 2) / (sd_x * sqrt(2.0 * pi))
+            total += density * erf(x * tan(jitter) / (sqrt(2.0) * sd_y))
+        return total * step
+
+    low, high = 1e-6, 10.0
+    if not inside(high) < share < inside(low):
+        raise ValueError(f"no noise keeps {share:.2%} of the directions within +-{jitter:g} rad")
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        if inside(middle) > share:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+class LightSensors:
+    """The four sensors of a vehicle: `read` once every `txt1.model.light.SAMPLE_PERIOD`.
+
+    Args:
+        light: what there is to see.
+        noise: standard deviation of each reading's Gaussian noise, as a share of the reading, drawn anew for each
+            sensor and sample; 0 switches it off. `noise_for_jitter()` is the thesis's.
+        rng: repeats every random value from its seed.
+        limits: of a reading.
+
+    """
+
+    def __init__(
+        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Limits = SENSOR_LIMITS
+    ) -> None:
+        self.light = light
+        self.noise = noise
+        self.limits = limits
+        self._rng = rng
+        self._draws: list[float] = []
+        self._faults: tuple[Fault, ...] = SOUND
+        self._last: Readings | None = None
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What is broken, sensor by sensor, in the order FL FR RL RR."""
+        return self._faults
+
+    @faults.setter
+    def faults(self, faults: Sequence[Fault]) -> None:
+        if len(faults) != len(SENSORS):
+            raise ValueError(f"one fault for each of {', '.join(SENSORS)} is needed, not {len(faults)}")
+        self._faults = tuple(Fault(fault) for fault in faults)
+
+    def read(self, x: float, y: float, theta: float) -> Readings:
+        """The next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
+        low, high = self.limits
+        fl, fr, rl, rr = illuminances(x, y, theta, self.light)
+        noise = self.noise
+        if noise:
+            draws = self._draws
+            if not draws:
+                draws = self._draws = self._rng.standard_normal(64 * len(SENSORS)).tolist()
+            fl *= 1.0 + noise * draws.pop()
+            fr *= 1.0 + noise * draws.pop()
+            rl *= 1.0 + noise * draws.pop()
+            rr *= 1.0 + noise * draws.pop()
+        readings = Readings(
+            low if fl < low else high if fl > high else fl,
+            low if fr < low else high if fr > high else fr,
+            low if rl < low else high if rl > high else rl,
+            low if rr < low else high if rr > high else rr,
+        )
+        if self._faults is not SOUND:
+            readings = self._break(readings)
+        self._last = readings
+        return readings
+
+    def _break(self, readings: Readings) -> Readings:
+        """The readings as the faults leave them."""
+        last = self._last or readings
+        broken = {Fault.DEAD: 0.0, Fault.NAN: float("nan")}
+        return Readings(
+            *(
+                before if fault is Fault.FROZEN else broken.get(fault, now)
+                for now, before, fault in zip(readings, last, self._faults, strict=True)
+            )
+        )
