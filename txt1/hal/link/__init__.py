@@ -1,0 +1,30 @@
+"""Byte links: a serial device, a TCP connection, a pseudo-terminal or a pair in memory, all with the same two faces.
+
+A `Link` is what one writes to; an `End` is who uses it and is told what happens. `open_link` is the host's way to a
+board, `listen_pty` and `listen_tcp` are the virtual board's way to its hosts, `connect` joins two ends in memory.
+`paced` and `faulty` put a baud rate and a bad line between an end and any of these, and they can be nested:
+`listen_pty(path, paced(faulty(board, faults, seed), 57600))`.
+"""
+
+from txt1.hal.link.base import BACKLOG, End, Link, Listener
+from txt1.hal.link.memory import connect
+from txt1.hal.link.opening import STANDARD_BAUDS, baud_warning, open_link
+from txt1.hal.link.pty import listen_pty
+from txt1.hal.link.tcp import SILENT, listen_tcp
+from txt1.hal.link.through import faulty, paced
+
+__all__ = [
+    "BACKLOG",
+    "SILENT",
+    "STANDARD_BAUDS",
+    "End",
+    "Link",
+    "Listener",
+    "baud_warning",
+    "connect",
+    "faulty",
+    "listen_pty",
+    "listen_tcp",
+    "open_link",
+    "paced",
+]

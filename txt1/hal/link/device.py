@@ -1,0 +1,165 @@
+"""A serial device, over pyserial-asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import stat
+import termios
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from serial import Serial, SerialException
+from serial_asyncio import SerialTransport
+
+from txt1.errors import HalError
+from txt1.hal.link.base import End, Link
+from txt1.hal.link.stream import StreamLink
+from txt1.hal.ports import access_problem, candidates
+
+
+class _Device(Serial):
+    """A serial port whose `read` and `write` never wait.
+
+    They are called when the kernel says the device is ready. pyserial's own would look once more, through select(),
+    which knows no descriptor beyond 1023; and its `write` spins for as long as the device takes nothing.
+    """
+
+    def read(self, size: int = 1, /) -> bytes:
+        assert self.fd is not None
+        try:
+            data = os.read(self.fd, size)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise SerialException(error.errno, str(error)) from error
+        if not data:
+            raise SerialException(errno.EIO, "nothing to read from a device that is ready: it is gone")
+        return data
+
+    def write(self, data: Any, /) -> int:
+        assert self.fd is not None
+        try:
+            return os.write(self.fd, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise SerialException(error.errno, str(error)) from error
+
+
+class _DeviceTransport(SerialTransport):  # type: ignore[misc]
+    """pyserial-asyncio's transport, except that it lets go at once and in silence.
+
+    Its own `close` waits until everything is sent, and even `abort` ends in tcdrain, which blocks the whole program
+    for as long as the device takes no bytes. And a write to an unplugged device is reported as a bug of the program.
+    """
+
+    _closing: bool
+
+    def _abort(self, exc: Exception | None) -> None:
+        if self._closing:
+            return
+        self._closing = True
+        self._remove_reader()
+        self._remove_writer()
+        with suppress(termios.error, OSError):  # unplugged
+            self._serial.reset_output_buffer()  # closing a UART would wait for it up to 30 s
+        self._serial.close()  # now, so that the port can be opened again at once
+        self._loop.call_soon(self._protocol.connection_lost, exc)
+
+    def _close(self, exc: Exception | None = None) -> None:
+        self._abort(exc)
+
+    def _fatal_error(self, exc: Exception, message: str = "") -> None:
+        self._abort(exc)
+
+
+async def open_device(address: str, end: End, baud: int) -> Link:
+    """The link to a serial device, 8N1 and ours alone; `end` is connected.
+
+    Raises:
+        HalError: it cannot be opened; the message says what to do.
+
+    """
+    loop = asyncio.get_running_loop()
+    opening = loop.run_in_executor(None, _open_port, address, baud)
+    try:
+        device, explain = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_close_port)  # the thread cannot be stopped; nobody wants what it will open
+        raise
+    link = StreamLink(address, end, explain)
+    transport = _DeviceTransport(loop, link, device)
+    try:
+        await asyncio.sleep(0)  # the transport has asked the loop to connect us next
+    except asyncio.CancelledError:
+        link.shut()
+        transport.abort()
+        raise
+    return link
+
+
+_Opened = tuple[_Device, Callable[[str, Exception | None], str]]
+
+
+def _open_port(address: str, baud: int) -> _Opened:
+    """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack.
+
+    Raises:
+        HalError: it cannot be opened.
+
+    """
+    if baud <= 0:  # the kernel takes 0 for "hang up"
+        raise HalError(_bad_rate(address, baud))
+    try:
+        if not stat.S_ISCHR(os.stat(address).st_mode):
+            raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
+        device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
+    except (ValueError, OverflowError) as error:
+        raise HalError(_bad_rate(address, baud)) from error
+    except OSError as error:  # SerialException is one
+        raise HalError(_why_not_open(address, error)) from error
+    if os.path.realpath(address).startswith("/dev/pts/"):
+        return device, _program_gone
+    return device, _unplugged
+
+
+def _close_port(opening: asyncio.Future[_Opened]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result()[0].close()
+
+
+def _bad_rate(address: str, baud: int) -> str:
+    return f"{address} does not work at {baud} baud: the board's rate is 57600"
+
+
+def _why_not_open(address: str, error: OSError) -> str:
+    """What is wrong with a device that cannot be opened, and what to do."""
+    match error.errno:
+        case errno.ENOENT | errno.ENOTDIR | errno.ELOOP:
+            if address.startswith("/dev/") and not address.startswith("/dev/pts/"):
+                return f"{address} does not exist: is the adapter plugged in? {_found()}"
+            return f"{address} does not exist: is `txt1 board --pty {address}` running? {_found()}"
+        case errno.EACCES | errno.EPERM:
+            return access_problem(address) or f"no permission to use {address}: {error.strerror}"
+        case errno.EBUSY | errno.EAGAIN:
+            return f"{address} is busy: another program has it open; close that one first"
+        case errno.ENXIO | errno.ENODEV | errno.EIO:
+            return f"{address} has no hardware behind it: {_found()}"
+    return f"{address} is no serial port: {_found()}"
+
+
+def _found() -> str:
+    """The ports there are, as the end of a sentence."""
+    ports = candidates()
+    return f"ports found: {', '.join(map(str, ports))}" if ports else "no serial port was found"
+
+
+def _unplugged(address: str, _: Exception | None) -> str:
+    return f"{address} was unplugged"
+
+
+def _program_gone(address: str, _: Exception | None) -> str:
+    return f"{address} is gone: the program behind it has ended or closed it"

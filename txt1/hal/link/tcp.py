@@ -1,0 +1,217 @@
+"""A byte link over TCP: to a board elsewhere, or as the board that one host at a time connects to."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from txt1.errors import HalError
+from txt1.hal.link.base import BACKLOG, End, Link, Listener
+from txt1.hal.link.stream import StreamLink
+
+SILENT: Final = 1.0
+"""A TCP host that has sent nothing for so many seconds makes room for another one."""
+
+VANISHED_MS: Final = 3000
+"""A TCP peer that has not acknowledged a byte for so many milliseconds is gone."""
+
+ANSWER: Final = 3.0
+"""Seconds a TCP peer has to accept a connection."""
+
+
+async def open_socket(address: str, end: End) -> Link:
+    """The link to `socket://host:port`; `end` is connected.
+
+    Raises:
+        HalError: the address is none, or nobody takes the connection; the message says what to do.
+
+    """
+    host, port = _host_and_port(address)
+    link = StreamLink(address, end, broken_off)
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(ANSWER):
+            sock = await _connected_socket(host, port)
+        await loop.create_connection(lambda: link, sock=sock)
+    except asyncio.CancelledError:
+        link.shut()
+        raise
+    except socket.gaierror as error:
+        raise HalError(f"{address}: no computer is known by the name {host!r}: check the spelling") from error
+    except TimeoutError as error:
+        raise HalError(f"{address} does not answer: is the computer on, and no firewall in between?") from error
+    except ConnectionRefusedError as error:
+        remedy = f"is `txt1 board --tcp {address.removeprefix('socket://')}` running there?"
+        raise HalError(f"{address} refuses the connection: {remedy}") from error
+    except OSError as error:
+        raise HalError(f"{address} cannot be reached: {error.strerror or error}") from error
+    return link
+
+
+async def _connected_socket(host: str, port: int) -> socket.socket:
+    """A socket connected to the first of the host's addresses that takes it."""
+    loop = asyncio.get_running_loop()
+    refusal = OSError(errno.EHOSTUNREACH, "it has no address")
+    for family, kind, protocol, _, where in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        try:
+            sock = socket.socket(family, kind, protocol)
+        except OSError as error:  # such as IPv6 on a computer without it
+            refusal = error
+            continue
+        try:
+            sock.setblocking(False)
+            tune(sock)
+            await loop.sock_connect(sock, where)
+        except OSError as error:
+            sock.close()
+            refusal = error
+        except BaseException:
+            sock.close()
+            raise
+        else:
+            return sock
+    raise refusal
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    """The two parts of `socket://host:port`.
+
+    Raises:
+        HalError: it is none.
+
+    """
+    form = "write a device's path or socket://host:port, such as socket://127.0.0.1:5000"
+    try:
+        url = urlsplit(address)
+        host, port = url.hostname, url.port
+    except ValueError as error:
+        raise HalError(f"{address} is no address ({error}): {form}") from error
+    if url.scheme != "socket":
+        raise HalError(f"{address} is no address: there is no {url.scheme}://; {form}")
+    if not host or not port or url.netloc.count("@") or url.path not in ("", "/") or url.query or url.fragment:
+        raise HalError(f"{address} is no address: {form}")
+    return host, port
+
+
+def broken_off(address: str, exc: Exception | None) -> str:
+    """What ended a connection, for people."""
+    if exc is None:
+        return f"{address} was closed by the other side"
+    if isinstance(exc, TimeoutError):
+        return f"{address} no longer answers"
+    if isinstance(exc, ConnectionError):
+        return f"{address} was broken off by the other side"
+    return f"{address} failed: {exc}"
+
+
+def tune(sock: socket.socket) -> None:
+    """Make a TCP socket behave like a wire: no waiting for more bytes, little storage, a dead peer is noticed."""
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for direction in (socket.SO_SNDBUF, socket.SO_RCVBUF):  # the kernel would keep minutes of frames in megabytes
+        sock.setsockopt(socket.SOL_SOCKET, direction, 4 * BACKLOG)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, VANISHED_MS)
+
+
+class _HostLink(StreamLink):
+    """The link to one host of a TCP port; it takes itself in, or is turned away."""
+
+    def __init__(self, listener: _TcpListener) -> None:
+        super().__init__("", listener.end, broken_off)
+        self._listener = listener
+        self._loop = asyncio.get_running_loop()
+        self.heard = self._loop.time()
+        """When it last sent something, s."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._address = socket_address(transport.get_extra_info("peername"))
+        before = self._listener.host
+        if before is not None and before.up:
+            if self._loop.time() - before.heard < SILENT:
+                self._down = "another host is connected"
+                transport.abort()
+                return
+            before.give_way()
+        tune(transport.get_extra_info("socket"))
+        self._listener.host = self
+        super().connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        self.heard = self._loop.time()
+        super().data_received(data)
+
+    def give_way(self) -> None:
+        """Let go, because another host has come and this one is silent."""
+        self.lose(f"{self._address} was silent, and another host took its place")
+        self._transport.abort()
+
+
+class _TcpListener:
+    """A TCP port that serves one host at a time."""
+
+    def __init__(self, end: End) -> None:
+        self.end = end
+        self.host: _HostLink | None = None
+        """The one that is or was connected last."""
+
+    @property
+    def address(self) -> str:
+        return self._address
+
+    def serve(self, server: asyncio.Server) -> None:
+        self._server = server
+        self._address = socket_address(server.sockets[0].getsockname())
+
+    def close(self) -> None:
+        self._server.close()
+        if self.host is not None:
+            self.host.close()
+
+
+async def listen_tcp(host: str, port: int, end: End) -> Listener:
+    """A TCP port that takes one host at a time; port 0 is any free one, and `address` tells which.
+
+    A second host is turned away while the first is there, unless that one has sent nothing for SILENT seconds: then
+    it gives way.
+
+    Raises:
+        HalError: the port cannot be had; the message says what to do.
+
+    """
+    loop = asyncio.get_running_loop()
+    listener = _TcpListener(end)
+    where = f"{host}:{port}"
+    if not 0 <= port <= 65535:
+        raise HalError(f"cannot listen on {where}: a port is a number from 0 to 65535")
+    try:
+        if port == 0:  # on one address only: a name that has two would get two different ports
+            found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+            host = str(found[0][4][0])
+        listener.serve(await loop.create_server(lambda: _HostLink(listener), host, port))
+    except socket.gaierror as error:
+        raise HalError(f"cannot listen on {where}: {host!r} is no name or address of this computer") from error
+    except OSError as error:
+        match error.errno:
+            case errno.EADDRINUSE:
+                why = "it is in use, perhaps by another board; choose another port, or 0 for any that is free"
+            case errno.EACCES:
+                why = "ports below 1024 are reserved; choose a higher one, or 0 for any that is free"
+            case errno.EADDRNOTAVAIL:
+                why = "this computer has no such address; 127.0.0.1 is itself"
+            case _:
+                why = str(error)
+        raise HalError(f"cannot listen on {where}: {why}") from error
+    return listener
+
+
+def socket_address(name: Any) -> str:
+    """The address of a socket the way `open_link` takes it."""
+    if not name:  # the peer was gone before we could ask
+        return "socket://?"
+    host, port = name[:2]
+    return f"socket://[{host}]:{port}" if ":" in host else f"socket://{host}:{port}"

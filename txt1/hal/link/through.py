@@ -1,0 +1,188 @@
+"""What can be put between an end and its link: a baud rate, and a bad line."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.random import SeedSequence
+
+from txt1.hal.link.base import BACKLOG, BaseLink, End, Link, Wrapper
+from txt1.sim.line import Arrival, Fault, Line, LineFaults, Pace
+
+
+class _Carrier(Protocol):
+    """What decides when which bytes arrive: `Line`, `Pace`."""
+
+    def carry(self, data: bytes, now: float) -> list[Arrival]: ...
+
+
+class _Way:
+    """One direction: what is under way, and a timer for the first of it."""
+
+    def __init__(self, carrier: _Carrier, deliver: Callable[[bytes], None]) -> None:
+        self._carrier = carrier
+        self._deliver = deliver
+        self._loop = asyncio.get_running_loop()
+        self._pieces: deque[Arrival] = deque()
+        self._waiting = 0
+        self._timer: asyncio.TimerHandle | None = None
+        self._open = True
+        self.overflows = 0
+
+    def send(self, data: bytes) -> None:
+        """Bring these bytes on their way; those that take no time are delivered now."""
+        if self._waiting and self._waiting + len(data) > BACKLOG:
+            self.overflows += 1
+            return
+        now = self._loop.time()
+        for when, piece in self._carrier.carry(data, now):
+            if self._pieces or when > now:
+                self._pieces.append((when, piece))
+                self._waiting += len(piece)
+            elif self._open:
+                self._deliver(piece)
+        self._set_timer()
+
+    def deliver_until(self, now: float) -> None:
+        """Deliver what has arrived by `now`."""
+        while self._pieces and self._pieces[0][0] <= now:
+            _, piece = self._pieces.popleft()
+            self._waiting -= len(piece)
+            self._deliver(piece)
+
+    def stop(self) -> None:
+        """Throw away what is under way; nothing is delivered any more."""
+        self._open = False
+        self._pieces.clear()
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _set_timer(self) -> None:
+        if self._pieces and self._timer is None and self._open:
+            self._timer = self._loop.call_at(self._pieces[0][0], self._due, self._pieces[0][0])
+
+    def _due(self, when: float) -> None:
+        self._timer = None
+        self.deliver_until(max(when, self._loop.time()))  # a timer may fire early by what the clock resolves
+        self._set_timer()
+
+
+class _Carriers(NamedTuple):
+    """What a connection goes through, and when it is cut, s of the loop's clock."""
+
+    outgoing: _Carrier
+    incoming: _Carrier
+    ends: float = float("inf")
+
+
+class _Through(Wrapper):
+    """An end behind two carriers: to a link it is the end, and to the end it shows a link of its own."""
+
+    def __init__(self, end: End, carriers: Callable[[float], _Carriers]) -> None:
+        self._end = end
+        self._carriers = carriers
+        self._link: _ThroughLink
+
+    def connected(self, link: Link) -> None:
+        self._link = _ThroughLink(self._end, link, self._carriers(asyncio.get_running_loop().time()))
+        self._end.connected(self._link)
+
+    def received(self, data: bytes) -> None:
+        self._link.incoming.send(data)
+
+    def lost(self, reason: str) -> None:
+        self._link.lose(reason)
+
+    def release(self) -> None:
+        """The link was closed without asking the end."""
+        self._link.release()
+
+
+class _ThroughLink(BaseLink):
+    """The link that an end behind carriers sees."""
+
+    def __init__(self, end: End, link: Link, carriers: _Carriers) -> None:
+        super().__init__(link.address, end)
+        self._link = link
+        self.outgoing = _Way(carriers.outgoing, link.write)
+        self.incoming = _Way(carriers.incoming, end.received)
+        self._cutter: asyncio.TimerHandle | None = None
+        if carriers.ends < float("inf"):
+            self._cutter = asyncio.get_running_loop().call_at(carriers.ends, self._cut, carriers.ends)
+
+    @property
+    def overflows(self) -> int:
+        return self.outgoing.overflows + self.incoming.overflows + self._link.overflows
+
+    def write(self, data: bytes) -> None:
+        self.require_up()
+        self.outgoing.send(data)
+
+    def close(self) -> None:
+        self.release()
+        self._link.close()
+
+    def release(self) -> None:
+        if self.shut():
+            self._stop()
+
+    def lose(self, reason: str) -> None:
+        """Tell the end, and forget what is under way."""
+        if self.up:
+            self._stop()
+        super().lose(reason)
+
+    def _cut(self, now: float) -> None:
+        for way in (self.outgoing, self.incoming):
+            way.deliver_until(now)  # it was there in time, even if its timer comes after this one
+        link, up = self._link, self.up
+        self.lose(f"{self._address}: the line was cut, as its faults say")
+        if up:
+            link.close()
+
+    def _stop(self) -> None:
+        self.outgoing.stop()
+        self.incoming.stop()
+        if self._cutter is not None:
+            self._cutter.cancel()
+
+
+def paced(end: End, baud: int) -> End:
+    """The end with a baud rate between it and its links: ten bits a byte, both ways.
+
+    What was written at once is delivered at once, when its last byte has passed: faults at either end hit whole frames.
+    """
+    Pace(baud)  # a wrong rate is a mistake here, not when a host connects
+    return _Through(end, lambda now: _Carriers(Pace(baud), Pace(baud)))
+
+
+def faulty(
+    end: End, faults: LineFaults, seed: int | SeedSequence, on_fault: Callable[[Fault, bytes], None] | None = None
+) -> End:
+    """The end with a bad line between it and its links, both ways; itself when nothing is wrong with the line.
+
+    Each connection is a new line: `cut` counts from its start. The seed repeats what happens over all of them.
+
+    Args:
+        end: who uses the line.
+        faults: what is wrong with it, in each direction.
+        seed: of the random values.
+        on_fault: see `Line`; told of both directions.
+
+    """
+    if faults.harmless:
+        return end
+    seeds = SeedSequence(seed) if isinstance(seed, int) else seed
+    outgoing, incoming = (np.random.default_rng(child) for child in seeds.spawn(2))
+    line = partial(Line, faults, on_fault=on_fault)
+
+    def carriers(now: float) -> _Carriers:
+        ends = now + faults.cut if faults.cut else float("inf")
+        return _Carriers(line(rng=outgoing, start=now), line(rng=incoming, start=now), ends)
+
+    return _Through(end, carriers)

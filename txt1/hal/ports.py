@@ -1,0 +1,80 @@
+"""The serial ports of this computer, and whether we may use them. All of it asks the file system: not for the loop."""
+
+from __future__ import annotations
+
+import grp
+import os
+import stat
+from typing import NamedTuple
+
+from serial.tools import list_ports
+
+from txt1.errors import HalError
+
+
+class Port(NamedTuple):
+    """A serial port that the operating system knows.
+
+    Attributes:
+        device: its path, such as `/dev/ttyUSB0`.
+        description: what its maker or driver calls it.
+        usb: it is a USB adapter or device.
+
+    """
+
+    device: str
+    description: str
+    usb: bool
+
+    def __str__(self) -> str:
+        """Path and description, for people."""
+        return f"{self.device} ({self.description})" if self.description not in ("", "n/a") else self.device
+
+
+def candidates() -> list[Port]:
+    """The ports found, USB ones first: a robot's computer has few others."""
+    found = [Port(port.device, port.description or "", port.vid is not None) for port in list_ports.comports()]
+    return sorted(found, key=lambda port: (not port.usb, port.device))
+
+
+def only_candidate() -> str:
+    """The path of the only port there is.
+
+    Raises:
+        HalError: there is none, or more than one: on a robot the others are its GPS and its laser scanner.
+
+    """
+    ports = candidates()
+    if not ports:
+        raise HalError("no serial port found: plug in the USB-RS232 adapter, or name one with --port")
+    if len(ports) > 1:
+        raise HalError(f"{len(ports)} serial ports found, name one with --port: {', '.join(map(str, ports))}")
+    return ports[0].device
+
+
+def access_problem(device: str) -> str | None:
+    """Why this user cannot read and write the port and what to do about it; None when nothing is in the way."""
+    try:
+        status = os.stat(device)
+    except FileNotFoundError:
+        return f"{device} does not exist: is the adapter plugged in?"
+    except OSError as error:
+        return f"{device} cannot be looked at: {error.strerror}"
+    if os.access(device, os.R_OK | os.W_OK):
+        return None
+    group = _group_name(status.st_gid)
+    # Where the group may use the port, joining it is the distribution's way (dialout, or uucp); root is no such group.
+    if status.st_gid and status.st_mode & (stat.S_IRGRP | stat.S_IWGRP) == stat.S_IRGRP | stat.S_IWGRP:
+        remedy = f"it belongs to the group {group}: sudo usermod -aG {group} $USER, then log out and in again"
+    else:
+        rule = f'KERNEL=="{os.path.basename(device)}", SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"'
+        remedy = f"add the udev rule {rule} in /etc/udev/rules.d/50-txt1.rules, then plug it in again"
+    return f"no permission to use {device}: {remedy}"
+
+
+def _group_name(gid: int) -> str:
+    """The group's name, or its number where it has none."""
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)

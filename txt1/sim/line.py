@@ -1,0 +1,176 @@
+"""What a serial line does to the bytes it carries: it takes time, and it damages, loses and delays them.
+
+`carry(data, now)` says what arrives when; moving time and delivering is the caller's business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Literal, NamedTuple
+
+from numpy.random import Generator
+
+BITS_PER_BYTE: Final = 10
+"""On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
+
+Fault = Literal["drop", "flip", "duplicate", "stall", "cut"]
+Arrival = tuple[float, bytes]
+"""When a piece arrives, s, and its bytes."""
+
+
+class LineFaults(NamedTuple):
+    """What is wrong with a line; as it stands here, nothing.
+
+    A piece is what one write or one read brought, as a rule a frame.
+
+    Attributes:
+        drop: share of the pieces that are lost.
+        flip: probability of each bit to arrive inverted.
+        duplicate: share of the pieces that come twice.
+        split: every byte arrives as a piece of its own.
+        delay: every piece arrives so much later, s.
+        jitter: each piece arrives up to that much later still, s; the order is kept.
+        stall: how long the line holds everything back each time, s.
+        stall_every: mean time between two stalls, s.
+        cut: time after which the line is lost, s; 0: never.
+
+    """
+
+    drop: float = 0.0
+    flip: float = 0.0
+    duplicate: float = 0.0
+    split: bool = False
+    delay: float = 0.0
+    jitter: float = 0.0
+    stall: float = 0.0
+    stall_every: float = 10.0
+    cut: float = 0.0
+
+    @property
+    def harmless(self) -> bool:
+        """Whether nothing at all is wrong."""
+        return not any(self._replace(stall_every=0.0))
+
+
+class Line:
+    """One direction of a faulty line.
+
+    Args:
+        faults: what is wrong with it.
+        rng: decides what happens to which piece; the same seed and traffic repeat every fault.
+        on_fault: is told of each fault and the piece as it was given: "drop", "flip", "duplicate", "stall" for the
+            first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
+        start: when the line came up, s.
+
+    Attributes:
+        counts: how many faults of each kind there were.
+
+    """
+
+    def __init__(
+        self,
+        faults: LineFaults,
+        rng: Generator,
+        on_fault: Callable[[Fault, bytes], None] | None = None,
+        start: float = 0.0,
+    ) -> None:
+        if faults.stall and faults.stall_every <= 0.0:
+            raise ValueError("a line that always stalls carries nothing: stall_every must be positive")
+        self.faults = faults
+        self.counts: dict[Fault, int] = {"drop": 0, "flip": 0, "duplicate": 0, "stall": 0, "cut": 0}
+        self.ends = start + faults.cut if faults.cut else float("inf")
+        """When the line is lost, s."""
+        self._rng = rng
+        self._on_fault = on_fault
+        self._last = start
+        self._good_bits = self._gap()
+        self._stall_starts = start + rng.exponential(faults.stall_every) if faults.stall else float("inf")
+
+    def carry(self, data: bytes, now: float) -> list[Arrival]:
+        """What arrives of a piece given at `now`; the instants never fall behind those of earlier calls."""
+        faults, arrival = self.faults, data
+        if faults.drop and self._rng.random() < faults.drop:
+            self._report("drop", data)
+            return []
+        when = self._when(data, now)
+        if when > self.ends:
+            self._report("cut", data)
+            return []
+        if faults.flip:
+            arrival = self._damage(data)
+        pieces = [(when, arrival)]
+        if faults.split:
+            pieces = [(when, arrival[at : at + 1]) for at in range(len(arrival))]
+        if faults.duplicate and self._rng.random() < faults.duplicate:
+            self._report("duplicate", data)
+            pieces *= 2
+        return pieces
+
+    def _when(self, data: bytes, now: float) -> float:
+        """The instant at which a piece given at `now` arrives, s."""
+        faults = self.faults
+        when = now + faults.delay
+        if faults.jitter:
+            when += faults.jitter * self._rng.random()
+        when = max(when, self._last)
+        while when >= self._stall_starts:
+            end = self._stall_starts + faults.stall
+            self._stall_starts = end + self._rng.exponential(faults.stall_every)
+            if when < end:
+                self._report("stall", data)
+                when = end
+        self._last = when
+        return when
+
+    def _damage(self, data: bytes) -> bytes:
+        """The bytes with every bit inverted that it hits.
+
+        The distance from one hit to the next is drawn, not each bit's fate: damage is rare and traffic is not.
+        """
+        at, bits = self._good_bits, 8 * len(data)
+        if at >= bits:
+            self._good_bits = at - bits
+            return data
+        damaged = bytearray(data)
+        while at < bits:
+            damaged[at >> 3] ^= 0x80 >> (at & 7)
+            at += 1 + self._gap()
+        self._good_bits = at - bits
+        self._report("flip", data)
+        return bytes(damaged)
+
+    def _gap(self) -> int:
+        """Bits that arrive intact before the next one that is hit."""
+        return int(self._rng.geometric(self.faults.flip)) - 1 if self.faults.flip else 0
+
+    def _report(self, fault: Fault, data: bytes) -> None:
+        self.counts[fault] += 1
+        if self._on_fault is not None:
+            self._on_fault(fault, data)
+
+
+class Pace:
+    """The time that bytes take at a baud rate: ten bits each, and they queue behind those still under way.
+
+    What is given together arrives together, at the instant the last byte has passed, as a USB adapter hands it on.
+
+    Args:
+        baud: bits per second.
+
+    Attributes:
+        busy_until: when the last byte given so far has passed, s.
+
+    """
+
+    def __init__(self, baud: int) -> None:
+        if baud <= 0:
+            raise ValueError(f"a baud rate is positive, not {baud}")
+        self.baud = baud
+        self.busy_until = 0.0
+
+    def carry(self, data: bytes, now: float) -> list[Arrival]:
+        """The bytes with the instant at which they have passed, s."""
+        if not data:
+            return []
+        self.busy_until = max(now, self.busy_until) + len(data) * BITS_PER_BYTE / self.baud
+        return [(self.busy_until, data)]
