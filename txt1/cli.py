@@ -8,41 +8,31 @@ by SIGHUP, SIGINT (Ctrl-C) and SIGTERM, outputs neutral.
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import os
-import select
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
-from functools import partial
+from contextlib import ExitStack
 from math import isfinite
-from typing import Any, NoReturn
+from typing import NoReturn
 
-from txt1 import __version__
-from txt1.config import Config, LoadedConfig, flatten, load, origin_of
-from txt1.control.limits import Fault
-from txt1.errors import CaptureError, ConfigError, HalError, Txt1Error
+from txt1 import __version__, doctor, session
+from txt1.board import VIRTUAL, create_hal, on_device, on_pty, on_tcp, port_of
+from txt1.config import Config, flatten, load, origin_of
+from txt1.errors import CaptureError, ConfigError, Txt1Error
 from txt1.hal.conformance import BROKEN, verdicts
-from txt1.hal.registry import create, names
+from txt1.hal.link import baud_warning
+from txt1.hal.registry import names
 from txt1.kernel.loop import Speed, run
-from txt1.kernel.scheduler import Ticks
-from txt1.kernel.statistics import TaskStatistics
 from txt1.protocol import listing
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
-from txt1.robot import REFRESH, Robot
-from txt1.ui.terminal import Terminal
+from txt1.session import DISARMED, FAULT, OK, USAGE, Ending, Plan, View
 
-OK, FAULT, USAGE, DISARMED = 0, 1, 2, 3
 STDOUT = 1
 CHUNK = 1 << 16
 """Bytes of a capture that are read at a time."""
-SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-BEAT_MIN = 0.005
-"""Shortest time between two heartbeats of the drawing process, s."""
-DISARMING = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
 
 
 def main() -> NoReturn:
@@ -93,7 +83,13 @@ def _parser() -> argparse.ArgumentParser:
 
     run_parser = commands.add_parser("run", help="run the robot, on the desk or on the floor", epilog=_EXIT_CODES)
     _add_config_arguments(run_parser)
-    run_parser.add_argument("--hal", metavar="NAME", help="hardware layer, e.g. sim")
+    run_parser.add_argument("--hal", metavar="NAME", help="hardware layer: sim, serial, or one from another package")
+    run_parser.add_argument(
+        "--port", metavar="PORT",
+        help="where the board is (--hal serial): a device, socket://HOST:PORT, or virtual for one in this process; "
+        "left out, the only device there is",
+    )  # fmt: skip
+    run_parser.add_argument("--baud", type=int, metavar="N", help="bits a second of the line, 57600 by default")
     run_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value of a simulation")
     run_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds of the robot's time")
     run_parser.add_argument(
@@ -109,6 +105,36 @@ def _parser() -> argparse.ArgumentParser:
     arming.add_argument("--arm", action="store_true", default=None, help="arm at the start")
     arming.add_argument("--no-arm", action="store_false", dest="arm", help="do not arm, not even in simulation")
     run_parser.set_defaults(command=run_robot)
+
+    board_parser = commands.add_parser(
+        "board", help="be a board: the simulated vehicle behind a line, for --hal serial or any other host",
+        epilog=_EXIT_CODES,
+    )  # fmt: skip
+    _add_config_arguments(board_parser)
+    place = board_parser.add_mutually_exclusive_group(required=True)
+    place.add_argument("--pty", metavar="PATH", help="a pseudo-terminal with a link to it at PATH")
+    place.add_argument("--port", metavar="DEV", help="a serial device, e.g. one end of a null-modem cable")
+    place.add_argument("--tcp", type=_host_and_port, metavar="[HOST:]PORT", help="a TCP port; HOST is 127.0.0.1")
+    board_parser.add_argument("--tui", action="store_true", help="show the board's screens")
+    board_parser.add_argument("--manual", action="store_true", help="start in manual mode, which obeys PWM test")
+    board_parser.add_argument(
+        "--fault", action="append", default=[], metavar="KIND=VALUE",
+        help="put a fault on the line: drop, flip, duplicate (shares), split=true, delay, jitter, stall, stall_every, "
+        "cut (s); may be repeated",
+    )  # fmt: skip
+    board_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value")
+    board_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds")
+    board_parser.add_argument("--json", action="store_true", help="no status lines; one JSON object at the end")
+    board_parser.set_defaults(command=run_board, headless=True)
+
+    doctor_parser = commands.add_parser("doctor", help="look for what is wrong with the line to the board")
+    _add_config_arguments(doctor_parser)
+    doctor_parser.add_argument("--port", metavar="PORT", help="as with run; left out, the only device there is")
+    doctor_parser.add_argument("--baud", type=int, metavar="N", help="bits a second of the line, 57600 by default")
+    doctor_parser.add_argument(
+        "--duration", type=_positive, default=5.0, metavar="S", help="of listening; 5 by default"
+    )
+    doctor_parser.set_defaults(command=examine_line)
 
     config_parser = commands.add_parser("config", help="show or check a configuration")
     actions = config_parser.add_subparsers(required=True, metavar="ACTION")
@@ -169,6 +195,13 @@ def _positive(text: str) -> float:
 
 def _speed(text: str) -> Speed:
     return "max" if text == "max" else _positive(text)
+
+
+def _host_and_port(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or not 0 <= int(port) <= 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, for example 127.0.0.1:5701")
+    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 def _velocity(text: str) -> tuple[float, float]:
@@ -237,7 +270,7 @@ def check_hal(arguments: argparse.Namespace) -> int:
     """Run a hardware layer through the conformance suite."""
     config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
     kept = True
-    for text, verdict in verdicts(lambda: create(config)):
+    for text, verdict in verdicts(lambda: create_hal(config)):
         kept = kept and not verdict.startswith(BROKEN)
         print(f"{text}: {verdict}")
     return OK if kept else FAULT
@@ -249,138 +282,71 @@ def check_hal(arguments: argparse.Namespace) -> int:
 def run_robot(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     options = {name: value for name in ("hal", "seed") if (value := getattr(arguments, name)) is not None}
-    loaded = load(arguments.config, arguments.set, os.environ, options)
-    speed: Speed = arguments.speed
-    ending = _Ending()
-    with suppress(asyncio.CancelledError):
-        run(_run(arguments, loaded, ending), speed=speed)
-    if ending.report is not None:
+    options |= {f"serial.{name}": value for name in ("port", "baud") if (value := getattr(arguments, name)) is not None}
+    config = load(arguments.config, arguments.set, os.environ, options).config
+    if config.hal == "serial":
+        _warn_of_baud(config)
+    plan = Plan(arguments.speed, arguments.duration, _view(arguments), arguments.arm, arguments.drive)
+    return _conclude(session.run_robot(config, plan), arguments)
+
+
+def _warn_of_baud(config: Config) -> None:
+    warning = baud_warning(config.serial.baud)
+    if warning is not None:
+        print(f"txt1: serial.baud: {warning}", file=sys.stderr)
+
+
+def _view(arguments: argparse.Namespace) -> View:
+    return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
+
+
+def _conclude(ending: Ending, arguments: argparse.Namespace) -> int:
+    """Print what remains to be said; the exit code."""
+    if arguments.json and ending.report is not None:
         print(json.dumps(ending.report))
     if ending.code == DISARMED:
         print(f"txt1: the robot was stopped: {ending.reason or 'see the counters'}", file=sys.stderr)
     return ending.code
 
 
-class _Ending:
-    """How a run ended."""
-
-    def __init__(self) -> None:
-        self.code = OK
-        self.reason = ""
-        self.robot: Robot | None = None
-        self.report: dict[str, Any] | None = None
-
-    def interrupt(self, number: signal.Signals, main: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
-        """End the run because of a signal; a second one is not caught any more."""
-        self.code = 128 + number
-        if self.robot is not None:
-            self.robot.disarm("ended by a signal")
-        for each in SIGNALS:
-            loop.remove_signal_handler(each)
-        main.cancel()
+# -- txt1 board ------------------------------------------------------------------------------------------------
 
 
-async def _run(arguments: argparse.Namespace, loaded: LoadedConfig, ending: _Ending) -> None:
-    loop, main_task = asyncio.get_running_loop(), asyncio.current_task()
-    assert main_task is not None
-    for number in SIGNALS:
-        loop.add_signal_handler(number, partial(ending.interrupt, number, main_task, loop))
-    async with Robot.open(config=loaded.config, arm=arguments.arm) as robot:
-        ending.robot = robot
-        if not await robot.load_gains():
-            raise HalError("the board did not accept the gains; check control.linear and control.angular")
-        if arguments.drive is not None:
-            robot.add_task("script", REFRESH, partial(_script, robot=robot, velocity=arguments.drive))
-        if arguments.duration is not None:
-            robot.runtime.scheduler.end_at(arguments.duration)
-        try:
-            await _watch(robot, arguments, loaded.config, ending)
-        finally:  # an interrupted run has its report, too
-            ending.reason = robot.reason
-            if arguments.json:
-                ending.report = report(robot)
-        if ending.code == OK and any(robot.runtime.gate.counts[fault] for fault in DISARMING):
-            ending.code = DISARMED
+def run_board(arguments: argparse.Namespace) -> int:
+    """Run a virtual board until the duration is over, the operator quits or a signal comes."""
+    options = {} if arguments.seed is None else {"seed": arguments.seed}
+    faults = [f"board.fault.{fault}" for fault in arguments.fault]
+    config = load(arguments.config, [*arguments.set, *faults], os.environ, options).config
+    _warn_of_baud(config)
+    if arguments.pty is not None:
+        place = on_pty(config, arguments.pty)
+    elif arguments.tcp is not None:
+        place = on_tcp(config, *arguments.tcp)
+    else:
+        place = on_device(config, arguments.port)
+    plan = Plan(duration=arguments.duration, view="screens" if arguments.tui else _view(arguments))
+    return _conclude(session.run_board(config, plan, place, manual=arguments.manual), arguments)
 
 
-async def _script(ticks: Ticks, robot: Robot, velocity: tuple[float, float]) -> None:
-    """Command a constant velocity."""
-    async for _ in ticks:
-        robot.command(*velocity)
+# -- txt1 doctor -----------------------------------------------------------------------------------------------
 
 
-async def _watch(robot: Robot, arguments: argparse.Namespace, config: Config, ending: _Ending) -> None:
-    """Let the operator see and drive the robot until the run ends."""
-    ended = robot.runtime.scheduler.ended
-    if arguments.json:
-        await asyncio.wait({ended})
-        return
-    screens = not arguments.headless and arguments.speed != "max" and sys.stdin.isatty() and sys.stdout.isatty()
-    if screens:
-        robot.runtime.watched = True
-        beat = max(0.05 / max(arguments.speed or 1.0, 1.0), BEAT_MIN)
-        teleop, radius_min = config.teleop, config.geometry.radius_min
-        async with Terminal(robot, beat, teleop.speed, teleop.turn, radius_min) as terminal:
-            operator = asyncio.ensure_future(terminal.wait())
-            await _first_of(ended, operator)
-            quit_by_operator = operator.done() and operator.result() == "quit"
-            operator.cancel()
-            robot.disarm("the run has ended")  # before the screens are put away, which takes its time
-        if quit_by_operator or ended.done():
-            return
-        print("txt1: the terminal was lost and the robot disarmed; Ctrl-C ends the run", file=sys.stderr)
-        ending.code = FAULT
-    lines = asyncio.ensure_future(_status_lines(robot))
-    await _first_of(ended, lines)
-    if lines.done():
-        lines.result()
-    lines.cancel()
+def examine_line(arguments: argparse.Namespace) -> int:
+    """Say in words what is wrong with the ports and the line to the board."""
+    options = {f"serial.{name}": value for name in ("port", "baud") if (value := getattr(arguments, name)) is not None}
+    config = load(arguments.config, arguments.set, os.environ, options | {"hal": "serial"}).config
+    found = [_say(remark) for remark in doctor.ports()] if config.serial.port is None else []
+    port = port_of(config)
+    _warn_of_baud(config)
+    print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")
+    speed: Speed = "max" if config.serial.port == VIRTUAL else None
+    findings = run(doctor.examine(port, config.loops().pid_set(), arguments.duration), speed=speed)
+    found += [_say(remark) for remark in doctor.remarks(findings, config.serial.baud)]
+    print("all is well" if all(found) else "see the lines marked with !")
+    return OK if all(found) else FAULT
 
 
-async def _first_of(*futures: asyncio.Future[Any]) -> None:
-    await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
-
-
-async def _status_lines(robot: Robot) -> None:
-    """Print one status line a second; a reader that has stopped reading misses some, it never holds up the robot."""
-    sys.stdout.flush()
-    while True:
-        _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
-        if writable:
-            os.write(STDOUT, f"{status_line(robot)}\n".encode())
-        await asyncio.sleep(1.0)
-
-
-def status_line(robot: Robot) -> str:
-    """The robot's state in one line."""
-    x, y, theta, v, omega = robot.odometry
-    state = "armed" if robot.armed else f"disarmed: {robot.reason}"
-    battery = "-" if robot.battery.battery1 is None else f"{robot.battery.battery1:.2f} V"
-    return (
-        f"t={robot.now:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
-        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  battery={battery}  {state}"
-    )
-
-
-def report(robot: Robot) -> dict[str, Any]:
-    """What `run --json` prints. Of it, `wall_time_s` and `run_time_s` are measured on the wall clock."""
-    battery = robot.battery
-    return {
-        "sim_time_s": round(robot.now, 9),
-        "wall_time_s": robot.runtime.scheduler.wall_time,
-        "seed": robot.config.seed,
-        "tasks": {name: _task_report(task) for name, task in robot.runtime.statistics().items()},
-        "odometry": robot.odometry._asdict(),
-        "battery": {**battery._asdict(), "state": battery.state and battery.state.value},
-        "armed": robot.armed,
-        "faults": robot.faults,
-    }
-
-
-def _task_report(task: TaskStatistics) -> dict[str, Any]:
-    return {
-        "cycles": task.cycles,
-        "misses": task.misses,
-        "lateness_s": task.lateness.percentiles()._asdict(),
-        "run_time_s": task.run_time.percentiles()._asdict(),
-    }
+def _say(remark: doctor.Remark) -> bool:
+    """Print a remark; whether what it says is well."""
+    print(f"{' ' if remark.well else '!'} {remark.subject:<9} {remark.text}")
+    return remark.well

@@ -20,7 +20,9 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.errors import ConfigError
 from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.protocol.messages import PidSet
 from txt1.sim.battery import Load
+from txt1.sim.line import LineFaults
 from txt1.sim.simulator import Faults, Noise
 from txt1.sim.vehicle import VehicleParameters
 
@@ -108,6 +110,10 @@ class ControlConfig(Section):
     def _v_max_rises(cls, angular: tuple[GainSetConfig, ...]) -> tuple[GainSetConfig, ...]:
         _schedule(angular)
         return angular
+
+    def pid_set(self) -> PidSet:
+        """The gains as the message that loads them."""
+        return PidSet(self.linear.gains(), tuple((s.v_max, s.kp, s.ki, s.kd) for s in self.angular))
 
     def schedule(self) -> Schedule:
         """The angular gains as a schedule."""
@@ -224,6 +230,78 @@ class SimConfig(Section):
     faults: FaultsConfig = FaultsConfig()
 
 
+class LineFaultsConfig(Section):
+    """What is wrong with a line, both ways; see `txt1.sim.line`. A piece is what one write or read brings: a frame."""
+
+    drop: Share = LineFaults().drop
+    """Share of the pieces that are lost."""
+    flip: Share = LineFaults().flip
+    """Probability of each bit to arrive inverted."""
+    duplicate: Share = LineFaults().duplicate
+    """Share of the pieces that come twice."""
+    split: bool = LineFaults().split
+    """Every byte arrives as a piece of its own."""
+    delay: NotNegative = LineFaults().delay
+    """Every piece arrives so much later, s."""
+    jitter: NotNegative = LineFaults().jitter
+    """Each piece arrives up to that much later still, s."""
+    stall: NotNegative = LineFaults().stall
+    """How long the line holds everything back each time, s."""
+    stall_every: Positive = LineFaults().stall_every
+    """Mean time between two stalls, s."""
+    cut: NotNegative = LineFaults().cut
+    """Time after which the line is lost, s; 0: never."""
+
+    def faults(self) -> LineFaults:
+        """The faults as a plain value."""
+        return LineFaults(**self.model_dump())
+
+
+class HostLoopsConfig(ControlConfig):
+    """Gains of the velocity loops when they run here, behind a line, at 20 Hz (`serial.control: host`)."""
+
+    linear: GainsConfig = GainsConfig(kp=2.0, ki=6.0, kd=0.0)
+    """Gains of the speed loop; chosen in simulation."""
+    angular: Annotated[tuple[GainSetConfig, ...], Field(max_length=SETS_MAX)] = (
+        GainSetConfig(v_max=-0.15, kp=0.5, ki=15.0, kd=0.0),
+        GainSetConfig(v_max=0.15, kp=1.0, ki=30.0, kd=0.0),
+        GainSetConfig(v_max=1.5, kp=0.5, ki=15.0, kd=0.0),
+    )
+    """Gains of the yaw-rate loop by speed; chosen in simulation."""
+
+
+class SerialConfig(Section):
+    """The line to a real board (hal: serial)."""
+
+    port: Annotated[str, Field(min_length=1)] | None = None
+    """Device, socket://host:port, or virtual: a board in this process; null: the only device there is."""
+    baud: Annotated[Whole, Field(gt=0)] = 57600
+    """Bits a second, 8N1."""
+    control: Literal["board", "host"] = "board"
+    """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
+    allow_host: bool = False
+    """Allows arming with control: host."""
+    host: HostLoopsConfig = HostLoopsConfig()
+    rearm: bool = False
+    """Arm again by itself when a lost board is back."""
+    fault: LineFaultsConfig = LineFaultsConfig()
+
+
+class OdometryConfig(Section):
+    """The odometry that a board sends."""
+
+    scale: Positive = 1.0
+    """Factor on its lengths and angles: 1.067 corrects original boards, which read 6.3 % low."""
+
+
+class BoardConfig(Section):
+    """The virtual board."""
+
+    link_timeout: Positive | None = 0.25
+    """Age at which a command from the host is stale, s; null: only the link rule, as on original boards."""
+    fault: LineFaultsConfig = LineFaultsConfig()
+
+
 class TeleopConfig(Section):
     """Driving from the keyboard."""
 
@@ -253,8 +331,15 @@ class Config(Section):
     control: ControlConfig = ControlConfig()
     safety: SafetyConfig = SafetyConfig()
     sim: SimConfig = SimConfig()
+    serial: SerialConfig = SerialConfig()
+    odometry: OdometryConfig = OdometryConfig()
+    board: BoardConfig = BoardConfig()
     teleop: TeleopConfig = TeleopConfig()
     host: HostConfig = HostConfig()
+
+    def loops(self) -> ControlConfig:
+        """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""
+        return self.serial.host if self.hal == "serial" and self.serial.control == "host" else self.control
 
     def limits(self) -> Limits:
         """The safety gate's limits."""
@@ -288,7 +373,7 @@ def load(
         file: a YAML file; None for the defaults alone.
         overrides: ``a.b=c`` each, as given to ``--set``.
         environment: the variables to look through, usually ``os.environ``; None for none.
-        options: values of command-line options of their own, by dotted key; they win.
+        options: values of command-line options of their own, by dotted key, whose last part is their name; they win.
 
     Raises:
         ConfigError: with one line that says what is wrong and what to do.
@@ -300,7 +385,7 @@ def load(
     settings += _from_environment(environment or {})
     for text in overrides:
         settings += _from_override(text)
-    settings += [Setting(tuple(k.split(".")), v, f"--{k}") for k, v in (options or {}).items()]
+    settings += [Setting(tuple(k.split(".")), v, f"--{k.rpartition('.')[2]}") for k, v in (options or {}).items()]
 
     tree = Config().model_dump()
     origins: dict[str, str] = {}

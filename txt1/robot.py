@@ -9,10 +9,11 @@ from contextlib import asynccontextmanager, suppress
 from math import inf, isfinite
 from typing import Any, Final, TypeVar
 
+from txt1.board import create_hal
 from txt1.config import Config, load
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable
+from txt1.errors import CommandRefused, ConfigError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.model.odometry import Odometry
@@ -61,6 +62,10 @@ class Robot:
         self._command = (0.0, 0.0, -inf)
         self._commanded = False  # since the driver's last tick
         self._pid_response: asyncio.Future[bool] | None = None
+        self._gains_rejected = False
+        self._losses = 0  # of the board so far
+        self._armed = False  # at the driver's last tick
+        self._rearm = False  # when the board is back
         self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
 
     @staticmethod
@@ -72,6 +77,7 @@ class Robot:
         seed: int | None = None,
         settings: Sequence[str] = (),
         arm: bool | None = None,
+        patience: float = 10.0,
     ) -> AsyncIterator[Robot]:
         """A running robot, its link up; stopped safely when the block is left.
 
@@ -84,10 +90,11 @@ class Robot:
             seed: repeats every random value of a simulation.
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
+            patience: s to wait for the link; 0 waits for nothing, does not arm, and leaves both to the caller.
 
         Raises:
             ConfigError: a setting is wrong.
-            HalError: the hardware cannot be opened.
+            HalError: the hardware cannot be opened, or the board does not answer.
             TaskFault: a task raised an exception; the cause is chained.
 
         """
@@ -104,7 +111,8 @@ class Robot:
             effective = load(config, settings, os.environ, options).config
 
         robot: Robot
-        runtime = Runtime(effective, lambda m: robot._receive(m), hal if not isinstance(hal, str) else None)
+        layer = create_hal(effective) if hal is None or isinstance(hal, str) else hal
+        runtime = Runtime(effective, lambda m: robot._receive(m), layer)
         robot = Robot(runtime)
         body = asyncio.current_task()
         assert body is not None
@@ -120,9 +128,10 @@ class Robot:
             await runtime.start()
             runtime.scheduler.ended.add_done_callback(interrupt)
             runtime.add_task("driver", DRIVER_PRIORITY, REFRESH, robot._drive_messages)
-            await robot._until(lambda: runtime.state.link.alive)
-            if arm if arm is not None else _arms_by_itself(runtime):
-                robot.arm()
+            if patience > 0.0:
+                await robot.linked(patience)
+                if robot.arms_by_itself if arm is None else arm:
+                    robot.arm()
             yield robot
         except asyncio.CancelledError:
             if not failed:
@@ -133,6 +142,23 @@ class Robot:
             robot._close_streams()
         if failed:
             await runtime.scheduler.ended  # raises the TaskFault
+
+    async def linked(self, timeout: float = inf) -> None:
+        """Wait until the link is alive: the host is heard and, behind a line, the board answers.
+
+        Raises:
+            HalError: it is not, after `timeout` s.
+
+        """
+        ends = self.now + timeout
+        while not self._runtime.linked:
+            if self.now >= ends:
+                board = self._runtime.state.board
+                raise HalError(
+                    f"no link after {timeout:g} s: {board.text if board else 'the host is not heard'}; is the board "
+                    "on, is the baud rate right, is the cable crossed? 'txt1 doctor' looks closer"
+                )
+            await asyncio.sleep(REFRESH)
 
     # -- what the robot does now -------------------------------------------------------------------------------
 
@@ -177,6 +203,17 @@ class Robot:
         return self._runtime.gate.armed
 
     @property
+    def arms_by_itself(self) -> bool:
+        """Whether ``safety.auto_arm`` has it armed when it starts."""
+        auto_arm = self.config.safety.auto_arm
+        return auto_arm == "always" or (auto_arm == "auto" and self.hal.capabilities.simulated)
+
+    @property
+    def gains_rejected(self) -> bool:
+        """Whether the last answer to a PID set was that its gains are not acceptable."""
+        return self._gains_rejected
+
+    @property
     def reason(self) -> str:
         """Why the gate is closed; empty while it is open."""
         return self._runtime.gate.reason
@@ -184,7 +221,7 @@ class Robot:
     @property
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""
-        return {fault.value: count for fault, count in self._runtime.gate.counts.items()}
+        return self._runtime.faults()
 
     @property
     def snapshot(self) -> Snapshot | None:
@@ -213,11 +250,13 @@ class Robot:
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
         """Stop, and let nothing through until armed again."""
+        self._rearm = False
         self._runtime.gate.disarm(reason)
         self._runtime.make_safe()
 
     def stop(self) -> None:
         """Emergency stop: neutral outputs at once, latched until armed again."""
+        self._rearm = False
         self._runtime.emergency_stop()
 
     # -- driving -----------------------------------------------------------------------------------------------
@@ -275,7 +314,7 @@ class Robot:
             True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
 
         """
-        control = self.config.control
+        control = self.config.loops()
         gains = control.linear.gains() if linear is None else linear
         sets = control.schedule().sets if angular is None else angular
         message = PidSet((gains.kp, gains.ki, gains.kd), tuple((s.v_max, *s.gains) for s in sets))
@@ -418,6 +457,7 @@ class Robot:
         """
         timeout = self.config.safety.command_timeout
         async for now in ticks:
+            self._find_again()
             if self._commanded:  # there was a message in this period already
                 self._commanded = False
                 continue
@@ -440,6 +480,18 @@ class Robot:
                 return
             await asyncio.sleep(min(REFRESH, left))
 
+    def _find_again(self) -> None:
+        """Where the configuration says so, arm again when a board that was lost while armed is back."""
+        state, was_armed = self._runtime.state, self._armed
+        self._armed = self.armed
+        if state.board is not None and state.board.losses != self._losses:
+            self._losses = state.board.losses
+            self._rearm = was_armed and self.config.serial.rearm
+        if self._rearm and not self.armed and self._runtime.linked:
+            self._rearm = False
+            with suppress(NotArmed):
+                self.arm()
+
     async def _until(self, condition: Callable[[], bool]) -> None:
         while not condition():
             await asyncio.sleep(REFRESH)
@@ -451,6 +503,7 @@ class Robot:
     def _receive(self, message: BoardMessage) -> None:
         """Take a message from the board."""
         if isinstance(message, PidResponse):
+            self._gains_rejected = not message.accepted
             if self._pid_response is not None and not self._pid_response.done():
                 self._pid_response.set_result(message.accepted)
             return
@@ -475,8 +528,3 @@ class Robot:
                 if queue.full():
                     queue.get_nowait()
                 queue.put_nowait(None)
-
-
-def _arms_by_itself(runtime: Runtime) -> bool:
-    auto_arm = runtime.config.safety.auto_arm
-    return auto_arm == "always" or (auto_arm == "auto" and runtime.hal.capabilities.simulated)

@@ -12,14 +12,13 @@ from math import isfinite
 from typing import Any
 
 from txt1.config import Config
-from txt1.control.limits import Fault, Gate
+from txt1.control.limits import Fault, Gate, Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
 from txt1.hal.base import Button, Hal
-from txt1.hal.registry import create
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
-from txt1.protocol.messages import BoardMessage, HostMessage
+from txt1.protocol.messages import BoardMessage, Message, PidResponse
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.state import State, TaskReport
 
@@ -30,18 +29,26 @@ class Runtime:
     Args:
         config: what to run.
         send: called with every message the tasks send to their host.
-        hal: the hardware layer; None makes the one the configuration names.
-
-    Raises:
-        ConfigError: there is no HAL of that name.
+        hal: the hardware layer.
+        limits: of the safety gate; None takes the configured ones.
+        name: on the screens; None takes the HAL's.
 
     """
 
-    def __init__(self, config: Config, send: Callable[[BoardMessage], None], hal: Hal | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        send: Callable[[BoardMessage], None],
+        hal: Hal,
+        *,
+        limits: Limits | None = None,
+        name: str | None = None,
+    ) -> None:
         self.config = config
-        self.hal = create(config) if hal is None else hal
+        self.hal = hal
+        self.name = hal.name if name is None else name
         self.state = State()
-        self.gate = Gate(config.limits(), on_close=self._gate_closed)
+        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = Scheduler(on_fault=self._task_failed)
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
@@ -69,27 +76,30 @@ class Runtime:
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
+        geometry = config.geometry.geometry()
         simulated = hal.capabilities.simulated
         room = (config.sim.room.length, config.sim.room.width)
         # in the order in which tasks of equal priority run
         self.add_task(
             "controller", controller.PRIORITY, controller.PERIOD,
-            partial(controller.controller, state=state, hal=hal, gate=gate),
+            partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry),
         )  # fmt: skip
         self._periods["serial"] = (serial.PRIORITY, None)
         self._notify_serial = self.scheduler.add_sporadic(
             "serial", serial.PRIORITY,
-            partial(serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send),
+            partial(
+                serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
+            ),
         )  # fmt: skip
         self.add_task(
             "encoder", encoder.PRIORITY, encoder.PERIOD,
-            partial(encoder.encoder, state=state, hal=hal, geometry=config.geometry.geometry()),
+            partial(encoder.encoder, state=state, hal=hal, geometry=geometry),
         )  # fmt: skip
         self.add_task("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
         self.add_task(
             "display", display.PRIORITY, display.PERIOD,
             partial(
-                display.display, state=state, hal=hal, gate=gate, reports=self._task_reports,
+                display.display, state=state, hal=hal, name=self.name, gate=gate, reports=self._task_reports,
                 room=room if simulated and all(map(isfinite, room)) else None,
                 light=config.sim.room.light if simulated else None,
             ),
@@ -142,16 +152,26 @@ class Runtime:
         """Seconds since the run started."""
         return self.scheduler.now
 
-    def post(self, message: HostMessage, time: float) -> None:
+    def post(self, message: Message, time: float) -> None:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
         if len(self._inbox) == self._inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
         self._inbox.append((message, time, self.gate.epoch))
         self._notify_serial()
 
+    def _answered(self, accepted: bool) -> None:
+        """The board has answered a PID set."""
+        self.post(PidResponse(accepted), self.now)
+
     def press(self, button: Button) -> None:
         """Press a button of the joystick; the button task takes it at its next tick."""
         self._presses.append(button)
+
+    @property
+    def linked(self) -> bool:
+        """Whether the host is heard and, behind a line, the board answers."""
+        board = self.state.board
+        return self.state.link.alive and (board is None or board.ready)
 
     def arm(self) -> None:
         """Open the safety gate.
@@ -168,8 +188,12 @@ class Runtime:
 
     def _reason_not_to_arm(self) -> str | None:
         state = self.state
+        if state.board is not None and not state.board.ready:
+            return f"no link to the board yet: {state.board.text}"
         if not state.link.alive:
             return "link lost: the host has not been heard for a second"
+        if self.config.hal == "serial" and self.config.serial.control == "host" and not self.config.serial.allow_host:
+            return "control: host is experimental: put the board into manual mode, and set serial.allow_host=true"
         if not state.power.atx:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
         if self.hal.read(self.now).cut_off:
@@ -191,6 +215,11 @@ class Runtime:
         """Add a periodic task (see `Scheduler.add`)."""
         self.scheduler.add(name, priority, period, task)
         self._periods[name] = (priority, period)
+
+    def faults(self) -> dict[str, int]:
+        """Everything that was refused, clipped or lost so far, by name."""
+        counted = {fault.value: count for fault, count in self.gate.counts.items()} | self.state.line_faults
+        return counted if self.state.board is None else counted | self.state.board.faults
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name."""

@@ -12,15 +12,16 @@ from unittest import SkipTest
 import pytest
 
 from txt1 import cli
+from txt1.board import create_hal
 from txt1.cli import execute
-from txt1.config import Config, RoomConfig, SimConfig
+from txt1.config import Config, LineFaultsConfig, RoomConfig, SerialConfig, SimConfig
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.hal.conformance import HalConformance, promises
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.model.odometry import Odometry, advance
-from txt1.protocol.messages import Switch
+from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
 
 def sim() -> SimHal:
@@ -69,6 +70,12 @@ class ToyHal:
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         raise NotCapable(self.name, "power")
+
+    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
+        raise NotCapable(self.name, "gains")
+
+    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
+        raise NotCapable(self.name, "combined")
 
     def indicate(self, indicators: Indicators) -> None:
         pass
@@ -307,6 +314,10 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     ("switches fail", mutant(capabilities=able(power=False), switch=complain), "the_switches_work_or_are_refused",
      "raises NotCapable without 'power', but raised ValueError"),
     ("ESC does nothing", mutant(switch=ignore), "without_the_esc_nothing_moves", "ESC off lets nothing move"),
+    ("gains swallowed", mutant(load_gains=ignore), "gains_are_taken_or_refused",
+     "raises NotCapable without the capability 'gains'"),
+    ("combined odometry swallowed", mutant(offer_odometry=ignore), "combined_odometry_is_taken_or_refused",
+     "raises NotCapable without the capability 'combined'"),
     ("no buzzer", mutant(indicate=refuse), "indicators_are_set_or_ignored", "Hal.indicate does nothing where"),
     ("wrong refusal", mutant(capabilities=able(place=False), place=refuse), "the_robot_is_placed_or_it_is_refused",
      "names HAL and capability"),
@@ -372,7 +383,7 @@ def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str])
 def test_the_command_fails_for_a_broken_hal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli, "create", lambda config: mutant(indicate=refuse)())
+    monkeypatch.setattr(cli, "create_hal", lambda config: mutant(indicate=refuse)())
     assert execute(["hal", "check", "sim"]) == 1
     broken = [line for line in capsys.readouterr().out.splitlines() if "BROKEN" in line]
     assert len(broken) == 1
@@ -382,3 +393,30 @@ def test_the_command_fails_for_a_broken_hal(
 def test_the_command_lists_what_is_installed(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["hal", "list"]) == 0
     assert "sim" in capsys.readouterr().out.splitlines()
+
+
+ENDLESS = RoomConfig(length=inf, width=inf)
+
+
+class TestSerial(HalConformance):
+    """A board behind a line, the line in memory: what it reports and obeys is what the wire carries."""
+
+    def make(self) -> Hal:
+        return create_hal(Config(hal="serial", serial=SerialConfig(port="virtual"), sim=SimConfig(room=ENDLESS)))
+
+
+class TestSerialWithLoopsOnTheHost(HalConformance):
+    """The same board in manual mode, obeying PWM test."""
+
+    def make(self) -> Hal:
+        serial = SerialConfig(port="virtual", control="host")
+        return create_hal(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+
+
+class TestSerialOverANoisyLine(HalConformance):
+    """A line that loses, damages and delays frames breaks no promise."""
+
+    def make(self) -> Hal:
+        noisy = LineFaultsConfig(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
+        serial = SerialConfig(port="virtual", fault=noisy)
+        return create_hal(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))

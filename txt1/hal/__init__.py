@@ -1,5 +1,5 @@
 """The hardware layer: what is underneath the tasks, simulated or real."""
 
-from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.hal.base import BoardLink, Button, Capabilities, Hal, Indicators, Inputs, Outputs
 
-__all__ = ["Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
+__all__ = ["BoardLink", "Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]

@@ -6,15 +6,16 @@ A HAL is a handful of methods and a statement of what it can do. The tasks ask f
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import NamedTuple, Protocol
 
 from txt1.control.limits import Outputs
 from txt1.model.odometry import Odometry
-from txt1.protocol.messages import Switch
+from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
-__all__ = ["Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
+__all__ = ["BoardLink", "Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
 
 
 class Button(IntFlag):
@@ -35,7 +36,10 @@ class Capabilities:
     Attributes:
         ticks: reports encoder counts; otherwise it reports odometry.
         pwm: takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops.
+        gains: takes the gains of those loops of its own.
+        combined: takes combined odometry for them.
         battery: reports battery voltages.
+        smoothed: the voltages it reports are smoothed already.
         power: has the switches for the ATX supply and the ESC.
         servos: has the two free servo channels.
         buttons: has the joystick.
@@ -47,13 +51,35 @@ class Capabilities:
 
     ticks: bool = False
     pwm: bool = False
+    gains: bool = False
+    combined: bool = False
     battery: bool = False
+    smoothed: bool = False
     power: bool = False
     servos: bool = False
     buttons: bool = False
     place: bool = False
     pose: bool = False
     simulated: bool = False
+
+
+class BoardLink(NamedTuple):
+    """How the link to a board is.
+
+    Attributes:
+        ready: the board has been heard for long enough to be sent a set-point.
+        losses: how often the board was lost so far; each time disarms.
+        reason: why it was lost last, in words.
+        text: what happened last.
+        faults: what went wrong on the line so far, by name.
+
+    """
+
+    ready: bool
+    losses: int
+    reason: str
+    text: str
+    faults: dict[str, int]
 
 
 class Inputs(NamedTuple):
@@ -68,6 +94,7 @@ class Inputs(NamedTuple):
         buttons: the joystick's buttons that are held down.
         backlight: position of the display's potentiometer, 0 to 1.
         pose: true pose (x, y, theta) in the room, m and rad.
+        link: how the link to the board is, where there is a board.
 
     """
 
@@ -79,6 +106,7 @@ class Inputs(NamedTuple):
     buttons: Button = Button.NONE
     backlight: float | None = None
     pose: tuple[float, float, float] | None = None
+    link: BoardLink | None = None
 
 
 class Indicators(NamedTuple):
@@ -126,6 +154,24 @@ class Hal(Protocol):
 
         Raises:
             NotCapable: there is no such switch.
+
+        """
+
+    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
+        """Have the hardware's own loops use these gains, also after it has been away.
+
+        `answered` is told whether they were accepted, later and as often as the hardware answers.
+
+        Raises:
+            NotCapable: the loops run here.
+
+        """
+
+    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
+        """Hand combined odometry to the hardware's own loops.
+
+        Raises:
+            NotCapable: it has no use for it.
 
         """
 

@@ -31,13 +31,14 @@ from statistics import median
 from typing import Any, ClassVar, Final, NoReturn
 from unittest import SkipTest
 
+from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import HalError, NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX
-from txt1.protocol.messages import Switch
+from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
 BROKEN: Final = "BROKEN"
 """How the verdict on a promise that is not kept begins."""
@@ -57,6 +58,12 @@ EXTREMES: Final = (
     Outputs(PWM_MAX, PWM_MAX, PWM_MAX, PWM_MAX, PWM_MAX, 1.5, 1.5 / 0.56),
     Outputs(-PWM_MAX, -PWM_MAX, -PWM_MAX, -PWM_MAX, -PWM_MAX, -1.5, -1.5 / 0.56),
 )
+
+GAINS: Final = PidSet(LINEAR_GAINS, tuple((s.v_max, *s.gains) for s in ANGULAR_GAINS))
+COMBINED: Final = CombinedOdometry(1.0, -2.0, 0.5, 0.3, 0.1)
+
+PATIENCE: Final = 60.0
+"""Seconds in which a board behind a link answers and takes its gains, however noisy the link is."""
 
 NOTICEABLE: Final = 0.005
 """The robot has moved when it has moved so far, in m."""
@@ -344,6 +351,26 @@ class HalConformance:
 
         self._run(body)
 
+    # -- loops of its own --------------------------------------------------------------------------------------
+
+    def test_gains_are_taken_or_refused(self) -> None:
+        """Hal.load_gains."""
+
+        async def body(bench: Bench) -> None:
+            gains = partial(bench.hal.load_gains, GAINS, lambda accepted: None)
+            bench.offers("gains", "Hal.load_gains", gains)
+
+        self._run(body)
+
+    def test_combined_odometry_is_taken_or_refused(self) -> None:
+        """Hal.offer_odometry."""
+
+        async def body(bench: Bench) -> None:
+            odometry = partial(bench.hal.offer_odometry, COMBINED, bench.now)
+            bench.offers("combined", "Hal.offer_odometry", odometry)
+
+        self._run(body)
+
     # -- the rest ----------------------------------------------------------------------------------------------
 
     def test_indicators_are_set_or_ignored(self) -> None:
@@ -408,6 +435,7 @@ class HalConformance:
             bench = Bench(self.make())
             await _waited(bench.hal.open(), "Hal.open")
             try:
+                await bench.ready()
                 await body(bench)
             except BaseException:
                 with suppress(Exception):  # what the test found matters more
@@ -474,6 +502,20 @@ class Bench:
     def write(self, outputs: Outputs) -> None:
         """Write outputs now."""
         called("Hal.write", self.hal.write, outputs, self.now)
+
+    async def ready(self) -> None:
+        """Wait until the robot can be driven: a board behind a link has to answer, and loops of its own need gains."""
+        waits_for_gains = self.capabilities.gains and self.capabilities.simulated
+        answers: list[bool] = []
+        if waits_for_gains:
+            called("Hal.load_gains", self.hal.load_gains, GAINS, answers.append)
+        while True:
+            link = self.read().link
+            if (link is None or link.ready) and (answers or not waits_for_gains):
+                break
+            promise(self.now < PATIENCE, "BoardLink.ready", f"comes true, but after {PATIENCE:g} s it is {link}")
+            await self.hold(NEUTRAL, PERIOD)
+        promise(all(answers), "Hal.load_gains", "takes the gains of the thesis, but they were rejected")
 
     async def hold(self, outputs: Outputs, seconds: float) -> Inputs:
         """The inputs after holding outputs for so long, with a read and a write each period as the tasks do."""

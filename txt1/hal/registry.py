@@ -14,11 +14,14 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, Txt1Error
 from txt1.hal.base import Hal
+
+if TYPE_CHECKING:
+    from txt1.hal.serial import Port
 
 GROUP: Final = "txt1.hal"
 
@@ -54,7 +57,27 @@ def create_sim(config: Config) -> Hal:
     return SimHal(simulator)
 
 
-OURS: Final[dict[str, Callable[[Config], Hal]]] = {"sim": create_sim}
+def create_serial(config: Config, port: Port | None = None) -> Hal:
+    """The board behind the configured line, or behind a port that somebody has ready, which is nothing real."""
+    from txt1.hal.link import End, faulty
+    from txt1.hal.ports import only_candidate
+    from txt1.hal.serial import DevicePort, SerialHal
+
+    serial = config.serial
+
+    def wrap(end: End) -> End:
+        return faulty(end, serial.fault.faults(), config.seed)
+
+    return SerialHal(
+        DevicePort(serial.port or only_candidate(), serial.baud) if port is None else port,
+        wrap,
+        serial.control,
+        config.odometry.scale,
+        simulated=port is not None,
+    )
+
+
+OURS: Final[dict[str, Callable[[Config], Hal]]] = {"sim": create_sim, "serial": create_serial}
 
 
 def names() -> list[str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
+from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
-from txt1.protocol.messages import Switch
+from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.simulator import Simulator
 
 NEUTRAL: Final = Outputs()
@@ -76,6 +78,14 @@ class SimHal:
             self.simulator.atx_on = on
         else:
             self.simulator.esc_on = on
+
+    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
+        """The loops run in the controller task."""
+        raise NotCapable(self.name, "gains")
+
+    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
+        """The loops run in the controller task."""
+        raise NotCapable(self.name, "combined")
 
     def indicate(self, indicators: Indicators) -> None:
         """Remember buzzer and LEDs for the screens."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from txt1.model.kinematics import move_along_arc
+from txt1.model.vehicle import Geometry
 
 
 class Odometry(NamedTuple):
@@ -34,6 +35,12 @@ def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
 def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[float, float]:
     """Speed and yaw rate (v, omega) from the wheel speeds, (2.21) and (2.24)."""
     return (v_right + v_left) / 2.0, (v_right - v_left) / track_width
+
+
+def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[int, int]:
+    """Encoder counts (right, left) that speed and yaw rate make in dt s: (2.21), (2.24) and (3.1) the other way."""
+    turning = 0.5 * geometry.track_width * omega
+    return round((v + turning) * dt / geometry.count_length), round((v - turning) * dt / geometry.count_length)
 
 
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:

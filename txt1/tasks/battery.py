@@ -35,7 +35,7 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
         if inputs.batteries is None:
             continue
         one, two = inputs.batteries
-        if smoothed is not None:
+        if smoothed is not None and not hal.capabilities.smoothed:
             one = OLD_WEIGHT * smoothed[0] + (1.0 - OLD_WEIGHT) * one
             two = OLD_WEIGHT * smoothed[1] + (1.0 - OLD_WEIGHT) * two
         smoothed = one, two

@@ -8,7 +8,8 @@ from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains, Pid
 from txt1.hal.base import Hal
 from txt1.kernel.scheduler import Ticks
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.odometry import wheel_ticks
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.tasks.state import Command, Control, ManualPwm, Source, State
 
 PRIORITY = 4
@@ -20,21 +21,39 @@ COMBINED_TIMEOUT = 0.1
 ODOMETRY_TIMEOUT = 0.5
 """Age in seconds at which odometry is lost."""
 
+STEP_MAX = 0.1
+"""Longest s from one reading of the odometry to the next that a step of the loops may bridge."""
+
 _OFF = Gains()
 
 
-async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
-    """Turn the command in force into outputs, once per tick, through the safety gate."""
+async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
+    """Turn the command in force into outputs, once per tick, through the safety gate.
+
+    The loops step with every reading of the odometry: with every tick where there are encoders, else as it arrives.
+    """
     loops = VelocityLoops()
     closes_loops = hal.capabilities.pwm
+    has_ticks = hal.capabilities.ticks
     was_manual = False
+    board = state.board
+    read_at = 0.0
+    dt = PERIOD
     async for now in ticks:
         if ticks.missed:
             gate.missed(ticks.missed)
+        if state.board is not board:
+            if board is not None and state.board is not None and board.losses != state.board.losses:
+                gate.disarm(state.board.reason, Fault.LINK)
+            board = state.board
         source, v_now, omega_now = measured(state, now)
         right, left = state.encoders
+        if not has_ticks:
+            dt, read_at = min(state.odometry_time - read_at, STEP_MAX), state.odometry_time
+            if closes_loops and dt > 0.0:
+                right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
         if right is not None and left is not None:
-            gate.watch(right, left, state.odometry.v, v_now if source is Source.COMBINED else None, PERIOD)
+            gate.watch(right, left, state.odometry.v, v_now if source is Source.COMBINED else None, dt)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
@@ -46,7 +65,8 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
         if not isfinite(v_now + omega_now):
             gate.count(Fault.MEASURED)
             passes = False
-        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual:
+        at_rest = v_now == 0.0 and isinstance(given, Command) and given.v == 0.0  # nothing to control, so nothing hums
+        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual or at_rest:
             loops.clear()
             outputs = gate.neutral(state.servos)
         elif isinstance(given, ManualPwm):
@@ -57,7 +77,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate) -> None:
             motor = steering = 0.0
             if closes_loops:
                 gains = state.gains.angular.at(v_now)
-                motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains)
+                motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains, dt)
             # u > 0 turns left: the front wheels to the left, the rear ones to the right
             outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
         was_manual = manual
@@ -83,17 +103,20 @@ class VelocityLoops:
             self._clear = True
 
     def step(
-        self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains
+        self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
     ) -> tuple[float, float]:
-        """Motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s.
+        """Motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s, every dt s.
 
-        In reverse the steering acts the other way round, so there the yaw-rate error changes its sign.
+        In reverse the steering acts the other way round, so there the yaw-rate error changes its sign. Without a new
+        measurement (dt = 0) the outputs are held.
         """
+        if dt <= 0.0:
+            return self._linear.output, self._angular.output
         self._clear = False
         yaw_error = 1000.0 * (omega - omega_now)
         return (
-            self._linear.step(1000.0 * (v - v_now), linear, PERIOD),
-            self._angular.step(-yaw_error if v_now < 0.0 else yaw_error, angular, PERIOD),
+            self._linear.step(1000.0 * (v - v_now), linear, dt),
+            self._angular.step(-yaw_error if v_now < 0.0 else yaw_error, angular, dt),
         )
 
 

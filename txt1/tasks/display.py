@@ -20,6 +20,7 @@ async def display(
     ticks: Ticks,
     state: State,
     hal: Hal,
+    name: str,
     gate: Gate,
     room: tuple[float, float] | None,
     light: tuple[float, float] | None,
@@ -31,12 +32,12 @@ async def display(
         hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
         state.snapshot = Snapshot(
             time=now,
-            hal=hal.name,
+            hal=name,
             capabilities=hal.capabilities,
             armed=gate.armed,
             stopped=gate.stopped,
             reason=gate.reason,
-            faults={str(fault): count for fault, count in gate.counts.items() if count},
+            faults=faults(gate, state),
             command=state.command,
             gains=state.gains,
             power=state.power,
@@ -46,6 +47,8 @@ async def display(
             encoders=state.encoders,
             odometry=state.odometry,
             pose=state.pose,
+            board=state.board,
+            odometry_age=now - state.odometry_time,
             link=state.link,
             control=state.control,
             battery=state.battery,
@@ -62,3 +65,11 @@ async def display(
 def buzzer(state: State) -> bool:
     """Whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
     return not state.link.alive or state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
+
+
+def faults(gate: Gate, state: State) -> dict[str, int]:
+    """What was counted so far by the safety gate, the tasks and on the line, by name; no zeros."""
+    counted = {str(fault): count for fault, count in gate.counts.items() if count} | state.line_faults
+    if state.board is not None:
+        counted.update((name, count) for name, count in state.board.faults.items() if count)
+    return counted

@@ -24,6 +24,10 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
+        if inputs.link is not state.board:
+            if inputs.link is not None and (state.board is None or inputs.link.text != state.board.text):
+                state.tell(now, inputs.link.text)
+            state.board = inputs.link
         if inputs.ticks is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")

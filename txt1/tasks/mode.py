@@ -18,11 +18,14 @@ COMBINED_MIN: Final = 2
 
 
 async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
-    """Judge the last second by the messages that came in it; a link that is lost disarms."""
+    """Judge the last second by the messages that came in it; a link that is lost disarms.
+
+    Where there is a board behind a link, that one counts as well.
+    """
     velocities = combined = 0
     async for now in ticks:
         link = Link(
-            alive=state.velocity_count - velocities > VELOCITY_MIN,
+            alive=state.velocity_count - velocities > VELOCITY_MIN and (state.board is None or state.board.ready),
             combined=state.combined_count - combined > COMBINED_MIN,
         )
         velocities, combined = state.velocity_count, state.combined_count

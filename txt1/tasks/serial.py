@@ -18,7 +18,7 @@ from txt1.kernel.scheduler import Ticks
 from txt1.protocol.messages import (
     BoardMessage,
     CombinedOdometry,
-    HostMessage,
+    Message,
     PidResponse,
     PidSet,
     PowerControl,
@@ -34,14 +34,26 @@ PRIORITY = 4
 INBOX_MAX: Final = 1000
 """Messages that may wait for the task; a host that floods it loses the oldest."""
 
-Inbox = deque[tuple[HostMessage, float, int]]
-"""Messages that have arrived, each with the time its author gave it (s of the run) and the gate's epoch then."""
+Inbox = deque[tuple[Message, float, int]]
+"""Messages that have arrived, each with the time its author gave it (s of the run) and the gate's epoch then.
+
+They are the host's; behind the wire, the board's answers to a PID set come in here, too.
+"""
 
 
 async def serial(
-    arrivals: Ticks, inbox: Inbox, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]
+    arrivals: Ticks,
+    inbox: Inbox,
+    state: State,
+    hal: Hal,
+    gate: Gate,
+    send: Callable[[BoardMessage], None],
+    answered: Callable[[bool], None],
 ) -> None:
-    """Carry out every message that has arrived, in order."""
+    """Carry out every message that has arrived, in order.
+
+    `answered` is for a HAL that closes its own loops: told whether they accept the gains, it posts a PidResponse here.
+    """
     async for now in arrivals:
         while inbox:
             message, time, epoch = inbox.popleft()
@@ -54,6 +66,8 @@ async def serial(
                         state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
+                        if hal.capabilities.combined:
+                            hal.offer_odometry(message, now)
                         state.combined_count += 1
                         state.combined = CombinedSample(message.v, message.omega, time)
                 case PwmTest(motor, front, rear, pwm4, pwm5):
@@ -78,11 +92,21 @@ async def serial(
                     state.tell(now, f"{switch.name} {'on' if on else 'off'}")
                 case PidSet():
                     table = gain_table(message)
+                    if table is not None and hal.capabilities.gains:
+                        if table[:2] != state.gains[:2]:
+                            state.gains = table._replace(loaded=False)
+                        hal.load_gains(message, answered)
+                        continue
                     if table is None:
                         gate.count(Fault.GAINS)
                     else:
                         state.gains = table
                     send(PidResponse(table is not None))
+                case PidResponse(accepted):
+                    if not accepted:
+                        gate.count(Fault.GAINS)
+                    state.gains = state.gains._replace(loaded=accepted)
+                    send(message)
 
 
 def gain_table(message: PidSet) -> GainTable | None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import Schedule
-from txt1.hal.base import Capabilities, Outputs
+from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
 from txt1.model.odometry import Odometry
 
@@ -149,6 +149,7 @@ WRITERS: Final = {
     "odometry": "encoder",
     "odometry_time": "encoder",
     "pose": "encoder",
+    "board": "encoder",
     "link": "mode",
     "control": "controller",
     "battery": "battery",
@@ -163,7 +164,7 @@ WRITERS: Final = {
 class State:
     """The shared state. `WRITERS` names the one task that may assign to each field."""
 
-    __slots__ = (*WRITERS, "events")
+    __slots__ = (*WRITERS, "events", "line_faults")
 
     def __init__(self) -> None:
         self.command: Command | None = None
@@ -179,6 +180,7 @@ class State:
         self.odometry = Odometry()
         self.odometry_time = 0.0
         self.pose: tuple[float, float, float] | None = None
+        self.board: BoardLink | None = None
         self.link = Link()
         self.control = Control()
         self.battery = Battery()
@@ -188,10 +190,17 @@ class State:
         self.snapshot: Snapshot | None = None
         self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
+        self.line_faults: dict[str, int] = {}
+        """What went wrong on the line to the host, by name; kept by whoever reads it."""
 
     def tell(self, time: float, text: str) -> None:
         """Log an event."""
         self.events.append(Event(time, text))
+
+    def count_on_line(self, reason: str) -> None:
+        """Count a fault of the line to the host."""
+        name = f"line_{reason}"
+        self.line_faults[name] = self.line_faults.get(name, 0) + 1
 
 
 class TaskReport(NamedTuple):
@@ -217,6 +226,8 @@ class Snapshot(NamedTuple):
         stopped: the emergency stop is latched.
         reason: why the gate is closed, empty when it is open.
         faults: counters of the safety gate and the tasks, by name.
+        board: the link to the board; None for a HAL without one.
+        odometry_age: of the odometry, s.
         room: length and width of the room in m, and the light's position (x, y); None when unknown.
 
     The others are the state's fields of the same name.
@@ -239,6 +250,8 @@ class Snapshot(NamedTuple):
     encoders: Encoders
     odometry: Odometry
     pose: tuple[float, float, float] | None
+    board: BoardLink | None
+    odometry_age: float
     link: Link
     control: Control
     battery: Battery

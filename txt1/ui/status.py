@@ -61,13 +61,12 @@ def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableT
 def _robot(snapshot: Snapshot) -> Panel:
     """Mode of operation and commands."""
     pwm, power = snapshot.capabilities.pwm, snapshot.power
-    link = Text("alive", style=GOOD) if snapshot.link.alive else Text("lost", style=BAD)
     mode = "manual" if snapshot.panel.manual else "controller"
     switches = Text.assemble("ATX ", on_off(power.atx), "  ESC ", on_off(power.esc))
     return Panel(
         field_table(
             ("state", state_of(snapshot)),
-            ("link", link),
+            ("link", _link(snapshot)),
             ("odometry", snapshot.control.source.value if pwm else DASH),
             ("mode", mode if pwm else DASH),
             ("command", _command(snapshot)),
@@ -77,6 +76,16 @@ def _robot(snapshot: Snapshot) -> Panel:
         title="robot",
         border_style=DIM,
     )
+
+
+def _link(snapshot: Snapshot) -> Text:
+    """Alive or lost; behind a line also how old the odometry is."""
+    if not snapshot.link.alive:
+        return Text("lost", style=BAD)
+    text = Text("alive", style=GOOD)
+    if snapshot.board is not None:
+        text.append(f", odometry {1000.0 * snapshot.odometry_age:.0f} ms old", DIM)
+    return text
 
 
 def _command(snapshot: Snapshot) -> str:

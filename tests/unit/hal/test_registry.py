@@ -70,7 +70,7 @@ def test_an_unknown_name_lists_those_there_are(install: Install) -> None:
     install()
     with pytest.raises(ConfigError) as error:
         create(load(options={"hal": "nonsense"}).config)
-    assert str(error.value) == "hal: there is no HAL 'nonsense'; installed: mycar, sim"
+    assert str(error.value) == "hal: there is no HAL 'nonsense'; installed: mycar, serial, sim"
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("simm", "sim"), ("Mycar", "mycar"), ("mycra", "mycar")])
@@ -101,7 +101,7 @@ def test_a_strangers_hal_is_imported_only_when_asked_for(install: Install) -> No
 
 def test_a_stranger_cannot_replace_the_simulated_robot(install: Install) -> None:
     install("raise RuntimeError('imported')", name="sim")
-    assert names() == ["sim"]
+    assert names() == ["serial", "sim"]
     assert isinstance(create(load().config), SimHal)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import cos, pi, sin
 
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
-from txt1.hal.base import Capabilities, Outputs
+from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
 from txt1.model.odometry import Odometry
 from txt1.tasks.state import (
@@ -72,6 +72,8 @@ def full(time: float = 83.4, screen: int = 0) -> Snapshot:
         encoders=Encoders(31, 29),
         odometry=Odometry(x - 1.5, y, theta, 0.512, 0.25 + 0.1 * sin(time)),
         pose=(x, y, theta),
+        board=None,
+        odometry_age=0.0,
         link=Link(True, False),
         control=Control(
             Outputs(1815, -7351, 7351, 1200, -1200, 0.5, 0.25),
@@ -104,6 +106,10 @@ def blind(time: float = 83.4, screen: int = 0) -> Snapshot:
         battery=Battery(),
         backlight=None,
         pose=None,
+        board=BoardLink(
+            True, 1, "link lost: no odometry for 0.45 s", "the board answers on /dev/ttyUSB0", {"line_bad_checksum": 3}
+        ),
+        odometry_age=0.023,
         room=None,
         light=None,
         command=None,

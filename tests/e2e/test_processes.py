@@ -1,0 +1,161 @@
+"""Host and board as two processes, in real time, and what happens when one of them is killed, stopped or unplugged.
+
+Times are taken by the clock of the side that has to notice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from blockbuster import BlockBuster
+
+from tests.e2e.conftest import ENDLESS
+from txt1.board import Board, on_pty
+from txt1.config import Config, load
+from txt1.hal.base import Outputs
+from txt1.kernel import Ticks, run
+from txt1.robot import Robot
+
+TICK = 0.02
+LATE = 0.05
+"""s that a busy machine may be late with what happens in real time."""
+
+
+@pytest.fixture(autouse=True)
+def what_the_test_itself_does_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """Starting processes and looking at files; and a pseudo-terminal is made before the board has power."""
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("tests/e2e/test_processes.py", {"process", "until", "body"})
+        function.can_block_in("txt1/hal/link/pty.py", {"listen_pty", "close"})
+
+
+TXT1 = (sys.executable, "-m", "txt1")
+
+
+@asynccontextmanager
+async def process(*words: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    started = await asyncio.create_subprocess_exec(
+        *TXT1, *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL
+    )
+    try:
+        yield started
+    finally:
+        if started.returncode is None:
+            started.kill()
+        await started.wait()
+
+
+async def until(condition: Callable[[], bool], patience: float = 20.0) -> None:
+    """Wait for something to become true."""
+    for _ in range(round(patience / TICK)):
+        if condition():
+            return
+        await asyncio.sleep(TICK)
+    raise AssertionError(f"not within {patience} s")
+
+
+def board_words(path: Path) -> tuple[str, ...]:
+    rooms = [word for setting in ENDLESS for word in ("--set", setting)]
+    return ("board", "--pty", str(path), "--json", *rooms)
+
+
+def host_config(path: Path) -> Config:
+    return load(None, [f"serial.port={path}"], None, {"hal": "serial"}).config
+
+
+@pytest.mark.parametrize("timeout, limit", [("0.25", 0.25), ("null", 2.0)], ids=["time-out", "link rule alone"])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
+    number: signal.Signals, timeout: str, limit: float, tmp_path: Path
+) -> None:
+    async def body() -> None:
+        config = load(None, [*ENDLESS, f"board.link_timeout={timeout}"]).config
+        board, path = Board(config), tmp_path / "board"
+        listener = await on_pty(config, str(path))(board)
+        await board.power_up()
+        moving: list[float] = []
+
+        async def look(ticks: Ticks) -> None:
+            async for now in ticks:
+                if board.runtime.hal.outputs[:3] != Outputs()[:3]:  # type: ignore[attr-defined]
+                    moving.append(now)
+
+        board.runtime.add_task("look", -1, TICK, look)
+        try:
+            async with process(
+                "run", "--hal", "serial", "--port", str(path), "--arm", "--drive", "1,0", "--headless"
+            ) as host:
+                speed = lambda: board.runtime.hal.simulator.state.v  # type: ignore[attr-defined] # noqa: E731
+                await until(lambda: speed() > 0.95)
+                host.send_signal(number)
+                await asyncio.sleep(3.0)
+                command = board.runtime.state.command
+                assert command is not None and command.v == 1.0, "its last words were to drive on"
+                assert moving[-1] - command.time <= limit + TICK + LATE
+                assert speed() == pytest.approx(0.0, abs=0.05), "rolling out"
+        finally:
+            await board.power_down()
+            listener.close()
+
+    run(body())
+
+
+@pytest.mark.parametrize("way", ["killed", "unplugged"])
+def test_a_host_whose_board_vanishes_notices_stays_up_and_finds_it_again(way: str, tmp_path: Path) -> None:
+    path = tmp_path / "board"
+
+    async def body() -> None:
+        async with process(*board_words(path)) as first:
+            await until(path.is_symlink)
+            async with Robot.open(config=host_config(path), arm=True) as robot:
+                assert await robot.load_gains()
+                await robot.drive(0.5, 0.0, 1.0)
+                gone = robot.now
+                first.send_signal(signal.SIGKILL if way == "killed" else signal.SIGTERM)
+                await until(lambda: not robot.armed)
+                assert robot.now - gone <= 0.5 + LATE
+                assert "lost" in robot.reason
+                await first.wait()
+                await asyncio.sleep(1.5)
+                async with process(*board_words(path)):
+                    await until(lambda: path.exists())
+                    back = robot.now
+                    await until(lambda: robot.faults["reconnects"] == 1)
+                    assert robot.now - back <= 1.0 + LATE
+                    await robot.linked(5.0)
+                    assert not robot.armed
+                    await until(lambda: robot.runtime.state.gains.loaded)
+                    robot.arm()
+                    x = robot.odometry.x
+                    await robot.drive(0.5, 0.0, 2.0)
+                    assert robot.odometry.x - x > 0.5, "it has its gains again"
+
+    run(body())
+
+
+def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -> None:
+    path = tmp_path / "board"
+
+    async def body() -> None:
+        async with process(*board_words(path)) as board:
+            await until(path.is_symlink)
+            async with Robot.open(config=host_config(path), arm=True) as robot:
+                assert await robot.load_gains()
+                await robot.drive(0.5, 0.0, 1.0)
+                stopped = robot.now
+                board.send_signal(signal.SIGSTOP)
+                await until(lambda: not robot.armed)
+                assert robot.now - stopped <= 0.5 + LATE
+                await asyncio.sleep(2.0)
+                board.send_signal(signal.SIGCONT)
+                await robot.linked(5.0)
+                assert not robot.armed
+                assert robot.faults["reconnects"] == 0, "the line was there all the time"
+
+    run(body())

@@ -1,0 +1,280 @@
+"""The virtual board: the board's tasks over the simulated vehicle, behind a line (thesis 3.3.3, 3.5).
+
+To a host it is the real board. It starts as the spec of the firmware says: link lost, all gains 0, and nothing moves
+before a PID set and Velocity have come. It knows no arming from outside, as no message of the protocol arms: the link
+opens the safety gate, and a stop for any other reason ends when the host has asked for nothing for a second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from math import inf
+from typing import Final
+
+from txt1.config import Config
+from txt1.errors import CommandRefused, EncodeError, LinkLost, NotArmed
+from txt1.hal.base import Button, Hal
+from txt1.hal.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
+from txt1.hal.ports import only_candidate
+from txt1.hal.reception import Reception
+from txt1.hal.registry import create, create_serial
+from txt1.hal.serial import DevicePort, Port
+from txt1.kernel.scheduler import Ticks
+from txt1.protocol.decoder import Event, Fault, Reason
+from txt1.protocol.frame import encode
+from txt1.protocol.layout import Role
+from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
+from txt1.runtime import Runtime
+from txt1.tasks.state import Snapshot
+
+VIRTUAL: Final = "virtual"
+"""The port behind which a virtual board runs in the same process."""
+
+LET_GO: Final = 1.0
+"""s in which the host has asked for nothing, after which the board obeys again."""
+
+ARMING_PERIOD: Final = 0.1
+ARMING_PRIORITY: Final = 2
+
+SPACER: Final = b"\x00"
+"""Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
+
+SPACING: Final = 0.02
+"""s of silence on the line after which a frame needs no spacer."""
+
+PID_SET: Final = 0x70
+"""The command of a PID set, and of the answer to it, whose length is 1."""
+
+
+class Board:
+    """A board on the desk. It is the `End` of whatever link the host is on.
+
+    Args:
+        config: of the simulated vehicle, the safety gate and the line.
+        manual: start in manual mode, where PWM test is obeyed instead of Velocity.
+
+    """
+
+    def __init__(self, config: Config, *, manual: bool = False) -> None:
+        timeout = config.board.link_timeout
+        limits = config.limits()._replace(command_timeout=inf if timeout is None else timeout)
+        own = config.model_copy(update={"hal": "sim"})
+        self.runtime = Runtime(own, self._send, create(own), limits=limits, name="board")
+        if manual:
+            self.runtime.press(Button.CENTRE)
+        self.reception = Reception(Role.BOARD, self._take)
+        self._loop = asyncio.get_running_loop()
+        self._link: Link | None = None
+        self._busy_until = -inf  # loop time at which the line falls silent
+        self._byte_time = 10.0 / config.serial.baud
+        self._wanted = -inf  # run time when the host last asked for motion
+        self._may_arm = True
+
+    async def power_up(self) -> None:
+        """Start the tasks; raises what `Runtime.start` raises."""
+        await self.runtime.start()
+        self.runtime.add_task("arming", ARMING_PRIORITY, ARMING_PERIOD, self._arming)
+
+    async def power_down(self) -> None:
+        """Stop the vehicle and the tasks; harmless when that is done already."""
+        self.reception.close()
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        await self.runtime.stop()
+
+    # -- the link's end ----------------------------------------------------------------------------------------
+
+    def connected(self, link: Link) -> None:
+        """A host may be at the other side."""
+        self._link = link
+        self.reception.close()  # nothing of what an earlier host sent counts
+        self.tell(f"line {link.address} open")
+
+    def lost(self, reason: str) -> None:
+        """The line is gone; the link rule does the rest."""
+        self._link = None
+        self.tell(f"line lost: {reason}")
+
+    def received(self, data: bytes) -> None:
+        """Hand the serial task what the host sent."""
+        self.reception.feed(data)
+
+    def _take(self, event: Event) -> None:
+        now = self.runtime.now
+        match event:
+            case Fault():
+                self.runtime.state.count_on_line(event.reason.name.lower())
+                # a malformed PID set is answered; the answer itself, echoed, is not
+                if event.reason is Reason.BAD_LENGTH and event.head[3] == PID_SET and event.head[2] != 1:
+                    self._send(PidResponse(False))
+                return
+            case Velocity(v, omega) if v or omega:
+                self._wanted = now
+            case PwmTest(motor) if motor:
+                self._wanted = now
+            case PowerControl(Switch.ATX, False) if self._idle(now):
+                self.runtime.gate.disarm("the host has switched the ATX supply off")
+        self.runtime.post(event, now)
+
+    def _send(self, message: BoardMessage) -> None:
+        """Put a message on the line; it is lost when there is none."""
+        if self._link is None:
+            return
+        try:
+            frame = encode(message)
+        except EncodeError:  # farther away than 2000 km
+            return
+        time = self._loop.time()
+        if time < self._busy_until + SPACING:
+            frame = SPACER + frame
+        self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
+        with suppress(LinkLost):  # `lost` is on its way
+            self._link.write(frame)
+
+    # -- the safety gate ---------------------------------------------------------------------------------------
+
+    def _idle(self, now: float) -> bool:
+        """Whether the host has asked for nothing for a while, and the vehicle stands."""
+        return now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
+
+    async def _arming(self, ticks: Ticks) -> None:
+        """Open the gate with the link, and after any other stop when the host has let go."""
+        runtime = self.runtime
+        async for now in ticks:
+            if not runtime.state.link.alive or now - self._wanted >= LET_GO:
+                self._may_arm = True
+            if runtime.gate.armed:
+                self._may_arm = False
+            elif self._may_arm and runtime.state.link.alive and not runtime.gate.stopped:
+                with suppress(NotArmed):
+                    runtime.arm()
+
+    # -- for who looks at it -----------------------------------------------------------------------------------
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """All of the board's state at the display task's last tick."""
+        return self.runtime.state.snapshot
+
+    @property
+    def now(self) -> float:
+        """Seconds since power-up."""
+        return self.runtime.now
+
+    def command(self, v: float, omega: float) -> None:
+        """A board is driven by its host."""
+        del v, omega
+        raise CommandRefused("the host drives this board")
+
+    def arm(self) -> None:
+        """Release the emergency stop, or obey again at once.
+
+        Raises:
+            NotArmed: the safety gate may not be opened now; the message says why.
+
+        """
+        self.runtime.arm()
+
+    def disarm(self, reason: str) -> None:
+        """Stop, until the host has let go."""
+        self.runtime.gate.disarm(reason)
+        self.runtime.make_safe()
+
+    def stop(self) -> None:
+        """Emergency stop: neutral outputs at once, latched until armed again."""
+        self.runtime.emergency_stop()
+
+    def press(self, button: Button) -> None:
+        """Press a button of the joystick."""
+        self.runtime.press(button)
+
+    def tell(self, text: str) -> None:
+        """Add a line to the event log."""
+        self.runtime.state.tell(self.runtime.now, text)
+
+
+Listen = Callable[[Board], Awaitable[Listener | Link]]
+"""What puts a board on a line."""
+
+
+def on_pty(config: Config, path: str) -> Listen:
+    """Puts a board on a pseudo-terminal."""
+
+    async def listen(board: Board) -> Listener:
+        return listen_pty(path, paced(_with_faults(board, config), config.serial.baud))
+
+    return listen
+
+
+def on_tcp(config: Config, host: str, port: int) -> Listen:
+    """Puts a board on a TCP port."""
+
+    async def listen(board: Board) -> Listener:
+        return await listen_tcp(host, port, paced(_with_faults(board, config), config.serial.baud))
+
+    return listen
+
+
+def on_device(config: Config, device: str) -> Listen:
+    """Puts a board on a serial device, which paces the bytes itself."""
+
+    async def listen(board: Board) -> Link:
+        return await open_link(device, _with_faults(board, config), config.serial.baud)
+
+    return listen
+
+
+def _with_faults(board: Board, config: Config) -> End:
+    """The board behind the configured faults of its line."""
+    return faulty(board, config.board.fault.faults(), config.seed)
+
+
+class VirtualPort:
+    """A port with a virtual board behind it, in the same process and in the same time."""
+
+    address = VIRTUAL
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self.board: Board | None = None
+
+    async def open(self, end: End) -> Link:
+        """A link to the board, which is powered up first if need be."""
+        if self.board is None:
+            self.board = Board(self._config, manual=self._config.serial.control == "host")
+            await self.board.power_up()
+        return connect(end, paced(_with_faults(self.board, self._config), self._config.serial.baud))[0]
+
+    async def close(self) -> None:
+        """Power the board down."""
+        if self.board is not None:
+            await self.board.power_down()
+            self.board = None
+
+
+def create_hal(config: Config) -> Hal:
+    """The hardware layer that a configuration names; ``serial.port: virtual`` comes with its board.
+
+    Raises:
+        ConfigError: there is no HAL of that name, or its settings are wrong.
+        HalError: it cannot be imported or made.
+
+    """
+    if config.hal == "serial" and config.serial.port == VIRTUAL:
+        return create_serial(config, VirtualPort(config))
+    return create(config)
+
+
+def port_of(config: Config) -> Port:
+    """The port that a configuration names, or the only one there is.
+
+    Raises:
+        HalError: it names none, and there is none or more than one.
+
+    """
+    if config.serial.port == VIRTUAL:
+        return VirtualPort(config)
+    return DevicePort(config.serial.port or only_candidate(), config.serial.baud)

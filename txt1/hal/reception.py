@@ -1,0 +1,54 @@
+"""Receiving: bytes of a link into events of the protocol, with the one rule that needs a clock."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from txt1.protocol.decoder import Decoder, Event
+from txt1.protocol.layout import Role
+
+SILENCE: Final = 0.05
+"""s without a byte after which a half frame is given up."""
+
+
+class Reception:
+    """A decoder that gives up on a half frame when the line falls silent.
+
+    Args:
+        role: the end of the line that receives.
+        take: called with every message and fault, in order.
+
+    """
+
+    def __init__(self, role: Role, take: Callable[[Event], None]) -> None:
+        self.decoder = Decoder(role)
+        self._take = take
+        self._expiry: asyncio.TimerHandle | None = None
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes that have arrived."""
+        self._hand_on(self.decoder.feed(data))
+        self._stop_waiting()
+        if self.decoder.pending:
+            self._expiry = asyncio.get_running_loop().call_later(SILENCE, self.give_up)
+
+    def give_up(self) -> None:
+        """No more bytes come for what is held back."""
+        self._stop_waiting()
+        self._hand_on(self.decoder.expire())
+
+    def close(self) -> None:
+        """Wait for nothing any more; nothing is handed on."""
+        self._stop_waiting()
+        self.decoder.expire()
+
+    def _hand_on(self, events: list[Event]) -> None:
+        for event in events:
+            self._take(event)
+
+    def _stop_waiting(self) -> None:
+        if self._expiry is not None:
+            self._expiry.cancel()
+            self._expiry = None

@@ -1,0 +1,444 @@
+"""The real board as a HAL: the protocol's client, over any byte link (thesis 3.5).
+
+It sends Velocity all the time it is connected, repeats a PID set until the board acknowledges it, takes odometry and
+battery levels as they come, notices when the board is gone, and finds it again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from math import cos, hypot, inf, sin
+from typing import Final, Literal, NamedTuple, Protocol
+
+from txt1.errors import EncodeError, HalError, LinkLost, NotCapable
+from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
+from txt1.hal.link import End, Link, open_link
+from txt1.hal.reception import Reception
+from txt1.model.kinematics import wrap_angle
+from txt1.model.odometry import Odometry
+from txt1.protocol.decoder import Event, Fault
+from txt1.protocol.frame import encode
+from txt1.protocol.layout import Role
+from txt1.protocol.messages import (
+    BatteryLevels,
+    CombinedOdometry,
+    EncoderOdometry,
+    HostMessage,
+    PidResponse,
+    PidSet,
+    PowerControl,
+    PwmCommand,
+    PwmTest,
+    Switch,
+    Velocity,
+)
+
+SEND_PERIOD: Final = 0.05
+"""s between two Velocity messages: 20 Hz, all the time (the original driver: 10 Hz)."""
+
+PID_SET_PERIOD: Final = 1.0
+"""s between two attempts at having the gains acknowledged."""
+
+REJECTIONS_MAX: Final = 3
+"""Answers "rejected" that are believed: a damaged PID set gets one, too."""
+
+COMBINED_PERIOD: Final = 0.02
+"""Shortest s between two combined odometry messages: more would crowd the line."""
+
+LOST: Final = 0.45
+"""Age in s at which odometry means that the board is lost: noticed within 0.5 s, waiting for the next tick included."""
+
+SETTLED: Final = 1.2
+"""s of odometry before the first set-point. Boards judge the link once a second; by then they have found it alive, and
+the first step of their loops, which takes the whole outage for its period, has had a set-point of 0."""
+
+LATE: Final = 0.08
+"""s between two odometry messages (20 Hz) that mean that one was lost."""
+
+LOSSY: Final = 5.0
+"""s for which a line that lost a frame is sent Velocity at every tick, so that the board's time-out sees enough."""
+
+JUMP_TIME: Final = 0.5
+"""s of motion by which two poses in a row may be further apart than the time between their arrivals explains ..."""
+
+JUMP_SPEED: Final = 0.3
+"""... at so many m/s more than either of them reports ..."""
+
+JUMP_ANGLE: Final = 1.5
+"""... and so many rad."""
+
+BACKOFF_MIN: Final = 0.1
+BACKOFF_MAX: Final = 0.9
+"""s before the first and between the later attempts to reconnect: within a second of the board's return."""
+
+FAREWELLS: Final = 3
+"""Zero set-points with which the board is left."""
+
+
+class Port(Protocol):
+    """Where the board is found."""
+
+    @property
+    def address(self) -> str:
+        """For people."""
+
+    async def open(self, end: End) -> Link:
+        """A link to it, up; raises HalError, which says what to do."""
+
+    async def close(self) -> None:
+        """Let go of what was needed for it."""
+
+
+class DevicePort(NamedTuple):
+    """A serial device, or socket://host:port."""
+
+    address: str
+    baud: int
+
+    async def open(self, end: End) -> Link:
+        """A link to it."""
+        return await open_link(self.address, end, self.baud)
+
+    async def close(self) -> None:
+        """Nothing is left to let go of."""
+
+
+class SerialHal:
+    """A TXT-1 board behind a line.
+
+    Args:
+        port: where it is.
+        wrap: what stands between this HAL and the link, such as line faults; None for nothing.
+        control: who closes the velocity loops: the board, or this host with PWM test messages (the board has to be in
+            manual mode; experimental).
+        scale: of the board's lengths and angles; original boards read 6.3 % low.
+        simulated: nothing real is behind the port.
+
+    """
+
+    name = "serial"
+
+    def __init__(
+        self,
+        port: Port,
+        wrap: Callable[[End], End] | None = None,
+        control: Literal["board", "host"] = "board",
+        scale: float = 1.0,
+        simulated: bool = False,
+    ) -> None:
+        self.port = port
+        self.reception = Reception(Role.HOST, self._take)
+        on_board = control == "board"
+        self.capabilities = Capabilities(
+            pwm=not on_board,
+            gains=on_board,
+            combined=on_board,
+            battery=True,
+            smoothed=True,
+            power=True,
+            servos=True,
+            simulated=simulated,
+        )
+        self._end: End = self if wrap is None else wrap(self)
+        self._scale = scale
+        self._link: Link | None = None
+        self._reconnecting: asyncio.Task[None] | None = None
+        self._failure: Exception | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._origin = inf  # loop time of the run's start
+        self._closed = True
+        # what the board said
+        self._pose: EncoderOdometry | None = None  # as it was sent
+        self._odometry: Odometry | None = None
+        self._heard = -inf  # loop time of the last odometry
+        self._heard_since = inf  # ... and of the first since the board was lost
+        self._batteries: tuple[float, float] | None = None
+        # what it is told
+        self._outputs = Outputs()
+        self._due = -inf  # run time of the next Velocity
+        self._lossy_until = -inf  # loop time
+        self._combined_due = -inf
+        self._pid_set: bytes | None = None
+        self._pid_due = -inf
+        self._rejections = 0
+        self._answered: Callable[[bool], None] = lambda accepted: None
+        # what happened
+        self._text = f"connecting to {port.address}"
+        self._losses = 0
+        self._reason = ""
+        self._connections = 0
+        self._refused = 0
+        self._lost_frames = 0
+        self._report: BoardLink | None = None
+
+    # -- life --------------------------------------------------------------------------------------------------
+
+    async def open(self) -> None:
+        """Open the port; from then on a lost link is opened again until `close`."""
+        self._loop = asyncio.get_running_loop()
+        self._origin = inf
+        self._outputs = Outputs()
+        self._due = self._combined_due = self._pid_due = -inf
+        self._closed = False
+        try:
+            await self.port.open(self._end)
+        except BaseException:
+            self._closed = True
+            await self.port.close()
+            raise
+
+    async def close(self) -> None:
+        """Tell the board to stop, more than once as lines lose frames, and let go of it."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._reconnecting is not None:
+            self._reconnecting.cancel()
+            self._reconnecting = None
+        for _ in range(FAREWELLS):
+            if self._link is not None:
+                self._send_outputs(Outputs(0, 0, 0, *self._outputs[3:5]))
+                await asyncio.sleep(SEND_PERIOD)
+        self.reception.close()
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        self._down("closed")
+        await self.port.close()
+
+    async def _reconnect(self) -> None:
+        """Open the port again as soon as it can be."""
+        pause = BACKOFF_MIN
+        while True:
+            await asyncio.sleep(pause)
+            try:
+                await self.port.open(self._end)
+                return
+            except HalError:
+                pause = min(2.0 * pause, BACKOFF_MAX)
+            except Exception as error:
+                self._failure = error
+                return
+
+    # -- the link's end ----------------------------------------------------------------------------------------
+
+    def connected(self, link: Link) -> None:
+        """A fresh line: nothing of what came before counts."""
+        self._link = link
+        self._connections += 1
+        self.reception.close()
+        self._pid_due = self._due = -inf
+        self._tell(f"connected to {link.address}, waiting for odometry")
+
+    def lost(self, reason: str) -> None:
+        """The link is gone; look for it."""
+        self._link = None
+        self._down(f"link lost: {reason}")
+        if not self._closed and (self._reconnecting is None or self._reconnecting.done()):
+            assert self._loop is not None
+            self._reconnecting = self._loop.create_task(self._reconnect())
+
+    def received(self, data: bytes) -> None:
+        """Take what the board sent."""
+        self.reception.feed(data)
+
+    def _take(self, event: Event) -> None:
+        try:
+            match event:
+                case EncoderOdometry():
+                    self._take_odometry(event)
+                case BatteryLevels(one, two):
+                    self._batteries = one, two
+                case PidResponse(accepted):
+                    self._take_answer(accepted)
+                case Fault():
+                    self._lossy_until = self._time() + LOSSY
+                    self._report = None
+        except Exception as error:  # the event loop would only log it; `read` raises it
+            self._failure = error
+
+    def _take_odometry(self, pose: EncoderOdometry) -> None:
+        time = self._time()
+        since = time - self._heard
+        if self._heard_since < inf and self._pose is not None:
+            if since > LOST:
+                self._down(f"link lost: no odometry for {since:.2f} s")
+            elif jumped(self._pose, pose, since):
+                self._down("the board restarted: its odometry jumped")
+        if LATE < since <= LOST:
+            self._lost_frames += round(since / SEND_PERIOD) - 1
+            self._lossy_until = time + LOSSY
+            self._report = None
+        if self._heard_since == inf:
+            self._heard_since = time
+            self._pose = self._odometry = None
+            self._pid_due = -inf  # it may have forgotten them
+            self._rejections = 0
+            self._tell(f"the board answers on {self.port.address}")
+        self._odometry = follow(self._odometry, self._pose, pose, self._scale)
+        self._pose, self._heard = pose, time
+
+    def _take_answer(self, accepted: bool) -> None:
+        if self._pid_set is None:
+            return
+        if not accepted:
+            self._rejections += 1
+            if self._rejections < REJECTIONS_MAX:
+                return  # it is sent again
+        self._pid_due = inf
+        self._answered(accepted)
+
+    def _down(self, reason: str) -> None:
+        """The board is lost, if it was there."""
+        if self._heard_since < inf:
+            self._losses += 1
+            self._reason = reason
+        self._heard_since = inf
+        self._tell(reason)
+
+    def _tell(self, text: str) -> None:
+        self._text = text
+        self._report = None
+
+    def _time(self) -> float:
+        assert self._loop is not None
+        return self._loop.time()
+
+    # -- for the tasks -----------------------------------------------------------------------------------------
+
+    def read(self, now: float) -> Inputs:
+        """The newest odometry and battery levels that have arrived."""
+        if self._failure is not None:
+            raise HalError(f"the link to {self.port.address} failed: {self._failure!r}") from self._failure
+        time = self._time()
+        self._origin = min(self._origin, time - now)
+        if time - self._heard > LOST and self._heard_since < inf:
+            self._down(f"link lost: no odometry for {LOST:g} s")
+        report = self._report
+        ready = time - self._heard_since >= SETTLED
+        if report is None or report.ready is not ready:
+            report = self._report = BoardLink(ready, self._losses, self._reason, self._text, self._counts())
+        return Inputs(
+            odometry=self._odometry,
+            odometry_time=max(0.0, self._heard - self._origin),
+            batteries=self._batteries,
+            link=report,
+        )
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Send what is due: the set-point 20 times a second and at once on a stop, servos when they move, gains."""
+        before, self._outputs = self._outputs, outputs
+        if self._link is None:
+            return
+        if outputs[3:5] != before[3:5]:
+            self._send(PwmCommand(outputs.pwm4, outputs.pwm5))
+        stops = not moves(outputs) and moves(before)
+        if now >= self._due - 1e-9 or stops or self._time() < self._lossy_until:
+            if now >= self._due - 1e-9:
+                self._due = (now if self._due < now - SEND_PERIOD else self._due) + SEND_PERIOD
+            self._send_outputs(outputs)
+        if now >= self._pid_due and self._pid_set is not None:
+            self._pid_due = now + PID_SET_PERIOD
+            self._send_bytes(self._pid_set)
+
+    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
+        """Send the gains once a second until the board acknowledges them, and again whenever it has been away."""
+        self._require("gains")
+        frame = encode(gains)
+        self._answered = answered
+        if frame == self._pid_set and self._pid_due < inf:
+            return  # under way
+        self._pid_set, self._pid_due, self._rejections = frame, -inf, 0
+
+    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
+        """Send combined odometry, 50 times a second at most."""
+        self._require("combined")
+        if now >= self._combined_due - 1e-9:
+            self._combined_due = now + COMBINED_PERIOD
+            self._send(combined)
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        """Send a power switch's new state."""
+        del now
+        self._send(PowerControl(switch, on))
+
+    def indicate(self, indicators: Indicators) -> None:
+        """Buzzer and LEDs are the board's own affair."""
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        """Nobody can lift a real robot from here."""
+        raise NotCapable(self.name, "place")
+
+    def _require(self, capability: str) -> None:
+        if not getattr(self.capabilities, capability):
+            raise NotCapable(self.name, capability)
+
+    def _send_outputs(self, outputs: Outputs) -> None:
+        """Send a set-point, 0 as long as the board has not settled; or PWM counts, and 0 to keep the link alive."""
+        ready = self._time() - self._heard_since >= SETTLED
+        if self.capabilities.pwm:
+            self._send(Velocity(0.0, 0.0))
+            motor, front, rear = outputs[:3] if ready else (0, 0, 0)
+            self._send(PwmTest(motor, front, rear, outputs.pwm4, outputs.pwm5))
+        else:
+            self._send(Velocity(outputs.v, outputs.omega) if ready else Velocity(0.0, 0.0))
+
+    def _send(self, message: HostMessage) -> None:
+        try:
+            frame = encode(message)
+        except EncodeError:  # combined odometry far outside the world
+            self._refused += 1
+            self._report = None
+            return
+        self._send_bytes(frame)
+
+    def _send_bytes(self, frame: bytes) -> None:
+        if self._link is not None:
+            try:
+                self._link.write(frame)
+            except LinkLost:
+                self._link = None  # `lost` is on its way
+
+    def _counts(self) -> dict[str, int]:
+        counts = {f"line_{reason.name.lower()}": count for reason, count in self.reception.decoder.faults.items()}
+        counts["line_late_odometry"] = self._lost_frames
+        counts["line_not_encodable"] = self._refused
+        counts["reconnects"] = max(0, self._connections - 1)
+        return counts
+
+
+def moves(outputs: Outputs) -> bool:
+    """Whether the outputs move the vehicle."""
+    return bool(outputs.motor or outputs.v or outputs.omega)
+
+
+def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
+    """Whether no motion leads from one pose to the other within dt s of receiving them: the board has restarted.
+
+    What a line held back arrives in a bunch, so the time between two arrivals may be half a second too short.
+    """
+    reach = (max(abs(before.v), abs(after.v)) + JUMP_SPEED) * (dt + JUMP_TIME)
+    turn = max(abs(before.omega), abs(after.omega)) * (dt + JUMP_TIME) + JUMP_ANGLE
+    return hypot(after.x - before.x, after.y - before.y) > reach or abs(wrap_angle(after.theta - before.theta)) > turn
+
+
+def follow(odometry: Odometry | None, before: EncoderOdometry | None, after: EncoderOdometry, scale: float) -> Odometry:
+    """The odometry after a board's pose has changed, with the board's lengths and angles multiplied by `scale`.
+
+    Its wheels' speeds are off by one factor, so are its distances and its heading; the path is made anew from both.
+    """
+    if scale == 1.0 or odometry is None or before is None:
+        return Odometry(after.x, after.y, wrap_angle(after.theta), scale * after.v, scale * after.omega)
+    turned = wrap_angle(after.theta - before.theta)
+    # the step as the board saw it, from its own mean heading to ours
+    rotation = odometry.theta - before.theta + 0.5 * (scale - 1.0) * turned
+    dx, dy = scale * (after.x - before.x), scale * (after.y - before.y)
+    c, s = cos(rotation), sin(rotation)
+    return Odometry(
+        odometry.x + c * dx - s * dy,
+        odometry.y + s * dx + c * dy,
+        wrap_angle(odometry.theta + scale * turned),
+        scale * after.v,
+        scale * after.omega,
+    )
