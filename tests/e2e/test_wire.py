@@ -454,3 +454,29 @@ async def test_the_host_closes_the_loops_at_20_hz(v: float, omega: float) -> Non
         assert sum(rates) / len(rates) == pytest.approx(omega, abs=0.05)
         await asyncio.sleep(1.5)
         assert true_speed(board) == 0.0
+
+
+# -- the screens -----------------------------------------------------------------------------------------------
+
+
+async def test_what_the_wire_carries_agrees_on_both_screens_and_the_rest_is_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with wired(monkeypatch) as together:
+        await together.robot.drive(0.5, 0.4, 3.0)
+        await together.robot.drive(0.0, 0.0, 3.0)
+        host, board = together.robot.snapshot, together.board.snapshot
+        assert host is not None and board is not None
+        assert host.odometry == pytest.approx(board.odometry, abs=0.0006)
+        assert host.odometry.x > 1.0
+        assert (host.battery.battery1, host.battery.battery2) == pytest.approx(
+            (board.battery.battery1, board.battery.battery2), abs=0.01
+        )
+        assert host.battery.state == board.battery.state
+        assert host.command is not None and board.command is not None
+        assert host.command[:2] == board.command[:2] == (0.0, 0.0)
+        assert host.gains.linear == board.gains.linear and host.gains.loaded
+        assert host.link.alive and board.link.alive
+        can = host.capabilities
+        assert not (can.ticks or can.pwm or can.buttons or can.pose)
+        assert (host.encoders.right, host.pose, host.backlight) == (None, None, None)

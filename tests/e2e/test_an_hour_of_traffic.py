@@ -1,0 +1,88 @@
+"""An hour on a bad line: nothing wrong is acted on, nothing is missing that was not damaged, nothing piles up."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from array import array
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from txt1 import board as board_module
+from txt1.board import SPACER, VirtualPort
+from txt1.config import load
+from txt1.hal import serial as serial_hal
+from txt1.hal.link import faulty
+from txt1.hal.serial import SerialHal
+from txt1.protocol.decoder import Event, Fault
+from txt1.protocol.frame import encode
+from txt1.protocol.messages import Message
+from txt1.robot import Robot
+from txt1.sim.line import LineFaults
+
+HOUR = 3600.0
+FAULTS = LineFaults(drop=0.01, flip=1e-4, duplicate=0.01, delay=0.005, jitter=0.01, stall=0.1)
+ODDS = 1 / 65536
+"""Of a damaged frame to pass the checksum, if the damage is at random; see `txt1.protocol.frame.checksum`."""
+
+
+async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent, hit, delivered = array("q"), array("q"), array("q")  # hashes: these must not be what piles up
+    damaged = 0
+    flipped: bytes | None = None
+
+    def note(message: Message) -> bytes:
+        frame = encode(message)
+        sent.append(hash(frame))
+        return frame
+
+    def injected(fault: str, piece: bytes) -> None:
+        nonlocal damaged, flipped
+        frame = hash(piece.removeprefix(SPACER))
+        if fault == "duplicate":
+            sent.append(frame)
+        if fault in ("drop", "flip") or piece is flipped:  # a damaged piece may come twice
+            hit.append(frame)
+            damaged += fault != "drop"
+        flipped = piece if fault == "flip" else None
+
+    def listen(take: Callable[[Event], None], event: Event) -> None:
+        if not isinstance(event, Fault):
+            delivered.append(hash(encode(event)))
+        take(event)
+
+    monkeypatch.setattr(serial_hal, "encode", note)
+    monkeypatch.setattr(board_module, "encode", note)
+    config = load(None, ENDLESS).config
+    hal = SerialHal(VirtualPort(config), lambda end: faulty(end, FAULTS, 1, injected), simulated=True)
+    hal.reception._take = partial(listen, hal.reception._take)
+    async with Robot.open(hal, config=config, patience=0.0) as robot:
+        board = hal.port.board  # type: ignore[attr-defined]
+        board.reception._take = partial(listen, board.reception._take)
+        await robot.linked(20.0)
+        robot.arm()
+        assert await robot.load_gains(timeout=60.0)
+        await robot.drive(0.5, 0.4, 600.0)
+        blocks = sys.getallocatedblocks()
+        await robot.drive(0.5, 0.4, HOUR - 600.0)
+        grown = sys.getallocatedblocks() - blocks
+        assert grown < 2000, f"{grown} more objects after 50 minutes"
+        assert robot.armed and board.runtime.gate.counts["command_stale"] == 0
+        assert hal._link is not None and hal._link.overflows == 0
+        robot.disarm()
+        await asyncio.sleep(1.0)
+        in_time = len(sent)
+        await asyncio.sleep(1.0)
+
+    assert in_time > 20 * HOUR * 2
+    missing = Counter(sent[:in_time]) - Counter(delivered)
+    explained = Counter(hit)
+    assert not missing - explained, "every frame that did not arrive was dropped or damaged"
+    assert 0.015 < missing.total() / in_time < 0.03
+    wrong = (Counter(delivered) - Counter(sent)).total()
+    assert damaged > 1000
+    assert wrong <= 1 + 3 * damaged * ODDS, "what arrived was sent, but for what the checksum lets through"
