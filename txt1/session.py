@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, NamedTuple
 from txt1.board import Board, Listen
 from txt1.config import Config
 from txt1.control.limits import Fault
-from txt1.errors import HalError
+from txt1.errors import HalError, TaskFault
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.scheduler import Ticks
 from txt1.kernel.statistics import TaskStatistics
@@ -94,16 +94,29 @@ def run_board(config: Config, plan: Plan, listen: Listen, *, manual: bool) -> En
 
 def _conduct(session: Callable[[Ending], Coroutine[Any, Any, None]], plan: Plan) -> Ending:
     ending = Ending()
+    unexpected: list[Exception] = []
 
     async def main() -> None:
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
         for number in SIGNALS:
             loop.add_signal_handler(number, partial(ending.interrupt, number, task, loop))
+
+        def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            error = context.get("exception")
+            if not isinstance(error, Exception):
+                loop.default_exception_handler(context)
+            elif not unexpected:
+                unexpected.append(error)
+                task.cancel()
+
+        loop.set_exception_handler(failed)
         await session(ending)
 
     with suppress(asyncio.CancelledError):
         run(main(), speed=plan.speed)
+    if unexpected:  # in a callback of the event loop, which would only have logged it
+        raise TaskFault("event loop", unexpected[0]) from unexpected[0]
     return ending
 
 

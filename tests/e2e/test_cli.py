@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster
 
+from txt1.board import Board
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import HalError
@@ -448,3 +449,14 @@ def test_a_capture_that_cannot_be_read_is_one_line(capsys: Capture, tmp_path: Pa
     file.write_text("FA FB\n0G\n")
     assert "line 2, column 2" in complaint(capsys, ["decode", "--role", "host", "--hex", str(file)])
     assert "missing.bin" in complaint(capsys, ["decode", "--role", "host", "missing.bin"])
+
+
+def test_an_error_in_a_callback_of_the_event_loop_ends_the_run_instead_of_being_logged(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: Board, data: bytes) -> None:
+        raise RuntimeError("nobody expected this")
+
+    monkeypatch.setattr(Board, "received", fails)
+    assert execute(["run", "--hal", "serial", "--port", "virtual", "--json", "--duration", "5", "--speed", "max"]) == 1
+    assert "nobody expected this" in capsys.readouterr().err
