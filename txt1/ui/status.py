@@ -36,7 +36,8 @@ def state_of(snapshot: Snapshot) -> Text:
     if snapshot.armed:
         return Text(" ▶ ARMED ", style="bold black on green")
     reason = f" ({clean(snapshot.reason)})" if snapshot.reason else ""
-    return Text(f" ▌▌disarmed{reason} ", style="black on yellow")
+    # the whole reason is among the events
+    return Text(f" ▌▌disarmed{reason} ", style="black on yellow", no_wrap=True, overflow="ellipsis")
 
 
 def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableType:
