@@ -1,0 +1,58 @@
+"""A plan leads to the goal, and its body keeps clear of the walls."""
+
+from itertools import pairwise
+from math import hypot, pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from txt1.model.kinematics import wrap_angle
+from txt1.model.reeds_shepp import Pose, Segment, end
+from txt1.model.vehicle import Geometry
+from txt1.navigation.plan import NoPath, along, cost, plan, plan_with_run_up, stays_inside, stretches
+from txt1.sim.room import Room
+
+ROOM = Room(5.0, 5.0)
+BODY = Geometry()
+places = st.floats(-1.9, 1.9)  # 0.6 m from the walls
+poses = st.tuples(places, places, st.floats(-pi, pi))
+
+
+@settings(deadline=None)
+@given(poses, poses)
+def test_it_leads_to_the_goal_inside_the_room(start: Pose, goal: Pose) -> None:
+    for make in (plan, plan_with_run_up):
+        path = make(start, goal, ROOM, BODY)
+        x, y, theta = end(start, path)
+        assert hypot(x - goal[0], y - goal[1]) < 1e-6
+        assert abs(wrap_angle(theta - goal[2])) < 1e-6
+        assert stays_inside(start, path, ROOM, BODY)
+
+
+@settings(deadline=None)
+@given(poses, poses)
+def test_it_leaves_the_steering_a_tenth_to_correct_with(start: Pose, goal: Pose) -> None:
+    assert all(abs(segment.curvature) <= 1.0 / (1.1 * BODY.radius_min) + 1e-9 for segment in plan(start, goal, ROOM))
+
+
+def test_without_walls_anything_goes() -> None:
+    assert stays_inside((0.0, 0.0, 0.0), (Segment(0.0, 100.0),), None, BODY)
+    assert not stays_inside((0.0, 0.0, 0.0), (Segment(0.0, 100.0),), ROOM, BODY)
+
+
+def test_a_goal_in_a_wall_has_no_path_and_the_message_says_what_to_do() -> None:
+    with pytest.raises(NoPath, match=r"no path leads to \(2\.40 m, 0\.00 m, 0 deg\).*farther from the walls"):
+        plan((0.0, 0.0, 0.0), (2.4, 0.0, 0.0), ROOM)
+
+
+def test_a_path_is_cut_where_the_gear_changes() -> None:
+    path = (Segment(1.0, 0.3), Segment(0.0, 0.2), Segment(0.0, -0.4), Segment(1.0, 0.5))
+    assert [len(part) for part in stretches(path)] == [2, 1, 1]
+    assert cost(path) > 1.4
+
+
+def test_poses_along_a_path_are_as_close_as_asked() -> None:
+    start = (0.0, 0.0, 0.0)
+    found = [start, *along(start, (Segment(1.0, 1.0), Segment(0.0, -0.3)), 0.05)]
+    assert all(hypot(b[0] - a[0], b[1] - a[1]) <= 0.05 + 1e-9 for a, b in pairwise(found))

@@ -1,0 +1,16 @@
+"""Driving to places: waypoints by look-ahead, and to a pose, in both gears, all through the Robot API (spec 10).
+
+::
+
+    source = true_pose(robot)                       # or wheel_pose(robot), the default: what the encoders tell
+    await go_to(robot, (1.0, 0.5, 0.0), pose_source=source, room=Room(5.0, 5.0))
+    await follow(robot, [(1.5, 2.0), (-1.5, 2.0)], laps=3)
+"""
+
+from txt1.model.reeds_shepp import Pose
+from txt1.navigation.goto import Arrival, go_to
+from txt1.navigation.plan import NoPath, plan
+from txt1.navigation.source import PoseSource, true_pose, wheel_pose
+from txt1.navigation.waypoints import follow
+
+__all__ = ["Arrival", "NoPath", "Pose", "PoseSource", "follow", "go_to", "plan", "true_pose", "wheel_pose"]

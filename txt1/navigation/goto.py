@@ -1,0 +1,199 @@
+"""Driving a car-like vehicle to a pose, forward and backward."""
+
+from __future__ import annotations
+
+import asyncio
+from math import degrees, hypot, inf, radians, sqrt
+from typing import Final, NamedTuple
+
+from txt1.control.limits import clip
+from txt1.control.schedule import Schedule
+from txt1.errors import CommandRefused, NotArmed
+from txt1.model.kinematics import wrap_angle
+from txt1.model.reeds_shepp import Path, Pose
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.navigation.plan import plan, plan_with_run_up, stretches
+from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
+from txt1.navigation.tracking import Stretch
+from txt1.robot import REFRESH, Robot
+from txt1.sim.room import Room
+
+POSITION: Final = 0.035
+"""m from the goal with which the robot is content; 5 cm are asked for, and the pose source has its own error."""
+HEADING: Final = radians(3.5)
+"""rad likewise; 5 degrees are asked for."""
+OFF_POSITION: Final = 0.06
+OFF_HEADING: Final = radians(10.0)
+"""m from the path, and rad, with which a gear change is not worth waiting for: the path is planned anew."""
+
+CORRECTION: Final = 0.2
+"""m from the goal within which a path is a correction."""
+ATTEMPTS: Final = 8
+"""Paths that are planned before the robot is content with where it is."""
+
+BRAKING: Final = 0.4
+"""m/s^2 with which the set-point falls before the end of a stretch."""
+CRAWL: Final = 0.1
+"""m/s, the slowest set-point: below, the motors' dead band and the encoders' resolution make it uneven."""
+SPEED_LAG: Final = 0.15
+"""s by which the vehicle's speed follows the set-point, so it comes to rest so much later."""
+DEAD_TIME: Final = 0.05
+"""s from a command to the wheels: a driver's period, a controller's and an encoder's."""
+FOLLOWS_WITHIN: Final = 0.12
+"""Metres in which the yaw-rate loop is to follow for the robot to drive curves at full speed."""
+STRAIGHT: Final = 0.3
+"""m ahead that must be straight for a speed at which the loop does not follow as closely."""
+CLEARANCE: Final = 0.03
+"""m/s from the border of a gain set, two quanta of the encoders."""
+REST: Final = 0.25
+"""s without motion after which the vehicle is at rest."""
+
+
+class Arrival(NamedTuple):
+    """Where `go_to` has brought the robot, by the pose source.
+
+    Attributes:
+        pose: where it is, m and rad.
+        distance: from the goal, m.
+        turn: from the goal's heading, rad, never negative.
+        plans: how many paths it took.
+        arrived: within 5 cm and 5 degrees.
+
+    """
+
+    pose: Pose
+    distance: float
+    turn: float
+    plans: int
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is within 5 cm and 5 degrees of the goal."""
+        return self.distance <= 0.05 and degrees(self.turn) <= 5.0
+
+
+async def go_to(
+    robot: Robot,
+    pose: Pose,
+    *,
+    pose_source: PoseSource | None = None,
+    room: Room | None = None,
+    speed: float = 0.4,
+) -> Arrival:
+    """Where the robot has come to rest after driving to a pose (x, y in m, theta in rad).
+
+    Args:
+        robot: armed, its gains loaded.
+        pose: in the frame of the pose source.
+        pose_source: None: the odometry, from where it says the robot is now.
+        room: around the origin of the pose source's frame; None: no walls.
+        speed: m/s, the fastest.
+
+    Raises:
+        NoPath: the goal cannot be reached inside the room.
+        NotArmed: the gate is closed, or closes on the way.
+        CommandRefused: the speed is not positive, or the pose source knows no pose.
+
+    """
+    if not CRAWL <= speed <= robot.config.safety.v_max:
+        raise CommandRefused(f"speed must be from {CRAWL} to {robot.config.safety.v_max} m/s, not {speed!r}")
+    source = wheel_pose(robot) if pose_source is None else pose_source
+    body = robot.config.geometry.geometry()
+    best: Arrival | None = None
+    for plans in range(1, ATTEMPTS + 1):
+        start = _read(source)
+        make = plan if plans == 1 or _far(start, pose) else plan_with_run_up
+        await _drive(robot, source, start, make(start, pose, room, body), speed)
+        reached = _read(source)
+        arrival = Arrival(reached, *_miss(reached, pose), plans)
+        if arrival.distance <= POSITION and arrival.turn <= HEADING:
+            return arrival
+        best = arrival
+    assert best is not None
+    return best
+
+
+async def _drive(robot: Robot, source: PoseSource, start: Pose, path: Path, speed: float) -> None:
+    """Drive a path, gear by gear, to its end or to a gear change at which the robot is off it."""
+    try:
+        for part in stretches(path):
+            stretch = Stretch(start, part)
+            await _drive_stretch(robot, source, stretch, speed)
+            start = stretch.end
+            distance, turn = _miss(_read(source), start)
+            if distance > OFF_POSITION or turn > OFF_HEADING:
+                return
+    finally:
+        robot.command(0.0, 0.0)
+
+
+async def _drive_stretch(robot: Robot, source: PoseSource, stretch: Stretch, speed: float) -> None:
+    """Drive a stretch to its end and come to rest."""
+    geometry = robot.config.geometry.geometry()
+    schedule = robot.runtime.state.gains.angular
+    sharpest = 1.0 / geometry.radius_min
+    in_curves = curve_speed(speed, stretch.gear, schedule, geometry)
+    driven = 0.0
+    while True:
+        if not robot.armed:
+            raise NotArmed(robot.reason)
+        pose = _read(source)
+        driven = stretch.nearest(pose, driven)
+        moving = abs(robot.odometry.v)
+        left = stretch.length - driven - moving * SPEED_LAG
+        if left <= 0.0:
+            break
+        bends = stretch.bends(driven, driven + STRAIGHT) or stretch.length - driven < STRAIGHT
+        v = min(in_curves if bends else speed, max(CRAWL, sqrt(2.0 * BRAKING * left)))
+        preview = min(steering_distance(stretch.gear * v, schedule, geometry), FOLLOWS_WITHIN) + moving * DEAD_TIME
+        curvature = clip(stretch.steer(pose, driven, preview), sharpest)
+        robot.command(*encoders_view(stretch.gear * v, curvature, geometry))
+        await asyncio.sleep(REFRESH)
+    still = 0.0
+    while still < REST:
+        robot.command(0.0, 0.0)
+        await asyncio.sleep(REFRESH)
+        _read(source)  # the encoders' pose wants to be read all the time
+        still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
+
+
+def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float:
+    """Metres in which the yaw-rate loop follows a set-point to 1 - 1/e at v m/s; infinite without gains.
+
+    The steering turns u counts into abs(v) u / (18000 R_min), and the wheels turn quickly. So with g = abs(v) k and
+    k = 1000 / (18000 R_min) the loop is of first order, with the time constant (1 + K_P g) / (K_I g): times abs(v),
+    that is (1 + K_P g) / (K_I k).
+    """
+    kp, ki, _ = schedule.at(v)
+    k = 1000.0 / (STEERING_MAX * geometry.radius_min)
+    return (1.0 + kp * abs(v) * k) / (ki * k) if ki > 0.0 else inf
+
+
+def curve_speed(speed: float, gear: float, schedule: Schedule, geometry: Geometry) -> float:
+    """The fastest speed up to `speed` at which the steering follows closely enough for curves, m/s.
+
+    The thesis's gains for driving backward are so low that the steering takes a third of a metre to follow at
+    -0.3 m/s; the set around standstill is good in both directions.
+    """
+    candidates = [speed] + [
+        abs(s.v_max) - CLEARANCE for s in schedule.sets if CRAWL <= abs(s.v_max) - CLEARANCE < speed
+    ]
+    close = [v for v in candidates if steering_distance(gear * v, schedule, geometry) <= FOLLOWS_WITHIN]
+    return max(close) if close else min(candidates)
+
+
+def _far(pose: Pose, goal: Pose) -> bool:
+    """Whether the goal is too far away for a correction."""
+    return _miss(pose, goal)[0] > CORRECTION
+
+
+def _miss(pose: Pose, goal: Pose) -> tuple[float, float]:
+    """Distance in m and angle in rad from a pose to a goal."""
+    return hypot(goal[0] - pose[0], goal[1] - pose[1]), abs(wrap_angle(goal[2] - pose[2]))
+
+
+def _read(source: PoseSource) -> Pose:
+    pose = source.read()
+    if pose is None:
+        raise CommandRefused(f"the pose source '{source.name}' does not know where the robot is: wait until it does")
+    return pose

@@ -1,0 +1,163 @@
+"""Paths for a car in a room: the shortest of the Reeds-Shepp paths whose body keeps clear of the walls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import product
+from math import ceil, inf, isfinite, pi
+from typing import Final
+
+from txt1.errors import Txt1Error
+from txt1.model.kinematics import move_along_arc
+from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
+from txt1.model.vehicle import Geometry
+from txt1.sim.room import Room, clearance
+
+MARGINS: Final = (1.1, 1.35)
+"""Planned turning radii over R_min: the first leaves the steering something to correct with, the other finds other
+paths where the first finds none."""
+
+ROOMS: Final = (0.06, 0.03, 0.0)
+"""m that the body is to keep from the walls: the most of these with which there is a path."""
+
+GEAR_CHANGE: Final = 0.1
+"""m of path that stopping to change gear is worth."""
+
+SHORT: Final = 0.15
+"""m; a shorter stretch in one gear ends before the steering has come round."""
+SHORT_STRETCH: Final = 0.3
+"""m of path that such a stretch is worth."""
+
+LOOK_EVERY: Final = 0.05
+"""m of path after which the body is looked at again."""
+
+RUN_UP: Final = 0.4
+"""m of straight path before the goal of a correction."""
+
+VIA: Final = 3
+"""Places along each side of a grid that a path in two parts may lead over, and a third as many headings in pi / 4."""
+
+
+class NoPath(Txt1Error):
+    """The car cannot get there without touching a wall.
+
+    >>> raise NoPath((2.4, 0.0, 0.0))
+    Traceback (most recent call last):
+    txt1.navigation.plan.NoPath: no path leads to (2.40 m, 0.00 m, 0 deg) inside the room: choose a goal farther from the walls
+    """  # noqa: E501
+
+    def __init__(self, goal: Pose) -> None:
+        x, y, theta = goal
+        super().__init__(
+            f"no path leads to ({x:.2f} m, {y:.2f} m, {theta * 180 / pi:.0f} deg) inside the room: "
+            "choose a goal farther from the walls"
+        )
+
+
+def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
+    """The path to drive from one pose to another; room None: no walls.
+
+    The cheapest by length and gear changes of the Reeds-Shepp paths that stay inside; where all of them touch a wall,
+    the cheapest of those that lead over some place in between.
+
+    Raises:
+        NoPath: none stays inside.
+
+    """
+    body = Geometry() if body is None else body
+    if room is not None and clearance(*goal, room, body) < 0.0:
+        raise NoPath(goal)
+    for keep_clear in ROOMS:
+        direct = _first_inside(_by_cost(start, goal, body), start, room, body, keep_clear)
+        if direct is not None:
+            return direct
+    assert room is not None
+    for keep_clear in ROOMS:
+        indirect = _over_a_place(start, goal, room, body, keep_clear)
+        if indirect is not None:
+            return indirect
+    raise NoPath(goal)
+
+
+def cost(path: Path) -> float:
+    """Length of a path, m, and what its gear changes and its short stretches are worth."""
+    parts = stretches(path)
+    short = sum(length(part) < SHORT for part in parts)
+    return length(path) + GEAR_CHANGE * (len(parts) - 1) + SHORT_STRETCH * short
+
+
+def stretches(path: Path) -> list[Path]:
+    """The parts of a path that are driven in one gear."""
+    parts: list[list[int]] = []
+    for at, segment in enumerate(path):
+        if parts and path[parts[-1][0]].distance * segment.distance > 0.0:
+            parts[-1].append(at)
+        else:
+            parts.append([at])
+    return [tuple(path[at] for at in part) for part in parts]
+
+
+def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0) -> bool:
+    """Whether the body keeps `keep_clear` m from the walls all along a path, looked at every 5 cm."""
+    if room is None or not (isfinite(room.length) or isfinite(room.width)):
+        return True
+    return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
+
+
+def along(start: Pose, path: Path, every: float) -> Iterator[Pose]:
+    """Poses along a path at most `every` m apart, its end and the ends of its segments among them."""
+    pose = start
+    for curvature, distance in path:
+        pieces = max(1, ceil(abs(distance) / every))
+        for k in range(1, pieces + 1):
+            yield move_along_arc(*pose, distance * k / pieces, curvature, 0.0)
+        pose = move_along_arc(*pose, distance, curvature, 0.0)
+
+
+def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | None = None) -> Path:
+    """As `plan`, but the path ends with a straight run-up to the goal, forward or backward: for corrections.
+
+    The shortest path to a goal a few degrees off is made of arcs so short that the steering cannot follow them.
+    """
+    body = Geometry() if body is None else body
+    found: list[Path] = []
+    for distance in (RUN_UP, -RUN_UP):
+        via = move_along_arc(*goal, -distance, 0.0, 0.0)
+        with suppress(NoPath):
+            path = (*plan(start, via, room, body), Segment(0.0, distance))
+            if stays_inside(start, path, room, body):
+                found.append(path)
+    return min(found, key=cost) if found else plan(start, goal, room, body)
+
+
+def _by_cost(start: Pose, goal: Pose, body: Geometry) -> list[Path]:
+    return sorted((path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min)), key=cost)
+
+
+def _first_inside(
+    candidates: list[Path], start: Pose, room: Room | None, body: Geometry, keep_clear: float
+) -> Path | None:
+    return next((path for path in candidates if stays_inside(start, path, room, body, keep_clear)), None)
+
+
+def _over_a_place(start: Pose, goal: Pose, room: Room, body: Geometry, keep_clear: float) -> Path | None:
+    """The cheapest path in two parts over a grid of poses around the goal and the start."""
+    best, least = None, inf
+    radius = MARGINS[0] * body.radius_min
+    steps = [radius * (k - VIA // 2) for k in range(VIA)]
+    around = [
+        (pose[0] + dx, pose[1] + dy, theta)
+        for pose in (start, goal)
+        for dx, dy, theta in product(steps, steps, (k * pi / 4.0 for k in range(8)))
+    ]
+    for via in around:
+        if clearance(*via, room, body) < keep_clear:
+            continue
+        first = _first_inside(_by_cost(start, via, body), start, room, body, keep_clear)
+        if first is None or cost(first) >= least:
+            continue
+        second = _first_inside(_by_cost(via, goal, body), via, room, body, keep_clear)
+        if second is not None and cost(first) + cost(second) < least:
+            best, least = first + second, cost(first) + cost(second)
+    return best

@@ -1,0 +1,108 @@
+"""Where the robot is: from its encoders, or from a simulation that knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, hypot, sin, sqrt
+from typing import NamedTuple
+
+from txt1.errors import NotCapable
+from txt1.model.kinematics import move_along_arc, wrap_angle
+from txt1.model.reeds_shepp import Pose
+from txt1.model.vehicle import Geometry
+from txt1.robot import Robot
+
+
+class PoseSource(NamedTuple):
+    """Somebody who knows where the robot is.
+
+    Attributes:
+        name: for figures and reports.
+        read: the pose now, m and rad; None while it is not known.
+
+    """
+
+    name: str
+    read: Callable[[], Pose | None]
+
+
+def true_pose(robot: Robot) -> PoseSource:
+    """The simulator's own pose, in the room: what a tracking system under the ceiling would tell.
+
+    Raises:
+        NotCapable: the HAL does not know it.
+
+    """
+    if not robot.hal.capabilities.pose:
+        raise NotCapable(robot.hal.name, "pose")
+    return PoseSource("true pose", lambda: robot.pose)
+
+
+def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
+    """The pose from the encoders, corrected for where these sit; it must be read often, at least 5 times a second.
+
+    Args:
+        robot: whose odometry it is.
+        at: where the robot is now; None: where its odometry says.
+
+    """
+    return PoseSource("odometry", _WheelPose(robot, at))
+
+
+class _WheelPose:
+    """Integrates the odometry's steps as the vehicle's geometry explains them."""
+
+    def __init__(self, robot: Robot, at: Pose | None) -> None:
+        self._robot = robot
+        self._geometry = robot.config.geometry.geometry()
+        self._last: Pose = robot.odometry[:3]
+        self._pose = self._last if at is None else at
+
+    def __call__(self) -> Pose:
+        now: Pose = self._robot.odometry[:3]
+        distance, turn = step_between(self._last, now)
+        self._last = now
+        if distance or turn:
+            distance, turn = straighten(distance, turn, self._geometry)
+            curvature = turn / distance if distance else 0.0
+            self._pose = move_along_arc(*self._pose, distance, curvature, 0.0)
+        return self._pose
+
+
+def step_between(before: Pose, after: Pose) -> tuple[float, float]:
+    """Length (m, backward negative) and turn (rad) of the arc from one pose to another."""
+    dx, dy = after[0] - before[0], after[1] - before[1]
+    turn = wrap_angle(after[2] - before[2])
+    half = 0.5 * turn
+    direction = before[2] + half
+    chord = hypot(dx, dy)
+    if dx * cos(direction) + dy * sin(direction) < 0.0:
+        chord = -chord
+    return chord * (half / sin(half) if abs(half) > 1e-4 else 1.0), turn
+
+
+def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float, float]:
+    """The centre's path (m) and turn (rad), from what the encoders on the steered front wheels make of them.
+
+    At the steering angle phi the front wheels roll 1 / cos(phi) of the centre's path and, being turned out of the
+    axle's direction, tell cos(phi) of the turn. So with q half the measured curvature times L,
+
+        q = tan(phi) cos(phi)^2 = tan(phi) / (1 + tan(phi)^2),   tan(phi) = (1 - sqrt(1 - 4 q^2)) / (2 q)
+
+    At full lock that is 4.3 % of the path and 4.5 % of the turn. Beyond full lock it is noise, and limited.
+    """
+    if not distance:
+        return distance, turn
+    q = 0.5 * geometry.wheelbase * turn / distance
+    tan_max = geometry.tan_steering_max
+    q_max = tan_max / (1.0 + tan_max * tan_max)
+    tangent = tan_max if abs(q) >= q_max else (1.0 - sqrt(1.0 - 4.0 * q * q)) / (2.0 * q) if abs(q) > 1e-6 else q
+    stretch = sqrt(1.0 + tangent * tangent)  # 1 / cos(phi)
+    return distance / stretch, turn * stretch
+
+
+def encoders_view(v: float, curvature: float, geometry: Geometry) -> tuple[float, float]:
+    """The (v, omega) that the encoders tell of a centre moving at v m/s along a curvature in 1/m: set-points for it."""
+    tangent = 0.5 * geometry.wheelbase * curvature
+    stretch = sqrt(1.0 + tangent * tangent)
+    return v * stretch, v * curvature / stretch

@@ -1,0 +1,118 @@
+"""Following waypoints by a look-ahead point on the current leg (spec 10)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from math import atan2, hypot, sqrt
+from typing import Final
+
+from txt1.control.limits import clip
+from txt1.errors import CommandRefused, NotArmed
+from txt1.model.kinematics import wrap_angle
+from txt1.model.reeds_shepp import Pose
+from txt1.navigation.source import PoseSource, wheel_pose
+from txt1.robot import REFRESH, Robot
+
+LOOK_AHEAD: Final = 1.0
+"""m, at the original's 0.5 m/s."""
+SPEED: Final = 0.5
+"""m/s, the original's."""
+SIDEWAYS: Final = 0.6
+"""m/s^2, the largest sideways acceleration: v^2 abs(curvature). At 0.5 m/s it is not reached even at full lock."""
+
+Point = tuple[float, float]
+"""x and y, m."""
+
+
+def aim(pose: Pose, leg_start: Point, leg_end: Point, look_ahead: float) -> Point:
+    """The point on a leg that is `look_ahead` m on from the robot's place abreast of it, at most the leg's end."""
+    along_x, along_y = leg_end[0] - leg_start[0], leg_end[1] - leg_start[1]
+    leg = hypot(along_x, along_y)
+    if leg == 0.0:
+        return leg_end
+    along_x, along_y = along_x / leg, along_y / leg
+    abreast = (pose[0] - leg_start[0]) * along_x + (pose[1] - leg_start[1]) * along_y
+    side = along_x * (pose[1] - leg_start[1]) - along_y * (pose[0] - leg_start[0])
+    # where the circle of the look-ahead around the robot meets the leg; farther off than that, straight towards it
+    ahead = sqrt(max(look_ahead**2 - side**2, 0.0))
+    on = min(max(abreast + ahead, 0.0), leg)
+    return leg_start[0] + on * along_x, leg_start[1] + on * along_y
+
+
+def curvature_towards(pose: Pose, point: Point, look_ahead: float) -> float:
+    """The curvature, 1/m, that turns the robot towards a point: omega / v of omega = 2 v theta_err / look-ahead."""
+    error = wrap_angle(atan2(point[1] - pose[1], point[0] - pose[0]) - pose[2])
+    return 2.0 * error / look_ahead
+
+
+def speed_in_curve(speed: float, curvature: float, sideways: float = SIDEWAYS) -> float:
+    """The speed at which a curve costs no more than `sideways` m/s^2, at most `speed`; m/s."""
+    return min(speed, sqrt(sideways / abs(curvature))) if curvature else speed
+
+
+async def follow(
+    robot: Robot,
+    points: Sequence[Point],
+    *,
+    laps: float = 1,
+    closed: bool = True,
+    speed: float = SPEED,
+    look_ahead: float = LOOK_AHEAD,
+    pose_source: PoseSource | None = None,
+    on_leg: Callable[[int, Point, Point], None] | None = None,
+) -> None:
+    """Drive from waypoint to waypoint, and stop at the last.
+
+    Args:
+        robot: armed, its gains loaded.
+        points: m, in the frame of the pose source.
+        laps: how often; inf: until it is cancelled or the gate closes.
+        closed: whether a lap ends at the first waypoint again; else it ends at the last.
+        speed: m/s, the fastest; it falls in curves.
+        look_ahead: m at `speed`; it shrinks with the speed in curves.
+        pose_source: None: the odometry.
+        on_leg: told the number of each leg, its start and its end, when it begins.
+
+    Raises:
+        NotArmed: the gate is closed, or closes on the way.
+        CommandRefused: there are no waypoints, or the pose source knows no pose.
+
+    """
+    if not points:
+        raise CommandRefused("there are no waypoints: give at least one")
+    source = wheel_pose(robot) if pose_source is None else pose_source
+    sharpest = 1.0 / robot.config.geometry.radius_min
+    pose = _read(source)
+    leg_start: Point = pose[:2]
+    legs, in_a_lap = 0, len(points)
+    last = laps * in_a_lap if closed else in_a_lap * laps - 1
+    try:
+        while legs <= last:
+            leg_end = points[legs % in_a_lap]
+            if on_leg is not None:
+                on_leg(legs, leg_start, leg_end)
+            ending = legs + 1 > last
+            while True:
+                if not robot.armed:
+                    raise NotArmed(robot.reason)
+                pose = _read(source)
+                left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
+                if left <= (0.5 * robot.config.geometry.radius_min if ending else look_ahead):
+                    break
+                curvature = curvature_towards(pose, aim(pose, leg_start, leg_end, look_ahead), look_ahead)
+                curvature = clip(curvature, sharpest)
+                v = speed_in_curve(speed, curvature)
+                robot.command(v, v * curvature)
+                await asyncio.sleep(REFRESH)
+            leg_start = leg_end
+            legs += 1
+    finally:
+        robot.command(0.0, 0.0)
+
+
+def _read(source: PoseSource) -> Pose:
+    pose = source.read()
+    if pose is None:
+        raise CommandRefused(f"the pose source '{source.name}' does not know where the robot is: wait until it does")
+    return pose
