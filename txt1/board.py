@@ -2,7 +2,8 @@
 
 To a host it is the real board. It starts as the spec of the firmware says: link lost, all gains 0, and nothing moves
 before a PID set and Velocity have come. It knows no arming from outside, as no message of the protocol arms: the link
-opens the safety gate, and a stop for any other reason ends when the host has asked for nothing for a second.
+opens the safety gate, and a stop for any other reason ends when the host has asked for nothing for a second. Headings
+go out between -3.142 and 3.142; the originals count 0 to 6.283, and hosts have to take both.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from contextlib import suppress
 from math import inf
 from typing import Final
 
+from numpy.random import SeedSequence
+
 from txt1.config import Config
 from txt1.errors import CommandRefused, EncodeError, LinkLost, NotArmed
 from txt1.hal.base import Button, Hal
 from txt1.hal.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
-from txt1.hal.ports import only_candidate
 from txt1.hal.reception import Reception
 from txt1.hal.registry import create, create_serial
 from txt1.hal.serial import DevicePort, Port
@@ -31,6 +33,9 @@ from txt1.tasks.state import Snapshot
 
 VIRTUAL: Final = "virtual"
 """The port behind which a virtual board runs in the same process."""
+
+BOARD_LINE: Final = 2
+"""Marks the random values of the line at the board's end."""
 
 LET_GO: Final = 1.0
 """s in which the host has asked for nothing, after which the board obeys again."""
@@ -79,11 +84,15 @@ class Board:
 
     async def power_down(self) -> None:
         """Stop the vehicle and the tasks; harmless when that is done already."""
+        self.hang_up()
+        await self.runtime.stop()
+
+    def hang_up(self) -> None:
+        """Let go of the line."""
         self.reception.close()
         if self._link is not None:
             self._link.close()
             self._link = None
-        await self.runtime.stop()
 
     # -- the link's end ----------------------------------------------------------------------------------------
 
@@ -96,10 +105,13 @@ class Board:
     def lost(self, reason: str) -> None:
         """The line is gone; the link rule does the rest."""
         self._link = None
+        self.reception.close()
         self.tell(f"line lost: {reason}")
 
     def received(self, data: bytes) -> None:
         """Hand the serial task what the host sent."""
+        if self.runtime.witness is not None:
+            self.runtime.witness.line("in", data)
         self.reception.feed(data)
 
     def _take(self, event: Event) -> None:
@@ -131,6 +143,8 @@ class Board:
         if time < self._busy_until + SPACING:
             frame = SPACER + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
+        if self.runtime.witness is not None:
+            self.runtime.witness.line("out", frame)
         with suppress(LinkLost):  # `lost` is on its way
             self._link.write(frame)
 
@@ -179,9 +193,9 @@ class Board:
         self.runtime.arm()
 
     def disarm(self, reason: str) -> None:
-        """Stop, until the host has let go."""
-        self.runtime.gate.disarm(reason)
-        self.runtime.make_safe()
+        """Stop, until the host has let go for a second from now."""
+        self._wanted, self._may_arm = self.runtime.now, False
+        self.runtime.disarm(reason)
 
     def stop(self) -> None:
         """Emergency stop: neutral outputs at once, latched until armed again."""
@@ -229,7 +243,7 @@ def on_device(config: Config, device: str) -> Listen:
 
 def _with_faults(board: Board, config: Config) -> End:
     """The board behind the configured faults of its line."""
-    return faulty(board, config.board.fault.faults(), config.seed)
+    return faulty(board, config.board.fault.faults(), SeedSequence([config.seed, BOARD_LINE]))
 
 
 class VirtualPort:
@@ -240,19 +254,33 @@ class VirtualPort:
     def __init__(self, config: Config) -> None:
         self._config = config
         self.board: Board | None = None
+        self._line: End
 
     async def open(self, end: End) -> Link:
-        """A link to the board, which is powered up first if need be."""
+        """A link to the board, which is powered up first if need be.
+
+        Raises:
+            TaskFault: a task of the board has failed.
+
+        """
         if self.board is None:
-            self.board = Board(self._config, manual=self._config.serial.control == "host")
-            await self.board.power_up()
-        return connect(end, paced(_with_faults(self.board, self._config), self._config.serial.baud))[0]
+            config = self._config
+            self.board = board = Board(config, manual=config.serial.control == "host")
+            self._line = paced(_with_faults(board, config), config.serial.baud)
+            await board.power_up()
+            # a board that fails hangs up, and the host finds the reason when it tries again
+            board.runtime.scheduler.ended.add_done_callback(lambda _: board.hang_up())
+        ended = self.board.runtime.scheduler.ended
+        if ended.done():
+            ended.result()
+        return connect(end, self._line)[0]
 
     async def close(self) -> None:
         """Power the board down."""
         if self.board is not None:
-            await self.board.power_down()
-            self.board = None
+            board, self.board = self.board, None
+            await board.power_down()
+            await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
 
 
 def create_hal(config: Config) -> Hal:
@@ -269,12 +297,7 @@ def create_hal(config: Config) -> Hal:
 
 
 def port_of(config: Config) -> Port:
-    """The port that a configuration names, or the only one there is.
-
-    Raises:
-        HalError: it names none, and there is none or more than one.
-
-    """
+    """The port that a configuration names, or the only one there is."""
     if config.serial.port == VIRTUAL:
         return VirtualPort(config)
-    return DevicePort(config.serial.port or only_candidate(), config.serial.baud)
+    return DevicePort(config.serial.port, config.serial.baud)

@@ -218,6 +218,19 @@ class BatteryConfig(Section):
     """Current with the ATX supply off as well; assumed."""
 
 
+class LightConfig(Section):
+    """The simulated light and the four sensors that see it; where the light is says sim.room.light."""
+
+    intensity: Positive = 135.0
+    """Lux at 1 m: a 100 W lamp; assumed."""
+    exponent: Literal[2, 4] = 2
+    """The light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)."""
+    noise: NotNegative | None = None
+    """Of a reading, as a share of it; null: as much as makes the direction jitter by the thesis's 45 degrees."""
+    true_bearing: bool = False
+    """The learner gets the light's true bearing, as the original's simulated one did, in place of four sensors."""
+
+
 class SimConfig(Section):
     """The simulated world."""
 
@@ -228,6 +241,7 @@ class SimConfig(Section):
     battery: BatteryConfig = BatteryConfig()
     noise: NoiseConfig = NoiseConfig()
     faults: FaultsConfig = FaultsConfig()
+    light: LightConfig = LightConfig()
 
 
 class LineFaultsConfig(Section):
@@ -280,7 +294,7 @@ class SerialConfig(Section):
     control: Literal["board", "host"] = "board"
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False
-    """Allows arming with control: host."""
+    """Allows arming with control: host. An original board in manual mode keeps its last PWM when this host dies."""
     host: HostLoopsConfig = HostLoopsConfig()
     rearm: bool = False
     """Arm again by itself when a lost board is back."""
@@ -311,6 +325,60 @@ class TeleopConfig(Section):
     """Share of the largest yaw rate that a and d ask for."""
 
 
+class LearningConfig(Section):
+    """The learning task (thesis 5), and the thesis's learner."""
+
+    start_radius: Positive = 1.25
+    """Distance from the light at which a repetition begins, m."""
+    goal_radius: Positive = 0.5
+    """Distance at which it has succeeded, m."""
+    boundary: Positive = 8.0
+    """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
+    time_limit: Positive = 300.0
+    """It has failed when it takes longer, s; not in the thesis."""
+    pose: Literal["truth", "odometry"] = "truth"
+    """Where the robot is, for goal and boundary: the simulation's truth, or odometry from the start pose on."""
+    sensors: Literal["sim", "phidgets", "none"] = "sim"
+    """The four light sensors; "sim" where the HAL is simulated, and none elsewhere."""
+    period: Positive = 0.5
+    """Time between two decisions of the agent thesis, s."""
+    remedy: Literal["none", "hold", "sensed"] = "sensed"
+    """Its remedy for the delay: update what was commanded; hold until that is reached; update what was sensed."""
+    policy: Literal["boltzmann", "greedy", "random"] = "boltzmann"
+    """How it chooses."""
+    alpha: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.3
+    """Its learning rate."""
+    rate: Literal["constant", "fading", "per_state"] = "constant"
+    """How its learning rate goes on: over repetitions, or by visits of each state."""
+    gamma: Annotated[Real, Field(ge=0.0, lt=1.0)] = 0.5
+    """Its discount factor."""
+    temperature: Positive = 5.0
+    """Its temperature in the first repetition."""
+    temperature_decay: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.65
+    """Factor on it from one repetition to the next."""
+    temperature_floor: Positive = 0.05
+    """The lowest."""
+    filtered: bool = True
+    """Whether its readings pass the filter (5.10)."""
+    training: Annotated[Whole, Field(ge=0)] | None = None
+    """Repetitions after which it chooses greedily; null: never."""
+    learn_on: bool = True
+    """Whether it goes on learning then."""
+
+
+class RecordConfig(Section):
+    """Recordings."""
+
+    epoch: NotNegative = 0.0
+    """Time stamp of the run's start, s since 1970; the wall clock's start is in the metadata."""
+    rotate_size: NotNegative = 0.0
+    """A new file is begun when one has so many megabytes; 0: never."""
+    rotate_time: NotNegative = 0.0
+    """... and when it covers so many seconds of the run; 0: never."""
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    """Of the chunks in the file."""
+
+
 class HostConfig(Section):
     """The computer this runs on."""
 
@@ -335,7 +403,9 @@ class Config(Section):
     odometry: OdometryConfig = OdometryConfig()
     board: BoardConfig = BoardConfig()
     teleop: TeleopConfig = TeleopConfig()
+    learning: LearningConfig = LearningConfig()
     host: HostConfig = HostConfig()
+    record: RecordConfig = RecordConfig()
 
     def loops(self) -> ControlConfig:
         """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""

@@ -48,6 +48,7 @@ class Findings(NamedTuple):
         asked: PID sets sent.
         answers: round trips of those that were answered, s.
         rejected: answers that said no.
+        gone: why the link was lost meanwhile, if it was.
 
     """
 
@@ -61,6 +62,7 @@ class Findings(NamedTuple):
     asked: int
     answers: tuple[float, ...]
     rejected: int
+    gone: str | None
 
 
 class _Examiner:
@@ -147,6 +149,7 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
         asked,
         tuple(examiner.answers),
         examiner.rejected,
+        examiner.gone,
     )
 
 
@@ -166,6 +169,8 @@ class Remark(NamedTuple):
 def remarks(findings: Findings, baud: int) -> Iterator[Remark]:
     """What the findings mean."""
     f = findings
+    if f.gone is not None:
+        yield Remark("link", f"lost: {f.gone}", False)
     if not f.octets:
         yield Remark(
             "bytes", "none came: is the board on? is this its port? are its transmit and receive lines crossed "
@@ -198,7 +203,7 @@ def _about_batteries(f: Findings) -> Remark:
     if f.levels is None:
         return Remark("battery", "no levels came: a board sends them once a second", False)
     one, two = f.levels
-    return Remark("battery", f"{f.batteries / f.duration:.1f} a second, {one:.2f} V and {two:.2f} V")
+    return Remark("battery", f"{f.batteries} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
 
 
 def _about_answers(f: Findings) -> Remark:

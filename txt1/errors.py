@@ -11,6 +11,7 @@
     ├── LightFault           a light sensor cannot be believed: names the sensor and what it does
     │   └── NoDirection      the four light sensors read the same: they tell nothing about where the light is
     ├── QTableError          a file is no sound Q-table: names the file, the problem and the remedy
+    ├── RecordingError       a recording cannot be written or read: names the file, the problem and the remedy
     ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
     │   └── NotArmed         the safety gate is closed: carries the reason
     ├── TaskFault            a task raised: carries its name, the cause is chained
@@ -142,6 +143,10 @@ class QTableError(Txt1Error):
         self.file = file
         self.problem = problem
         self.remedy = remedy
+
+
+class RecordingError(Txt1Error):
+    """A recording cannot be written or read any further; the message names the file, the problem and the remedy."""
 
 
 class CommandRefused(Txt1Error):

@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 
 from txt1.board import create_hal
 from txt1.config import Config, load
+from txt1.control.limits import Fault
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused, ConfigError, HalError, NotArmed, NotCapable
@@ -63,9 +64,7 @@ class Robot:
         self._commanded = False  # since the driver's last tick
         self._pid_response: asyncio.Future[bool] | None = None
         self._gains_rejected = False
-        self._losses = 0  # of the board so far
-        self._armed = False  # at the driver's last tick
-        self._rearm = False  # when the board is back
+        self._touched = False
         self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
 
     @staticmethod
@@ -78,6 +77,7 @@ class Robot:
         settings: Sequence[str] = (),
         arm: bool | None = None,
         patience: float = 10.0,
+        attach: Callable[[Runtime], None] | None = None,
     ) -> AsyncIterator[Robot]:
         """A running robot, its link up; stopped safely when the block is left.
 
@@ -91,6 +91,7 @@ class Robot:
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
             patience: s to wait for the link; 0 waits for nothing, does not arm, and leaves both to the caller.
+            attach: called with the runtime before it starts: who watches it from the first tick on, such as a recorder.
 
         Raises:
             ConfigError: a setting is wrong.
@@ -114,6 +115,8 @@ class Robot:
         layer = create_hal(effective) if hal is None or isinstance(hal, str) else hal
         runtime = Runtime(effective, lambda m: robot._receive(m), layer)
         robot = Robot(runtime)
+        if attach is not None:
+            attach(runtime)
         body = asyncio.current_task()
         assert body is not None
         failed = False
@@ -209,6 +212,11 @@ class Robot:
         return auto_arm == "always" or (auto_arm == "auto" and self.hal.capabilities.simulated)
 
     @property
+    def touched(self) -> bool:
+        """Whether somebody has stopped or disarmed the robot since it started."""
+        return self._touched
+
+    @property
     def gains_rejected(self) -> bool:
         """Whether the last answer to a PID set was that its gains are not acceptable."""
         return self._gains_rejected
@@ -250,13 +258,12 @@ class Robot:
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
         """Stop, and let nothing through until armed again."""
-        self._rearm = False
-        self._runtime.gate.disarm(reason)
-        self._runtime.make_safe()
+        self._touched = True
+        self._runtime.disarm(reason)
 
     def stop(self) -> None:
         """Emergency stop: neutral outputs at once, latched until armed again."""
-        self._rearm = False
+        self._touched = True
         self._runtime.emergency_stop()
 
     # -- driving -----------------------------------------------------------------------------------------------
@@ -425,7 +432,7 @@ class Robot:
 
         """
         self._require("place")
-        self.hal.place(x, y, theta, self.now)
+        self._runtime.place(x, y, theta)
 
     # -- your own tasks ----------------------------------------------------------------------------------------
 
@@ -446,7 +453,7 @@ class Robot:
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
-        self._runtime.state.tell(self.now, text)
+        self._runtime.tell(text)
 
     # -- inside ------------------------------------------------------------------------------------------------
 
@@ -457,7 +464,7 @@ class Robot:
         """
         timeout = self.config.safety.command_timeout
         async for now in ticks:
-            self._find_again()
+            self._arm_again()
             if self._commanded:  # there was a message in this period already
                 self._commanded = False
                 continue
@@ -480,16 +487,10 @@ class Robot:
                 return
             await asyncio.sleep(min(REFRESH, left))
 
-    def _find_again(self) -> None:
-        """Where the configuration says so, arm again when a board that was lost while armed is back."""
-        state, was_armed = self._runtime.state, self._armed
-        self._armed = self.armed
-        if state.board is not None and state.board.losses != self._losses:
-            self._losses = state.board.losses
-            self._rearm = was_armed and self.config.serial.rearm
-        if self._rearm and not self.armed and self._runtime.linked:
-            self._rearm = False
-            with suppress(NotArmed):
+    def _arm_again(self) -> None:
+        """Where the configuration says so, arm again when a lost link that closed the gate is back."""
+        if self.config.serial.rearm and self._runtime.gate.closed_by is Fault.LINK and self._runtime.linked:
+            with suppress(NotArmed):  # for another reason, which may pass
                 self.arm()
 
     async def _until(self, condition: Callable[[], bool]) -> None:

@@ -9,18 +9,34 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, Protocol
 
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate, Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
-from txt1.hal.base import Button, Hal
+from txt1.hal.base import Button, Hal, Inputs
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.protocol.messages import BoardMessage, Message, PidResponse
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.state import State, TaskReport
+
+
+class Witness(Protocol):
+    """Who is told of everything that is given to the tasks from outside, before it takes effect: a recorder."""
+
+    def message(self, message: Message, time: float) -> None:
+        """A message was posted; `time` is when its author gave it, s of the run."""
+
+    def action(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
+        """Something was done: arm, disarm (its reason), stop, press (a button), place (x, y, theta), tell (a text)."""
+
+    def line(self, direction: str, data: bytes) -> None:
+        """Bytes have come ("in") or gone ("out") on the line."""
+
+    def task(self, name: str, priority: int, period: float, task: PeriodicTask) -> PeriodicTask:
+        """A task is added; what is returned runs in its place."""
 
 
 class Runtime:
@@ -52,6 +68,8 @@ class Runtime:
         self.scheduler = Scheduler(on_fault=self._task_failed)
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
+        self.witness: Witness | None = None
+        """Told of everything that comes from outside."""
         self._send = send
         self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
         self._presses: deque[Button] = deque(maxlen=100)
@@ -154,6 +172,11 @@ class Runtime:
 
     def post(self, message: Message, time: float) -> None:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
+        if self.witness is not None:
+            self.witness.message(message, time)
+        self._put(message, time)
+
+    def _put(self, message: Message, time: float) -> None:
         if len(self._inbox) == self._inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
         self._inbox.append((message, time, self.gate.epoch))
@@ -161,10 +184,11 @@ class Runtime:
 
     def _answered(self, accepted: bool) -> None:
         """The board has answered a PID set."""
-        self.post(PidResponse(accepted), self.now)
+        self._put(PidResponse(accepted), self.now)
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick; the button task takes it at its next tick."""
+        self._tell_witness("press", values=(float(button),))
         self._presses.append(button)
 
     @property
@@ -180,6 +204,7 @@ class Runtime:
             NotArmed: it may not be opened now; the message says why.
 
         """
+        self._tell_witness("arm")
         reason = self._reason_not_to_arm()
         if reason is not None:
             raise NotArmed(reason)
@@ -193,19 +218,48 @@ class Runtime:
         if not state.link.alive:
             return "link lost: the host has not been heard for a second"
         if self.config.hal == "serial" and self.config.serial.control == "host" and not self.config.serial.allow_host:
-            return "control: host is experimental: put the board into manual mode, and set serial.allow_host=true"
+            return (
+                "control: host is experimental: an original board in manual mode keeps its last PWM when this host "
+                "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
+            )
         if not state.power.atx:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
         if self.hal.read(self.now).cut_off:
             return "the batteries are cut off: change them first"
-        if state.battery.state == "bad":
+        if state.battery.exhausted:
             return "batteries bad: change them first"
         return None
 
     def emergency_stop(self) -> None:
         """Stop at once and latch."""
+        self._tell_witness("stop")
         self.gate.stop()
         self.make_safe()
+
+    def disarm(self, reason: str) -> None:
+        """Close the safety gate at once, outputs neutral."""
+        self._tell_witness("disarm", reason)
+        self.gate.disarm(reason)
+        self.make_safe()
+
+    def place(self, x: float, y: float, theta: float) -> None:
+        """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
+        self._tell_witness("place", values=(x, y, theta))
+        self.hal.place(x, y, theta, self.now)
+
+    def look(self) -> Inputs:
+        """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""
+        self._tell_witness("look")
+        return self.hal.read(self.now)
+
+    def tell(self, text: str) -> None:
+        """Add a line to the event log."""
+        self._tell_witness("tell", text)
+        self.state.tell(self.now, text)
+
+    def _tell_witness(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
+        if self.witness is not None:
+            self.witness.action(kind, text, values)
 
     def make_safe(self) -> None:
         """Put neutral outputs on the hardware now, without waiting for a tick."""
@@ -213,8 +267,15 @@ class Runtime:
 
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task (see `Scheduler.add`)."""
+        if self.witness is not None:
+            task = self.witness.task(name, priority, period, task)
         self.scheduler.add(name, priority, period, task)
         self._periods[name] = (priority, period)
+
+    @property
+    def task_names(self) -> list[str]:
+        """The names of all tasks, in the order they were added."""
+        return list(self._periods)
 
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""

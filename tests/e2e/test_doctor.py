@@ -145,3 +145,9 @@ async def test_a_port_that_cannot_be_opened_is_an_error_and_not_a_finding() -> N
 
     with pytest.raises(HalError, match="busy"):
         await examine(NoPort(b""), GAINS, 1.0)
+
+
+async def test_a_line_that_is_lost_meanwhile_is_not_well() -> None:
+    findings = await found("board.fault.cut=4.0")
+    assert not said(findings)["link"].well
+    assert "closed" in said(findings)["link"].text

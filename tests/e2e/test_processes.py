@@ -94,7 +94,7 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
                 speed = lambda: board.runtime.hal.simulator.state.v  # type: ignore[attr-defined] # noqa: E731
                 await until(lambda: speed() > 0.95)
                 host.send_signal(number)
-                await asyncio.sleep(3.0)
+                await asyncio.sleep(4.0)
                 command = board.runtime.state.command
                 assert command is not None and command.v == 1.0, "its last words were to drive on"
                 assert moving[-1] - command.time <= limit + TICK + LATE

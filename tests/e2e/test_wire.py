@@ -6,6 +6,7 @@ import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,14 +18,16 @@ from txt1 import board as board_module
 from txt1.board import Board, on_pty, on_tcp
 from txt1.config import load
 from txt1.control.limits import Fault as GateFault
-from txt1.errors import HalError, NotArmed, NotCapable
+from txt1.errors import HalError, NotArmed, NotCapable, TaskFault
 from txt1.hal import serial as serial_hal
+from txt1.hal.link import End, Link
 from txt1.kernel import Speed, Ticks, run
-from txt1.protocol.frame import encode
+from txt1.protocol.frame import checksum, encode
 from txt1.protocol.messages import (
     CombinedOdometry,
     EncoderOdometry,
     Message,
+    PidResponse,
     PidSet,
     PwmCommand,
     PwmTest,
@@ -420,6 +423,160 @@ async def test_pwm_test_is_no_message_of_a_host_that_leaves_the_loops_to_the_boa
     async with wired(monkeypatch) as together:
         await together.robot.drive(0.5, 0.5, 2.0)
         assert not any(isinstance(message, PwmTest) for _, message in together.sent)
+
+
+async def test_a_stop_before_the_loss_of_the_link_is_not_undone_by_rearm(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stop in (Robot.stop, Robot.disarm):
+        async with wired(monkeypatch, "serial.rearm=true") as together:
+            robot, board = together.robot, together.board
+            await robot.drive(0.5, 0.0, 1.0)
+            stop(robot)
+            assert board._link is not None
+            board._link.close()
+            await asyncio.sleep(6.0)
+            assert robot.runtime.linked
+            assert not robot.armed
+
+
+async def test_rearm_survives_a_second_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch, "serial.rearm=true") as together:
+        for _ in range(2):
+            assert together.board._link is not None
+            together.board._link.close()
+            await asyncio.sleep(1.0)
+            assert not together.robot.armed
+        await asyncio.sleep(5.0)
+        assert together.robot.armed
+
+
+async def test_servos_and_switches_are_sent_until_they_arrive(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch, "serial.fault.drop=0.3", "seed=5", SMALL_GAINS) as together:
+        robot, state = together.robot, together.board.runtime.state
+        for k in range(20):
+            robot.switch_power(Switch.ESC, k % 2 == 0)
+            robot.servos(100 * k, -100 * k)
+            await asyncio.sleep(6.0)
+            assert state.power.esc is (k % 2 == 0)
+            assert state.servos == (100 * k, -100 * k)
+        assert together.board._link is not None
+        together.board._link.close()
+        robot.switch_power(Switch.ESC, True)
+        robot.servos(7, 8)
+        await asyncio.sleep(8.0)
+        assert state.power.esc
+        robot.arm()
+        await asyncio.sleep(3.0)
+        assert state.servos == (7, 8), "they move while armed"
+
+
+async def test_the_board_is_left_with_a_stop_that_a_lost_frame_does_not_undo(monkeypatch: pytest.MonkeyPatch) -> None:
+    for seed in range(10):
+        async with wired(monkeypatch, "serial.fault.drop=0.3", f"seed={seed}", SMALL_GAINS) as together:
+            await together.robot.drive(0.5, 0.0, 1.0)
+            together.robot.command(0.5, 0.0)
+        last = [message for _, message in together.received if isinstance(message, Velocity)][-1]
+        assert last == Velocity(0.0, 0.0)
+
+
+async def test_two_wrong_answers_do_not_make_the_gains_rejected_and_stray_ones_count_for_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with wired(monkeypatch) as together:
+        robot, board = together.robot, together.board
+        for _ in range(5):
+            board._send(PidResponse(False))
+            await asyncio.sleep(1.0)
+        assert robot.runtime.state.gains.loaded, "nobody had asked"
+        wrong = [PidResponse(False), PidResponse(False)]
+
+        def encode_wrongly(message: Message) -> bytes:
+            return encode(wrong.pop() if wrong and isinstance(message, PidResponse) else message)
+
+        monkeypatch.setattr(board_module, "encode", encode_wrongly)
+        assert await robot.load_gains(timeout=10.0)
+        assert wrong == []
+
+
+async def test_a_line_that_hangs_up_at_once_is_called_less_and_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch) as together:
+        robot, port = together.robot, together.robot.hal.port  # type: ignore[attr-defined]
+        opened: list[float] = []
+        time = asyncio.get_running_loop().time
+        whole = port.open
+
+        async def hangs_up(end: End) -> Link:
+            opened.append(time())
+            link: Link = await whole(end)
+            assert together.board._link is not None
+            together.board._link.close()
+            return link
+
+        port.open = hangs_up
+        assert together.board._link is not None
+        together.board._link.close()
+        await asyncio.sleep(10.0)
+        pauses = [later - earlier for earlier, later in pairwise(opened)]
+        assert pauses[:3] == pytest.approx([0.2, 0.4, 0.8], abs=0.01)
+        assert pauses[3:] == pytest.approx([0.9] * len(pauses[3:]), abs=0.01)
+        assert not robot.armed
+
+
+async def test_why_the_line_cannot_be_opened_again_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch) as together:
+        robot, port = together.robot, together.robot.hal.port  # type: ignore[attr-defined]
+
+        async def busy(end: End) -> Link:
+            raise HalError("somebody else has it")
+
+        port.open = busy
+        assert together.board._link is not None
+        together.board._link.close()
+        await asyncio.sleep(2.0)
+        with pytest.raises(NotArmed, match="somebody else has it"):
+            robot.arm()
+
+
+async def test_a_task_of_the_virtual_board_that_fails_reaches_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(TaskFault, match="broken") as fault:
+        async with wired(monkeypatch) as together:
+
+            async def broken(ticks: Ticks) -> None:
+                async for _ in ticks:
+                    raise RuntimeError("broken")
+
+            together.board.runtime.add_task("broken", 0, 0.1, broken)
+            await asyncio.sleep(5.0)
+    assert "broken" in str(fault.value)
+
+
+async def test_old_commands_do_not_make_a_line_lossy(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch) as together:
+        assert together.board._link is not None
+        body = bytes((0x6D, *bytes(16)))
+        old = b"\xfa\xfb\x10" + body + checksum(body).to_bytes(2, "big")
+        together.sent.clear()
+        for _ in range(50):
+            together.board._link.write(old)
+            await asyncio.sleep(0.1)
+        velocities = [message for _, message in together.sent if isinstance(message, Velocity)]
+        assert len(velocities) in (99, 100, 101)
+        assert together.robot.faults["line_old_command"] == 50
+
+
+async def test_the_battery_levels_have_the_time_they_came_and_none_come_from_a_silent_board(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with wired(monkeypatch) as together:
+        robot = together.robot
+        await asyncio.sleep(3.0)
+        assert 0.0 <= robot.now - robot.battery.time <= 2.0
+        together.board._link = None
+        await asyncio.sleep(2.0)
+        heard = robot.battery.time
+        levels = robot.battery_stream()
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(levels), 10.0)
+        assert robot.battery.time == heard
 
 
 # -- loops on the host -----------------------------------------------------------------------------------------

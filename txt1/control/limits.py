@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
-from math import isfinite
+from math import isfinite, trunc
 from typing import NamedTuple
 
 from txt1.control.runaway import RunawayWatch
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.tuples import quick
 
 
 class Fault(StrEnum):
@@ -101,6 +102,9 @@ class Outputs(NamedTuple):
     omega: float = 0.0
 
 
+make_outputs = quick(Outputs)
+
+
 def clip(value: float, limit: float) -> float:
     """The value within +-limit."""
     return min(max(value, -limit), limit)
@@ -108,13 +112,14 @@ def clip(value: float, limit: float) -> float:
 
 def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float]:
     """The nearest set-point (v, omega) the vehicle may be asked for: speed first, then yaw rate by (2.16)."""
-    v_max, dead_band = limits.v_max, limits.v_dead_band
-    if not -v_max <= v <= v_max:
-        v = clip(v, v_max)
-    if -dead_band < v < dead_band:
+    if not abs(v) <= limits.v_max:
+        v = clip(v, limits.v_max)
+    if abs(v) < limits.v_dead_band:
         v = 0.0
     omega_max = yaw_rate_max(v, limits.radius_min)
-    return v, omega if -omega_max <= omega <= omega_max else clip(omega, omega_max)
+    if not abs(omega) <= omega_max:
+        omega = clip(omega, omega_max)
+    return v, omega
 
 
 class Gate:
@@ -131,6 +136,8 @@ class Gate:
         self.armed = False
         self.stopped = False
         self.reason = "not armed yet"
+        self.closed_by: Fault | None = None
+        """The fault that closed the gate, if one did and nobody has stopped or disarmed since."""
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
         self.epoch = 0
@@ -153,6 +160,7 @@ class Gate:
     def arm(self, now: float) -> None:
         """Open the gate at `now` and release the emergency stop. Only commands given from then on count."""
         self.armed, self.stopped, self.reason = True, False, ""
+        self.closed_by = None
         self.renew(now)
         self._runaway.clear()
 
@@ -163,10 +171,12 @@ class Gate:
         self._fresh = False
 
     def disarm(self, reason: str, fault: Fault | None = None) -> None:
-        """Close the gate; counts the fault, if it is one, when the gate was open."""
+        """Close the gate; counts the fault, if it is one, when the gate was open. Without a fault somebody wants it."""
         if not self.armed:
+            if fault is None:
+                self.closed_by = None
             return
-        self.armed, self.reason = False, reason
+        self.armed, self.reason, self.closed_by = False, reason, fault
         self._motor = 0
         if fault is not None:
             self.count(fault)
@@ -174,6 +184,7 @@ class Gate:
 
     def stop(self) -> None:
         """Emergency stop: disarm and latch, armed or not."""
+        self.closed_by = None
         if self.stopped:
             return
         self.stopped, self.armed, self.reason = True, False, "emergency stop"
@@ -254,18 +265,17 @@ class Gate:
         if not isfinite(motor + front + rear + v + omega):  # one that is not finite spoils the sum
             self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
-        limits = self.limits
-        if abs(motor) > limits.motor_max:
+        if abs(motor) > self.limits.motor_max:
             self.count(Fault.MOTOR)
-            motor = clip(motor, limits.motor_max)
+            motor = clip(motor, self.limits.motor_max)
         if abs(front) > STEERING_MAX or abs(rear) > STEERING_MAX:
             self.count(Fault.STEERING)
             front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
-        v, omega = limit_velocity(v, omega, limits)
-        self._motor = int(motor)
+        v, omega = limit_velocity(v, omega, self.limits)
+        self._motor = trunc(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos
-        return Outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
+        return make_outputs(self._motor, trunc(front), trunc(rear), pwm4, pwm5, v, omega)
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 

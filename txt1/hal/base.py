@@ -95,6 +95,7 @@ class Inputs(NamedTuple):
         backlight: position of the display's potentiometer, 0 to 1.
         pose: true pose (x, y, theta) in the room, m and rad.
         link: how the link to the board is, where there is a board.
+        battery_time: when the voltages arrived, s of the run; None: just now.
 
     """
 
@@ -107,6 +108,7 @@ class Inputs(NamedTuple):
     backlight: float | None = None
     pose: tuple[float, float, float] | None = None
     link: BoardLink | None = None
+    battery_time: float | None = None
 
 
 class Indicators(NamedTuple):

@@ -12,6 +12,9 @@ from txt1.protocol.layout import Role
 SILENCE: Final = 0.05
 """s without a byte after which a half frame is given up."""
 
+LONGEST: Final = 0.3
+"""s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms."""
+
 
 class Reception:
     """A decoder that gives up on a half frame when the line falls silent.
@@ -26,13 +29,21 @@ class Reception:
         self.decoder = Decoder(role)
         self._take = take
         self._expiry: asyncio.TimerHandle | None = None
+        self._half = -1  # where in the stream the half frame begins that is waited for
+        self._since = 0.0  # loop time since when
 
     def feed(self, data: bytes) -> None:
         """Take bytes that have arrived."""
         self._hand_on(self.decoder.feed(data))
         self._stop_waiting()
         if self.decoder.pending:
-            self._expiry = asyncio.get_running_loop().call_later(SILENCE, self.give_up)
+            loop, half = asyncio.get_running_loop(), self.decoder.position - self.decoder.pending
+            if half != self._half:
+                self._half, self._since = half, loop.time()
+            elif loop.time() - self._since > LONGEST:  # what was lost of it will not come
+                self.give_up()
+                return
+            self._expiry = loop.call_later(SILENCE, self.give_up)
 
     def give_up(self) -> None:
         """No more bytes come for what is held back."""

@@ -23,6 +23,9 @@ from txt1.hal.base import Hal
 if TYPE_CHECKING:
     from txt1.hal.serial import Port
 
+HOST_LINE: Final = 1
+"""Marks the random values of the line at the host's end."""
+
 GROUP: Final = "txt1.hal"
 
 
@@ -59,17 +62,18 @@ def create_sim(config: Config) -> Hal:
 
 def create_serial(config: Config, port: Port | None = None) -> Hal:
     """The board behind the configured line, or behind a port that somebody has ready, which is nothing real."""
+    from numpy.random import SeedSequence
+
     from txt1.hal.link import End, faulty
-    from txt1.hal.ports import only_candidate
     from txt1.hal.serial import DevicePort, SerialHal
 
     serial = config.serial
 
     def wrap(end: End) -> End:
-        return faulty(end, serial.fault.faults(), config.seed)
+        return faulty(end, serial.fault.faults(), SeedSequence([config.seed, HOST_LINE]))
 
     return SerialHal(
-        DevicePort(serial.port or only_candidate(), serial.baud) if port is None else port,
+        DevicePort(serial.port, serial.baud) if port is None else port,
         wrap,
         serial.control,
         config.odometry.scale,

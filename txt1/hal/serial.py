@@ -9,15 +9,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from math import cos, hypot, inf, sin
-from typing import Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, Protocol
 
 from txt1.errors import EncodeError, HalError, LinkLost, NotCapable
 from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
 from txt1.hal.link import End, Link, open_link
+from txt1.hal.ports import only_candidate
 from txt1.hal.reception import Reception
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
-from txt1.protocol.decoder import Event, Fault
+from txt1.protocol.decoder import Event, Fault, Reason
 from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import (
@@ -72,6 +73,9 @@ BACKOFF_MIN: Final = 0.1
 BACKOFF_MAX: Final = 0.9
 """s before the first and between the later attempts to reconnect: within a second of the board's return."""
 
+REPEAT_PERIOD: Final = 1.0
+"""s after which servos and switches are sent again: nothing else would mend a lost frame, or a board that restarted."""
+
 FAREWELLS: Final = 3
 """Zero set-points with which the board is left."""
 
@@ -84,21 +88,31 @@ class Port(Protocol):
         """For people."""
 
     async def open(self, end: End) -> Link:
-        """A link to it, up; raises HalError, which says what to do."""
+        """A link to it, up; raises HalError, which says what to do. Another error ends the run."""
 
     async def close(self) -> None:
         """Let go of what was needed for it."""
 
 
-class DevicePort(NamedTuple):
-    """A serial device, or socket://host:port."""
+class DevicePort:
+    """A serial device, or socket://host:port.
 
-    address: str
-    baud: int
+    Args:
+        address: where; None: the only device there is, wherever it turns up after it was unplugged.
+        baud: bits a second.
+
+    """
+
+    def __init__(self, address: str | None, baud: int) -> None:
+        self._wanted = address
+        self._baud = baud
+        self.address = address or "the serial port"
 
     async def open(self, end: End) -> Link:
         """A link to it."""
-        return await open_link(self.address, end, self.baud)
+        if self._wanted is None:
+            self.address = await asyncio.to_thread(only_candidate)
+        return await open_link(self.address, end, self._baud)
 
     async def close(self) -> None:
         """Nothing is left to let go of."""
@@ -154,6 +168,7 @@ class SerialHal:
         self._heard = -inf  # loop time of the last odometry
         self._heard_since = inf  # ... and of the first since the board was lost
         self._batteries: tuple[float, float] | None = None
+        self._batteries_heard = -inf
         # what it is told
         self._outputs = Outputs()
         self._due = -inf  # run time of the next Velocity
@@ -161,16 +176,27 @@ class SerialHal:
         self._combined_due = -inf
         self._pid_set: bytes | None = None
         self._pid_due = -inf
+        self._asked = False  # sent, and not answered yet
         self._rejections = 0
         self._answered: Callable[[bool], None] = lambda accepted: None
+        self._servos: PwmCommand | None = None
+        self._switches: dict[Switch, bool] = {}
+        self._repeat_due = -inf
         # what happened
         self._text = f"connecting to {port.address}"
+        self._pause = BACKOFF_MIN
+        self._overflows = 0  # of links that are gone
         self._losses = 0
         self._reason = ""
         self._connections = 0
         self._refused = 0
         self._lost_frames = 0
         self._report: BoardLink | None = None
+        self._tap: Callable[[str, bytes], None] = lambda direction, data: None
+
+    def tap_line(self, tap: Callable[[str, bytes], None]) -> None:
+        """Let all bytes be known to `tap` as they come ("in") and go ("out")."""
+        self._tap = tap
 
     # -- life --------------------------------------------------------------------------------------------------
 
@@ -179,7 +205,8 @@ class SerialHal:
         self._loop = asyncio.get_running_loop()
         self._origin = inf
         self._outputs = Outputs()
-        self._due = self._combined_due = self._pid_due = -inf
+        self._due = self._combined_due = self._pid_due = self._repeat_due = -inf
+        self._pause = BACKOFF_MIN
         self._closed = False
         try:
             await self.port.open(self._end)
@@ -208,15 +235,16 @@ class SerialHal:
         await self.port.close()
 
     async def _reconnect(self) -> None:
-        """Open the port again as soon as it can be."""
-        pause = BACKOFF_MIN
+        """Open the port again as soon as it can be; what hangs up before it was heard makes the pauses longer, too."""
         while True:
-            await asyncio.sleep(pause)
+            await asyncio.sleep(self._pause)
+            self._pause = min(2.0 * self._pause, BACKOFF_MAX)
             try:
                 await self.port.open(self._end)
                 return
-            except HalError:
-                pause = min(2.0 * pause, BACKOFF_MAX)
+            except HalError as error:
+                if str(error) != self._text:
+                    self._tell(str(error))
             except Exception as error:
                 self._failure = error
                 return
@@ -228,12 +256,13 @@ class SerialHal:
         self._link = link
         self._connections += 1
         self.reception.close()
-        self._pid_due = self._due = -inf
+        self._pid_due = self._due = self._repeat_due = -inf
         self._tell(f"connected to {link.address}, waiting for odometry")
 
     def lost(self, reason: str) -> None:
         """The link is gone; look for it."""
-        self._link = None
+        self._drop_link()
+        self.reception.close()
         self._down(f"link lost: {reason}")
         if not self._closed and (self._reconnecting is None or self._reconnecting.done()):
             assert self._loop is not None
@@ -241,6 +270,7 @@ class SerialHal:
 
     def received(self, data: bytes) -> None:
         """Take what the board sent."""
+        self._tap("in", data)
         self.reception.feed(data)
 
     def _take(self, event: Event) -> None:
@@ -249,11 +279,12 @@ class SerialHal:
                 case EncoderOdometry():
                     self._take_odometry(event)
                 case BatteryLevels(one, two):
-                    self._batteries = one, two
+                    self._batteries, self._batteries_heard = (one, two), self._time()
                 case PidResponse(accepted):
                     self._take_answer(accepted)
-                case Fault():
-                    self._lossy_until = self._time() + LOSSY
+                case Fault(reason):
+                    if reason is not Reason.OLD_COMMAND:  # which says nothing about the line
+                        self._lossy_until = self._time() + LOSSY
                     self._report = None
         except Exception as error:  # the event loop would only log it; `read` raises it
             self._failure = error
@@ -273,19 +304,22 @@ class SerialHal:
         if self._heard_since == inf:
             self._heard_since = time
             self._pose = self._odometry = None
-            self._pid_due = -inf  # it may have forgotten them
+            self._pid_due = self._repeat_due = -inf  # it may have forgotten everything
             self._rejections = 0
+            self._pause = BACKOFF_MIN
             self._tell(f"the board answers on {self.port.address}")
         self._odometry = follow(self._odometry, self._pose, pose, self._scale)
         self._pose, self._heard = pose, time
 
     def _take_answer(self, accepted: bool) -> None:
-        if self._pid_set is None:
-            return
+        if not self._asked:
+            return  # somebody else's, or a late one
         if not accepted:
             self._rejections += 1
             if self._rejections < REJECTIONS_MAX:
                 return  # it is sent again
+        self._asked = False
+        self._rejections = 0
         self._pid_due = inf
         self._answered(accepted)
 
@@ -297,9 +331,18 @@ class SerialHal:
         self._heard_since = inf
         self._tell(reason)
 
+    def _drop_link(self) -> None:
+        if self._link is not None:
+            self._overflows += self._link.overflows
+            self._link = None
+
     def _tell(self, text: str) -> None:
         self._text = text
         self._report = None
+
+    def _run_time(self, time: float) -> float:
+        """Seconds since the run started, to the ns, at a time of the loop's; 0 before."""
+        return round(max(0.0, time - self._origin), 9)
 
     def _time(self) -> float:
         assert self._loop is not None
@@ -321,18 +364,23 @@ class SerialHal:
             report = self._report = BoardLink(ready, self._losses, self._reason, self._text, self._counts())
         return Inputs(
             odometry=self._odometry,
-            odometry_time=max(0.0, self._heard - self._origin),
+            odometry_time=self._run_time(self._heard),
             batteries=self._batteries,
             link=report,
+            battery_time=self._run_time(self._batteries_heard),
         )
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send what is due: the set-point 20 times a second and at once on a stop, servos when they move, gains."""
         before, self._outputs = self._outputs, outputs
+        if outputs[3:5] != before[3:5]:
+            self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
+            self._repeat_due = -inf
         if self._link is None:
             return
-        if outputs[3:5] != before[3:5]:
-            self._send(PwmCommand(outputs.pwm4, outputs.pwm5))
+        if now >= self._repeat_due:
+            self._repeat_due = now + REPEAT_PERIOD
+            self._repeat()
         stops = not moves(outputs) and moves(before)
         if now >= self._due - 1e-9 or stops or self._time() < self._lossy_until:
             if now >= self._due - 1e-9:
@@ -340,6 +388,7 @@ class SerialHal:
             self._send_outputs(outputs)
         if now >= self._pid_due and self._pid_set is not None:
             self._pid_due = now + PID_SET_PERIOD
+            self._asked = True
             self._send_bytes(self._pid_set)
 
     def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
@@ -349,7 +398,9 @@ class SerialHal:
         self._answered = answered
         if frame == self._pid_set and self._pid_due < inf:
             return  # under way
-        self._pid_set, self._pid_due, self._rejections = frame, -inf, 0
+        # the answer to other gains that are under way must not pass for the answer to these: they wait for their turn
+        self._pid_due = self._pid_due if self._asked else -inf
+        self._pid_set, self._asked, self._rejections = frame, False, 0
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
         """Send combined odometry, 50 times a second at most."""
@@ -359,8 +410,9 @@ class SerialHal:
             self._send(combined)
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
-        """Send a power switch's new state."""
+        """Send a power switch's new state, again and again."""
         del now
+        self._switches[switch] = on
         self._send(PowerControl(switch, on))
 
     def indicate(self, indicators: Indicators) -> None:
@@ -382,7 +434,16 @@ class SerialHal:
             motor, front, rear = outputs[:3] if ready else (0, 0, 0)
             self._send(PwmTest(motor, front, rear, outputs.pwm4, outputs.pwm5))
         else:
-            self._send(Velocity(outputs.v, outputs.omega) if ready else Velocity(0.0, 0.0))
+            # a board that reads low drives too fast by as much
+            v, omega = outputs.v / self._scale, outputs.omega / self._scale
+            self._send(Velocity(v, omega) if ready else Velocity(0.0, 0.0))
+
+    def _repeat(self) -> None:
+        """Send what holds until it is changed."""
+        if self._servos is not None:
+            self._send(self._servos)
+        for switch, on in self._switches.items():
+            self._send(PowerControl(switch, on))
 
     def _send(self, message: HostMessage) -> None:
         try:
@@ -395,15 +456,17 @@ class SerialHal:
 
     def _send_bytes(self, frame: bytes) -> None:
         if self._link is not None:
+            self._tap("out", frame)
             try:
                 self._link.write(frame)
             except LinkLost:
-                self._link = None  # `lost` is on its way
+                self._drop_link()  # `lost` is on its way
 
     def _counts(self) -> dict[str, int]:
         counts = {f"line_{reason.name.lower()}": count for reason, count in self.reception.decoder.faults.items()}
         counts["line_late_odometry"] = self._lost_frames
         counts["line_not_encodable"] = self._refused
+        counts["line_overflows"] = self._overflows + (0 if self._link is None else self._link.overflows)
         counts["reconnects"] = max(0, self._connections - 1)
         return counts
 

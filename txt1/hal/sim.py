@@ -9,8 +9,12 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.simulator import Simulator
+from txt1.tuples import quick
+
+make_inputs = quick(Inputs)
 
 NEUTRAL: Final = Outputs()
+NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
 BACKLIGHT: Final = 0.5
 """Nobody turns the simulated potentiometer."""
 
@@ -54,15 +58,17 @@ class SimHal:
         simulator = self.simulator
         simulator.advance_to(now)
         state = simulator.state
-        return Inputs(
+        return make_inputs(
             simulator.encoder_counts(),
             None,
             now,
             simulator.battery_readings(),
             simulator.cut_off,
-            Button.NONE,
+            NO_BUTTON,
             BACKLIGHT,
             (state.x, state.y, state.theta),
+            None,
+            None,
         )
 
     def write(self, outputs: Outputs, now: float) -> None:

@@ -35,6 +35,9 @@ MARGIN_MIN_NS: Final = 20_000
 MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
 
+PUNCTUAL_MAX: Final = 1000
+"""Cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn."""
+
 _NEXT_TICK: Final = object()
 
 
@@ -99,11 +102,10 @@ class Scheduler:
         self._loop = asyncio.get_running_loop()
         self._clock = clock_of(self._loop)
         self._virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
-        self._virtual_clock = None if self._virtual is None else self._virtual.clock
         self._on_fault = on_fault
         self._entries: list[_Entry] = []
-        self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank
-        self._ready: list[tuple[int, _Entry]] = []  # by rank
+        self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank; what has arrived is due at once
+        self._ready: list[tuple[int, _Entry]] = []  # by rank: what is due, when somebody is late
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
@@ -145,8 +147,8 @@ class Scheduler:
         def notify() -> None:
             if not entry.queued:
                 entry.queued = True
-                entry.due_ns = self._elapsed_ns()
-                heappush(self._ready, (entry.rank, entry))
+                entry.due_ns = self._elapsed_ns() if self._running else 0  # the clock starts anew
+                heappush(self._waiting, (entry.due_ns, entry.rank, entry))
                 self._wake()
 
         return notify
@@ -234,39 +236,22 @@ class Scheduler:
 
     def _dispatch(self) -> None:
         """Run everything that is due, then set the timer for what is due next."""
-        clock, virtual, origin_ns, waiting, ready = (
-            self._clock, self._virtual_clock, self._origin_ns, self._waiting, self._ready,
-        )  # fmt: skip
-        if virtual is None:
+        waiting, ready = self._waiting, self._ready
+        if self._virtual is None:
             self._spin_to_next_deadline()
         self._dispatching = True
         late_cycles = 0
         try:
             while self._running:
-                now_ns = (clock.now_ns() if virtual is None else virtual.ns) - origin_ns
+                if self._virtual is not None and not ready and not self._run_punctual(self._virtual):
+                    return
+                now_ns = self._elapsed_ns()
                 if now_ns >= self._stop_ns:
                     self._end()
                     return
-                if waiting and waiting[0][0] <= now_ns:
-                    due_ns, rank, entry = waiting[0]
-                    if due_ns == now_ns and not ready:
-                        # Nobody is late, so the heap's own order is that of the priorities.
-                        entry.due_ns = due_ns = now_ns + entry.period_ns
-                        heapreplace(waiting, (due_ns, rank, entry))
-                        entry.ticks.missed = 0
-                        # What `_cycle` does, without the call: a simulation does little else.
-                        started_ns = stopwatch_ns()
-                        try:
-                            if entry.send(now_ns / NS_PER_S) is not _NEXT_TICK:
-                                self._waited(entry)
-                        except BaseException as error:
-                            self._raised(entry, error)
-                        entry.add_run_time(stopwatch_ns() - started_ns)
-                        entry.statistics.lateness.zeros += 1
-                        continue
-                    while waiting and waiting[0][0] <= now_ns:
-                        _, rank, entry = heappop(waiting)
-                        heappush(ready, (rank, entry))
+                while waiting and waiting[0][0] <= now_ns:
+                    _, rank, entry = heappop(waiting)
+                    heappush(ready, (rank, entry))
                 if ready:
                     if late_cycles > len(self._entries):  # overloaded: signals, input and coroutines have a turn
                         self._timer = self._loop.call_soon(self._dispatch)
@@ -280,6 +265,42 @@ class Scheduler:
                     return
         finally:
             self._dispatching = False
+
+    def _run_punctual(self, loop: VirtualTimeLoop) -> bool:
+        """Run cycle after cycle in virtual time as long as each is in time; False when one of them ended the run.
+
+        It stops before a late cycle, before the end of the run, and when the event loop is to have a turn. Nobody is
+        late, so the heap's own order is that of the priorities. What `_take_late` and `_cycle` do is done here without
+        the calls: a simulation does little else.
+        """
+        clock, origin_ns, waiting = loop.clock, self._origin_ns, self._waiting
+        now = self.now
+        for _ in range(PUNCTUAL_MAX):
+            if not waiting:
+                break
+            due_ns, rank, entry = waiting[0]
+            if due_ns >= self._stop_ns:
+                break
+            if due_ns != clock.ns - origin_ns:
+                if due_ns < clock.ns - origin_ns or not loop.try_jump(due_ns + origin_ns):
+                    break
+                now = due_ns / NS_PER_S
+            if entry.period_ns:
+                entry.due_ns = due_ns = due_ns + entry.period_ns
+                heapreplace(waiting, (due_ns, rank, entry))
+            else:
+                heappop(waiting)
+                entry.queued = False
+            started_ns = stopwatch_ns()
+            try:
+                if entry.send(now) is not _NEXT_TICK:
+                    self._waited(entry)
+            except BaseException as error:
+                self._raised(entry, error)
+            entry.add_run_time(stopwatch_ns() - started_ns)
+            if not self._running:
+                break
+        return self._running
 
     def _take_late(self, entry: _Entry, now_ns: int) -> int:
         """How late a task's present cycle starts, ns; counts the cycles it has missed and queues the next one."""
@@ -305,6 +326,7 @@ class Scheduler:
             self._raised(entry, error)
         entry.add_run_time(stopwatch_ns() - started_ns)
         entry.add_lateness(late_ns)
+        entry.ticks.missed = 0  # as it is for a cycle in time
 
     def _waited(self, entry: _Entry) -> None:
         entry.coroutine.close()
@@ -364,6 +386,8 @@ class Scheduler:
         A sleeping thread wakes up late by an amount that differs from machine to machine. The margin grows when the
         deadline had passed already and shrinks when it had not, which settles where nine wake-ups of ten are in time.
         """
+        if self._waiting and not self._waiting[0][2].period_ns:
+            return  # something has arrived: that is no deadline, and nothing to learn from
         now_ns = self._clock.now_ns
         ahead_ns = self._next_due_ns() + self._origin_ns - now_ns()
         if not 0 < ahead_ns <= self._margin_ns:

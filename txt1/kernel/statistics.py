@@ -31,13 +31,11 @@ class Histogram:
     def __init__(self) -> None:
         self._counts = [0] * (_EXACT + _SUB * (64 - _SUB_BITS))
         self.max_ns = 0
-        self.zeros = 0
-        """Durations of 0 that the scheduler counts here itself: in virtual time nearly every lateness is one."""
 
     @property
     def count(self) -> int:
         """How many durations were counted."""
-        return sum(self._counts) + self.zeros
+        return sum(self._counts)
 
     def add(self, ns: int) -> None:
         """Count one duration in ns; a negative one counts as 0."""
@@ -50,6 +48,10 @@ class Histogram:
         if ns > self.max_ns:
             self.max_ns = ns
 
+    def pad(self, count: int) -> None:
+        """Count durations of 0 until there are `count` durations in all."""
+        self._counts[0] += count - self.count
+
     def percentile_ns(self, q: float) -> int:
         """The smallest duration in ns that a share `q` of the samples does not exceed, to 3 %; 0 without samples."""
         return self._percentiles_ns((q,))[0]
@@ -59,7 +61,7 @@ class Histogram:
         total = self.count
         found: list[int] = []
         seen = 0
-        for index, count in enumerate((self._counts[0] + self.zeros, *self._counts[1:])):
+        for index, count in enumerate(self._counts):
             if count:
                 seen += count
                 while len(found) < len(shares) and seen >= shares[len(found)] * total:
@@ -87,10 +89,16 @@ class TaskStatistics:
 
     def __init__(self) -> None:
         self.misses = 0
-        self.lateness = Histogram()
         self.run_time = Histogram()
+        self._lateness = Histogram()
+
+    @property
+    def lateness(self) -> Histogram:
+        """How late the cycles started. Only late ones need be added: the others are what `run_time` has more."""
+        self._lateness.pad(self.run_time.count)
+        return self._lateness
 
     @property
     def cycles(self) -> int:
         """Cycles run so far."""
-        return self.lateness.count
+        return self.run_time.count

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from txt1.model.kinematics import move_along_arc
 from txt1.model.vehicle import Geometry
+from txt1.tuples import quick
 
 
 class Odometry(NamedTuple):
@@ -25,6 +26,9 @@ class Odometry(NamedTuple):
     theta: float = 0.0
     v: float = 0.0
     omega: float = 0.0
+
+
+make_odometry = quick(Odometry)
 
 
 def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
@@ -52,4 +56,4 @@ def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
     else:  # wheels that turn against each other, which only slip can make them do
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
-    return Odometry(x, y, theta, v, omega)
+    return make_odometry(x, y, theta, v, omega)

@@ -53,6 +53,8 @@ class Faults(NamedTuple):
 class Simulator:
     """A vehicle in a room, with batteries, encoders, power switches and seeded noise.
 
+    Of its attributes there are fewer than 30 on purpose: CPython finds those of a larger object more slowly.
+
     Args:
         vehicle: parameters of the dynamics.
         body: dimensions.
@@ -90,11 +92,12 @@ class Simulator:
         self._drag_rng = np.random.default_rng(drag_seed)
         self._battery_rng = np.random.default_rng(battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
-        self._phase: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
+        self._right_counts, self._left_counts = np.random.default_rng(phase_seed).random(2).tolist()
         self._drags: list[float] = []
         self._drag = 0.0
+        self._drag_count = 0
         self._drag_ends = 0.0
-        self._motor = self._front = self._rear = 0.0
+        self._outputs = (0.0, 0.0, 0.0)
         self._voltage_noise = (0.0, 0.0)
         self._readings = (0.0, 0.0)
         self._voltage_noise_ends = 0.0
@@ -108,7 +111,7 @@ class Simulator:
         self._counts_per_m = 1.0 / body.count_length
         # as long as the centre is inside this, the walls are out of reach whatever the heading
         reach = 0.5 * hypot(body.length, body.width)
-        self._free_x, self._free_y = 0.5 * room.length - reach, 0.5 * room.width - reach
+        self._free = 0.5 * room.length - reach, 0.5 * room.width - reach
         self.state = VehicleState()
         self.place(*start)
 
@@ -116,7 +119,7 @@ class Simulator:
 
     def command(self, motor: float, front: float, rear: float) -> None:
         """Hold these PWM counts on motor and steering from now on."""
-        self._motor, self._front, self._rear = motor, front, rear
+        self._outputs = motor, front, rear
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Put the vehicle down at a pose in the room, at rest; m and rad.
@@ -149,9 +152,11 @@ class Simulator:
     def _advance(self, dt: float) -> None:
         if self.time >= self._settle_due:
             self._settle_batteries()
-        motor = self._motor if self.esc_on and not self.cut_off else 0.0
+        motor, front, rear = self._outputs
+        if self.cut_off or not self.esc_on:
+            motor = 0.0
         before = self.state
-        after = advance(before, motor, self._front, self._rear, dt, self._drag, self.parameters)
+        after = advance(before, motor, front, rear, dt, self._drag, self.parameters)
         if after is not before:
             self._moved(before, after)
         if abs(motor) > self.parameters.dead_band:
@@ -161,14 +166,15 @@ class Simulator:
 
     def _moved(self, before: VehicleState, after: VehicleState) -> None:
         """Stop at a wall, and count what the encoders see."""
-        if not (-self._free_x < after.x < self._free_x and -self._free_y < after.y < self._free_y):
+        x_free, y_free = self._free
+        if not (-x_free < after.x < x_free and -y_free < after.y < y_free):
             after = self._stop_at_wall(before, after)
         self.state = after
         if self.atx_on and not self.cut_off:  # without the ATX supply's 5 V the encoders see nothing
             if not self.faults.right_encoder:
-                self._phase[0] += (after.right - before.right) * self._counts_per_m
+                self._right_counts += (after.right - before.right) * self._counts_per_m
             if not self.faults.left_encoder:
-                self._phase[1] += (after.left - before.left) * self._counts_per_m
+                self._left_counts += (after.left - before.left) * self._counts_per_m
 
     def _settle_batteries(self) -> None:
         """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
@@ -191,17 +197,18 @@ class Simulator:
     def _draw_drag(self) -> None:
         """Take the floor's drag for the next 20 ms."""
         if not self._drags:
-            self._drags = self._drag_rng.standard_normal(256).tolist()
-        self._drag = self.noise.drag * self._drags.pop()
+            self._drags = (self.noise.drag * self._drag_rng.standard_normal(256)).tolist()
+        self._drag = self._drags.pop()
         # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
         # the very float that the scheduler's tick has
-        self._drag_ends = (round(self.time * NOISE_RATE) + 1) / NOISE_RATE
+        self._drag_count += 1
+        self._drag_ends = self._drag_count / NOISE_RATE
 
     # -- sensors -----------------------------------------------------------------------------------------------
 
     def encoder_counts(self) -> tuple[int, int]:
         """Counts of the right and left encoder since the start, forward positive."""
-        return floor(self._phase[0]), floor(self._phase[1])
+        return floor(self._right_counts), floor(self._left_counts)
 
     def battery_readings(self) -> tuple[float, float]:
         """Readings of the two packs' voltages, V, with the converter's noise; 0 where no pack is fitted."""

@@ -114,7 +114,7 @@ def advance(
         rear = STEERING_MAX if rear > 0.0 else -STEERING_MAX
     target_front = -steering_max * (front / STEERING_MAX)
     target_rear = -steering_max * (rear / STEERING_MAX)
-    coasting = -dead_band <= motor <= dead_band
+    coasting = abs(motor) <= dead_band
     if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
         return state  # at rest
     if coasting:
@@ -194,8 +194,9 @@ def advance(
             # -- the arc, (2.2) integrated over its length
             half = 0.5 * distance * curvature
             chord = distance * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half)
-            x += chord * cos(theta + beta + half)
-            y += chord * sin(theta + beta + half)
+            direction = theta + beta + half
+            x += chord * cos(direction)
+            y += chord * sin(direction)
             theta += 2.0 * half
             while theta > pi:
                 theta -= TWO_PI

@@ -30,10 +30,12 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     smoothed: tuple[float, float] | None = None
     bad_since: float | None = None
     told = False
+    time: float | None = None
     async for now in ticks:
         inputs = hal.read(now)
-        if inputs.batteries is None:
-            continue
+        if inputs.batteries is None or inputs.battery_time == time is not None:
+            continue  # nothing new
+        time = inputs.battery_time
         one, two = inputs.batteries
         if smoothed is not None and not hal.capabilities.smoothed:
             one = OLD_WEIGHT * smoothed[0] + (1.0 - OLD_WEIGHT) * one
@@ -41,16 +43,17 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
         smoothed = one, two
         judged = judge(one, two)
         remaining = None if judged is BatteryState.EXTERNAL else remaining_time(max(one, two))
-        state.battery = Battery(one, two, judged, remaining)
-        send(BatteryLevels(one, two))
-
-        if inputs.cut_off:
-            gate.disarm("batteries cut off", Fault.BATTERY)
         if judged is not BatteryState.BAD:
             bad_since, told = None, False
         elif bad_since is None:
             bad_since = now
-        elif now - bad_since >= BAD_TIME and not told:
+        exhausted = bad_since is not None and now - bad_since >= BAD_TIME
+        state.battery = Battery(one, two, judged, remaining, now if time is None else time, exhausted)
+        send(BatteryLevels(one, two))
+
+        if inputs.cut_off:
+            gate.disarm("batteries cut off", Fault.BATTERY)
+        if exhausted and not told:
             told = True
             gate.disarm("batteries bad", Fault.BATTERY)
             state.tell(now, "batteries bad: change them, or shut the computer down (Robot.shutdown_host)")

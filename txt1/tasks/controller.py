@@ -11,6 +11,7 @@ from txt1.kernel.scheduler import Ticks
 from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.tasks.state import Command, Control, ManualPwm, Source, State
+from txt1.tuples import quick
 
 PRIORITY = 4
 PERIOD = 0.02
@@ -25,6 +26,8 @@ STEP_MAX = 0.1
 """Longest s from one reading of the odometry to the next that a step of the loops may bridge."""
 
 _OFF = Gains()
+ENCODER, COMBINED = Source.ENCODER, Source.COMBINED  # an attribute of an Enum is not found quickly
+make_control = quick(Control)
 
 
 async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
@@ -53,7 +56,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             if closes_loops and dt > 0.0:
                 right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
         if right is not None and left is not None:
-            gate.watch(right, left, state.odometry.v, v_now if source is Source.COMBINED else None, dt)
+            gate.watch(right, left, state.odometry.v, v_now if source is COMBINED else None, dt)
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
@@ -84,7 +87,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
-            state.control = Control(outputs, v, omega, source, gains)
+            state.control = make_control(outputs, v, omega, source, gains)
 
 
 class VelocityLoops:
@@ -124,6 +127,6 @@ def measured(state: State, now: float) -> tuple[Source, float, float]:
     """The measured speed (m/s) and yaw rate (rad/s), and their source: combined odometry while selected and fresh."""
     combined = state.combined
     if combined is not None and state.link.combined and now - combined.time <= COMBINED_TIMEOUT + 1e-9:
-        return Source.COMBINED, combined.v, combined.omega
+        return COMBINED, combined.v, combined.omega
     odometry = state.odometry
-    return Source.ENCODER, odometry.v, odometry.omega
+    return ENCODER, odometry.v, odometry.omega

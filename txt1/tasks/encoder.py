@@ -8,11 +8,13 @@ from txt1.kernel.scheduler import Ticks
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import Geometry
 from txt1.tasks.state import Encoders, State
+from txt1.tuples import quick
 
 PRIORITY = 3
 PERIOD = 0.02
 
 STILL = Encoders(0, 0)
+make_encoders = quick(Encoders)
 
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
@@ -43,7 +45,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
                     wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
                 )
                 odometry = advance(odometry, v, omega, dt)
-                state.encoders = Encoders(right, left) if right or left else STILL
+                state.encoders = make_encoders(right, left) if right or left else STILL
                 state.odometry = odometry
             state.odometry_time = now
         last_counts, last_time = counts, now

@@ -88,8 +88,10 @@ async def serial(
                         continue
                     hal.switch(switch, on, now)
                     atx, esc = state.power
-                    state.power = Power(on, esc) if switch is Switch.ATX else Power(atx, on)
-                    state.tell(now, f"{switch.name} {'on' if on else 'off'}")
+                    power = Power(on, esc) if switch is Switch.ATX else Power(atx, on)
+                    if power != state.power:  # hosts say it again and again
+                        state.power = power
+                        state.tell(now, f"{switch.name} {'on' if on else 'off'}")
                 case PidSet():
                     table = gain_table(message)
                     if table is not None and hal.capabilities.gains:

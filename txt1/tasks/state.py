@@ -69,12 +69,20 @@ class BatteryState(StrEnum):
 
 
 class Battery(NamedTuple):
-    """Smoothed voltages (V), state, and remaining time under full load (s); None where the HAL has no battery."""
+    """Smoothed voltages (V), state, and remaining time under full load (s); None where the HAL has no battery.
+
+    Attributes:
+        time: when the voltages were read or received, s of the run.
+        exhausted: the state has been bad for so long that it is believed.
+
+    """
 
     battery1: float | None = None
     battery2: float | None = None
     state: BatteryState | None = None
     remaining: float | None = None
+    time: float = 0.0
+    exhausted: bool = False
 
 
 class Link(NamedTuple):

@@ -517,6 +517,34 @@ def test_an_arrival_before_the_start_is_served_at_the_start() -> None:
     assert run(main(), speed="max") == [(2000 * MS, "serial")]
 
 
+def test_tasks_that_wake_one_another_for_ever_leave_the_loop_its_turn() -> None:
+    async def main() -> int:
+        scheduler = Scheduler(no_fault)
+        wakes = 0
+
+        def waking(other: str) -> Callable[[Ticks], Coroutine[Any, Any, None]]:
+            async def task(ticks: Ticks) -> None:
+                nonlocal wakes
+                async for _ in ticks:
+                    wakes += 1
+                    notify[other]()
+
+            return task
+
+        notify = {
+            name: scheduler.add_sporadic(name, 1, waking(other)) for name, other in (("ping", "pong"), ("pong", "ping"))
+        }
+        scheduler.start()
+        notify["ping"]()
+        for _ in range(5):
+            await asyncio.sleep(0.0)
+        assert scheduler.now == 0.0
+        scheduler.stop()
+        return wakes
+
+    assert run(main(), speed="max") > 100
+
+
 # -- adding ------------------------------------------------------------------------------------------------------
 
 

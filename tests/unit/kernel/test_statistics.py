@@ -64,6 +64,23 @@ def test_a_negative_duration_counts_as_none() -> None:
     assert (histogram.count, histogram.max_ns, histogram.percentile_ns(1.0)) == (2, 0, 0)
 
 
+def test_padding_counts_as_many_zeros_as_are_missing() -> None:
+    histogram = histogram_of([0, 5, 7])
+    histogram.pad(10)
+    histogram.pad(10)
+    assert (histogram.count, histogram.percentile_ns(0.8), histogram.percentile_ns(1.0)) == (10, 0, 7)
+
+
+def test_a_cycle_whose_lateness_was_not_added_was_in_time() -> None:
+    statistics = TaskStatistics()
+    for _ in range(100):
+        statistics.run_time.add(1000)
+    statistics.lateness.add(500)
+    statistics.run_time.add(1000)
+    assert (statistics.cycles, statistics.lateness.count) == (101, 101)
+    assert (statistics.lateness.percentile_ns(0.5), statistics.lateness.max_ns) == (0, 500)
+
+
 def test_a_histogram_never_grows() -> None:
     histogram = Histogram()
     size = len(histogram._counts)
