@@ -6,13 +6,14 @@ import argparse
 import os
 import platform
 
-from benchmarks import decoder, punctuality, simulation_speed, statistics_cost
+from benchmarks import decoder, punctuality, recording, simulation_speed, statistics_cost
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
     "statistics_cost": statistics_cost.main,
     "punctuality": punctuality.main,
     "decoder": decoder.main,
+    "recording": recording.main,
 }
 
 

@@ -1,0 +1,158 @@
+"""A recording on the screens: played, paused, wound, looped; and drawn as a report."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blockbuster import BlockBuster
+
+from txt1.cli import execute
+from txt1.errors import RecordingError
+from txt1.hal.base import Button
+from txt1.record.film import Film
+from txt1.record.replay import KEYS, Player
+from txt1.ui.screens import render
+from txt1.ui.view import View
+
+
+@pytest.fixture(autouse=True)
+def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """Nobody waits for a tick while a recording is played as lines."""
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+        function.can_block_in("txt1/record/replay.py", {"play"})
+
+
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("replay") / "run.mcap"
+    words = ["run", "--headless", "--speed", "max", "--json", "--duration", "20", "--drive", "0.4,0.4"]
+    assert execute([*words, "--log", str(path), "--set", "record.epoch=1000000000"]) == 0
+    return path
+
+
+class Clock:
+    """Real time that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def player(path: Path, **options: Any) -> tuple[Player, Clock]:
+    clock = Clock()
+    return Player(Film(path), **{"speed": 1.0, "loop": False, "clock": clock} | options), clock
+
+
+def test_the_film_shows_what_the_robot_did(circle: Path) -> None:
+    film = Film(circle)
+    assert (film.start, round(film.end, 2)) == (0.0, 19.98)
+    before, during = film.at(0.5), film.at(10.04)
+    assert (before.armed, before.odometry.v) == (False, 0.0)
+    assert (during.armed, during.time) == (True, 10.0)
+    assert during.odometry.v == pytest.approx(0.4, abs=0.05)
+    assert (during.control.v, during.control.omega) == (0.4, 0.4)
+    assert during.control.outputs.motor > 500 and during.control.gains.kp > 0.0
+    assert during.pose is not None and during.pose != during.odometry[:3]
+    assert during.encoders.right is not None and during.encoders.right > during.encoders.left > 0
+    assert [event.text for event in during.events] == ["armed"]
+    for screen in range(6):
+        render(during._replace(panel=during.panel._replace(screen=screen)), View(), 100, 30)
+
+
+def test_it_plays_at_its_speed_and_stays_at_the_end(circle: Path) -> None:
+    play, clock = player(circle, speed=4.0)
+    clock.now += 2.0
+    assert play.position == pytest.approx(8.0)
+    assert play.snapshot is not None and play.snapshot.time == pytest.approx(8.0)
+    assert play.snapshot is play.snapshot  # the terminal draws what is new
+    clock.now += 60.0
+    assert play.position == play.film.end and play.ended
+
+
+def test_space_pauses_and_goes_on(circle: Path) -> None:
+    play, clock = player(circle)
+    clock.now += 3.0
+    play.stop()
+    clock.now += 50.0
+    assert play.position == pytest.approx(3.0)
+    assert play.snapshot is not None and play.snapshot.hal == "replay x1, paused"
+    play.stop()
+    clock.now += 1.0
+    assert play.position == pytest.approx(4.0)
+
+
+def test_a_and_d_wind_but_not_beyond_the_ends(circle: Path) -> None:
+    play, clock = player(circle)
+    play.key("d")
+    assert play.position == pytest.approx(5.0)
+    play.key("a")
+    play.key("a")
+    assert play.position == 0.0
+    for _ in range(9):
+        play.key("d")
+    assert play.position == play.film.end
+    play.key("w")
+    clock.now += 0.5
+    assert play.position == pytest.approx(0.5)
+
+
+def test_m_loops(circle: Path) -> None:
+    play, clock = player(circle)
+    play.arm()
+    clock.now += play.film.end + 2.0
+    assert play.position == pytest.approx(2.0) and not play.ended
+
+
+def test_plus_and_minus_change_the_speed_from_here_on(circle: Path) -> None:
+    play, clock = player(circle)
+    clock.now += 2.0
+    play.key("+")
+    clock.now += 2.0
+    assert play.position == pytest.approx(6.0)
+    for _ in range(20):
+        play.key("-")
+    assert play.speed == 1.0 / 64.0
+
+
+def test_the_joystick_changes_the_screen_of_a_film(circle: Path) -> None:
+    play, _ = player(circle)
+    assert play.snapshot is not None and play.snapshot.panel.screen == 0
+    play.press(Button.RIGHT)
+    assert play.snapshot.panel.screen == 1
+    assert play.snapshot.events[-1].text == KEYS
+
+
+def test_without_a_terminal_it_is_played_as_lines(circle: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert execute(["replay", str(circle), "--speed", "60", "--from", "17"]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert lines[0].startswith("t=   17.00 s") and lines[-1].startswith("t=   19.")
+    assert "armed" in lines[0]
+
+
+def test_what_has_no_pictures_says_so(circle: Path, tmp_path: Path) -> None:
+    (tmp_path / "short.mcap").write_bytes(circle.read_bytes()[:9000])
+    with pytest.raises(RecordingError, match="no pictures in it"):
+        Film(tmp_path / "short.mcap")
+
+
+def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
+    circle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["report", str(circle), "-o", str(tmp_path / "report")]) == 0
+    out = capsys.readouterr().out
+    assert str(tmp_path / "report.png") in out and str(tmp_path / "report.html") in out
+    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    page = (tmp_path / "report.html").read_text()
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(pictures) == 1 and base64.b64decode(pictures[0]) == (tmp_path / "report.png").read_bytes()
+    assert "http" not in page.replace("http-equiv", "")
+    for told in ("/odom", "1000", "seed", "armed", "control.linear.kp", "controller"):
+        assert told in page

@@ -1,0 +1,112 @@
+"""The recorder's sink on the disk: one file, or several in turn, and what happens when the disk takes no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from txt1.errors import ConfigError, RecordingError
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.record.encoder import Block
+from txt1.record.file import Compression, McapFile
+
+SYNC_NS: Final = NS_PER_S * 2 // 5
+"""Real time after which what was written is forced to the disk with the next block."""
+
+
+class Rotation(NamedTuple):
+    """When to begin the next file: bytes in one, and ns of the run in one; 0 for never."""
+
+    size: int = 0
+    time_ns: int = 0
+
+
+class FileSink:
+    """Writes blocks to FILE.mcap and, where a rotation asks for it, to FILE.1.mcap, FILE.2.mcap and so on.
+
+    Args:
+        path: of the first file.
+        metadata: for the beginning of each.
+        rotation: when to begin the next.
+        compression: of the chunks.
+        strict: a block that the disk does not take ends the recording; otherwise it is lost and counted.
+
+    Raises:
+        ConfigError: the file exists, or cannot be made.
+
+    """
+
+    def __init__(
+        self, path: Path, metadata: Mapping[str, str], rotation: Rotation, compression: Compression, *, strict: bool
+    ) -> None:
+        self._path = path
+        self._metadata = dict(metadata)
+        self._rotation = rotation
+        self._compression: Compression = compression
+        self._strict = strict
+        self._lost = 0
+        self._parts = 1
+        self._synced_ns = stopwatch_ns()
+        self._began: int | None = None
+        self._file = McapFile(path, self._metadata, compression)
+
+    def write(self, block: Block) -> int:
+        """Write a block; how many messages were lost because the disk is full.
+
+        Raises:
+            RecordingError: the same, where nothing may be lost.
+
+        """
+        if not block.index:
+            return 0
+        try:
+            if self._is_full(block):
+                self._next_file()
+            if self._began is None:
+                self._began = block.first
+            self._file.add(block)
+            if stopwatch_ns() - self._synced_ns >= SYNC_NS:
+                self._file.sync()
+                self._synced_ns = stopwatch_ns()
+        except (OSError, ConfigError) as error:
+            if self._strict:
+                raise RecordingError(f"{self._file.path}: {_words(error)}; make room on the disk") from error
+            self._lost += block.count
+            return block.count
+        return 0
+
+    def close(self, dropped: int, end: Mapping[str, str]) -> None:
+        """Finish the file.
+
+        Raises:
+            RecordingError: it cannot be finished; what is in it can be recovered.
+
+        """
+        try:
+            self._finish(dropped, end)
+        except OSError as error:
+            self._file.abandon()
+            raise RecordingError(
+                f"{self._file.path}: cannot finish it: {_words(error)}; 'txt1 log recover' saves what is in it"
+            ) from error
+
+    def _finish(self, dropped: int, more: Mapping[str, str]) -> None:
+        self._file.add_metadata("txt1.end", {"dropped": str(dropped), **more})
+        self._file.close()
+
+    def _is_full(self, block: Block) -> bool:
+        size, time_ns = self._rotation
+        if self._began is None:
+            return False
+        return bool((size and self._file.size >= size) or (time_ns and block.first - self._began >= time_ns))
+
+    def _next_file(self) -> None:
+        path = self._path.with_name(f"{self._path.stem}.{self._parts}{self._path.suffix}")
+        following = McapFile(path, self._metadata | {"part": str(self._parts)}, self._compression)
+        self._finish(self._lost, {})
+        self._file, self._parts, self._began = following, self._parts + 1, None
+
+
+def _words(error: Exception) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else str(error)

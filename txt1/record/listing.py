@@ -1,0 +1,140 @@
+"""A recording in words and numbers: its topics with counts, rates and gaps; its messages as lines; as CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from txt1.errors import RecordingError
+from txt1.kernel.clock import NS_PER_S
+from txt1.record.reading import Decoding, Item, Reading, flat
+
+RECOVER: Final = "'txt1 log recover' makes a complete file of it"
+SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")
+"""Of the metadata, what `info` prints."""
+
+
+@dataclass
+class TopicSummary:
+    """What a topic holds: its message type, how many, first and last time in ns, longest gap in ns, how many lost."""
+
+    schema: str
+    count: int = 0
+    first: int = 0
+    last: int = 0
+    gap: int = 0
+    lost: int = 0
+    _sequence: int = -1
+
+    def add(self, time: int, sequence: int) -> None:
+        """Count a message."""
+        if self.count:
+            self.gap = max(self.gap, time - self.last)
+            self.lost += max(0, sequence - self._sequence - 1)
+        else:
+            self.first = time
+            self.lost = sequence
+        self.count, self.last, self._sequence = self.count + 1, time, sequence
+
+    @property
+    def rate(self) -> float:
+        """Messages per second, from the first to the last; 0 where there are fewer than two."""
+        return (self.count - 1) * NS_PER_S / (self.last - self.first) if self.last > self.first else 0.0
+
+
+def summarise(reading: Reading) -> dict[str, TopicSummary]:
+    """Every topic of a recording, in the order of its channels."""
+    found: dict[str, TopicSummary] = {}
+    for item in reading:
+        summary = found.get(item.topic)
+        if summary is None:
+            summary = found[item.topic] = TopicSummary(item.schema.name)
+        summary.add(item.message.log_time, item.message.sequence)
+    order = [channel.topic for _, channel in sorted(reading.channels.items())]
+    return {topic: found[topic] for topic in order if topic in found}
+
+
+def info(path: Path) -> Iterator[str]:
+    """A recording's summary as lines."""
+    reading = Reading(path)
+    summaries = summarise(reading)
+    yield f"{path}: {path.stat().st_size / 1e6:.2f} MB, {_state(reading)}"
+    about = reading.metadata.get("txt1", {})
+    yield from (f"{name:<12}{about[name]}" for name in SHOWN if name in about)
+    dropped = reading.metadata.get("txt1.end", {}).get("dropped", "0")
+    if dropped != "0":
+        yield f"dropped     {dropped} messages, because the disk was full or too slow"
+    if not summaries:
+        yield "no messages"
+        return
+    first, last = min(s.first for s in summaries.values()), max(s.last for s in summaries.values())
+    total = sum(s.count for s in summaries.values())
+    yield f"{total} messages in {(last - first) / NS_PER_S:.2f} s, from {first / NS_PER_S:.2f} s on"
+    yield f"{'topic':<16}{'messages':>9}{'rate/Hz':>9}{'longest gap/s':>15}{'lost':>6}  type"
+    for topic, each in summaries.items():
+        gap = each.gap / NS_PER_S
+        yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}"
+
+
+def _state(reading: Reading) -> str:
+    if reading.complete and not reading.damaged:
+        return "complete"
+    damaged = f", {reading.damaged} damaged chunks left out" if reading.damaged else ""
+    return f"breaks off{damaged}; {RECOVER}"
+
+
+def chosen(items: Iterable[Item], topics: frozenset[str], start: float | None, end: float | None) -> Iterator[Item]:
+    """The items on these topics (all, if there are none), from `start` up to `end`, s of time stamp."""
+    for item in items:
+        if (
+            (not topics or item.topic in topics)
+            and (start is None or item.time >= start)
+            and (end is None or item.time <= end)
+        ):
+            yield item
+
+
+def lines(items: Iterable[Item]) -> Iterator[str]:
+    """Each message as one line of JSON."""
+    decoding = Decoding()
+    for item in items:
+        record = {"time": item.time, "topic": item.topic, "message": decoding.values(item)}
+        yield json.dumps(record)
+
+
+def export(items: Iterable[Item], directory: Path) -> dict[Path, int]:
+    """The rows written, for each CSV file: one per topic, a row per message, a column per number or text.
+
+    Raises:
+        RecordingError: the directory or a file cannot be written.
+
+    """
+    decoding = Decoding()
+    files: dict[str, tuple[TextIO, Any]] = {}
+    rows: dict[Path, int] = {}
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for item in items:
+            values = {"time": item.time, **{name: _cell(value) for name, value in flat(decoding.values(item))}}
+            path = directory / f"{item.topic.strip('/').replace('/', '_')}.csv"
+            if item.topic not in files:
+                file: TextIO = path.open("w", newline="", encoding="utf-8")
+                writer = csv.DictWriter(file, list(values))
+                writer.writeheader()
+                files[item.topic] = file, writer
+            files[item.topic][1].writerow(values)
+            rows[path] = rows.get(path, 0) + 1
+    except OSError as error:
+        raise RecordingError(f"{error.filename or directory}: cannot write it: {error.strerror}") from None
+    finally:
+        for opened, _ in files.values():
+            opened.close()
+    return rows
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list) else value

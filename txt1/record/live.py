@@ -1,0 +1,139 @@
+"""The live view: the topics of a recording over the Foxglove protocol, and driving from its teleop panel."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from ipaddress import ip_address
+from typing import Any
+
+import foxglove
+from foxglove.websocket import Capability, Client, ClientChannel, ServerListener
+
+from txt1.errors import CommandRefused, ConfigError
+from txt1.record import topics
+from txt1.record.definitions import schema_text
+from txt1.record.encoder import Block
+from txt1.record.topics import CHANNELS, TOPICS
+
+Drive = Callable[[float, float], None]
+
+
+class LiveView:
+    """A sink that serves every block to whoever is connected.
+
+    Args:
+        host: address to listen on; a loopback one.
+        port: 0 for any that is free.
+        control: whether a client may drive.
+
+    Raises:
+        ConfigError: the address is not a loopback one, or cannot be listened on.
+
+    """
+
+    def __init__(self, host: str, port: int, *, control: bool) -> None:
+        require_loopback(host)
+        self._context = context = foxglove.Context()  # kept: its channels close when it goes
+        self._channels = {
+            CHANNELS[topic.name]: foxglove.Channel(
+                topic.name,
+                schema=foxglove.Schema(name=topic.schema, encoding="ros2msg", data=schema_text(topic.message).encode()),
+                message_encoding="cdr",
+                context=context,
+            )
+            for topic in TOPICS
+        }
+        self._listener = _Listener()
+        try:
+            self._server = foxglove.start_server(
+                name="txt1",
+                host=host,
+                port=port,
+                capabilities=[Capability.ClientPublish] if control else [],
+                supported_encodings=["json"] if control else None,
+                server_listener=self._listener if control else None,
+                context=context,
+            )
+        except RuntimeError as error:
+            raise ConfigError(f"--view {host}:{port}: cannot listen there: {error}; choose another port") from None
+        self.address = f"ws://{host}:{self._server.port}"
+
+    def drive(self, drive: Drive) -> None:
+        """Hand the velocities that clients ask for to `drive`, in the loop that is running now."""
+        self._listener.drive_in(asyncio.get_running_loop(), drive)
+
+    def write(self, block: Block) -> int:
+        """Send a block; a client that is too slow loses the oldest, which is its own affair."""
+        for channel, time, data in block.messages():
+            self._channels[channel].log(data, log_time=time)
+        return 0
+
+    def close(self, dropped: int, end: Mapping[str, str]) -> None:
+        """Let go of the clients."""
+        del dropped, end
+        self._listener.drive_in(None, None)
+        self._server.stop()
+
+
+class _Listener(ServerListener):
+    """Takes what clients publish; called in the server's threads."""
+
+    def __init__(self) -> None:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._drive: Drive | None = None
+        self._driving: set[tuple[int, int]] = set()
+
+    def drive_in(self, loop: asyncio.AbstractEventLoop | None, drive: Drive | None) -> None:
+        self._loop, self._drive = loop, drive
+
+    def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
+        if channel.topic == topics.COMMAND and channel.encoding == "json":
+            self._driving.add((client.id, channel.id))
+
+    def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
+        self._driving.discard((client.id, client_channel_id))
+
+    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
+        loop, drive = self._loop, self._drive
+        if (client.id, client_channel_id) not in self._driving or loop is None or drive is None:
+            return
+        asked = velocity(data)
+        if asked is not None:
+            with suppress(RuntimeError):  # the loop has just been closed
+                loop.call_soon_threadsafe(_drive, drive, *asked)
+
+
+def _drive(drive: Drive, v: float, omega: float) -> None:
+    with suppress(CommandRefused):  # counted by the safety gate
+        drive(v, omega)
+
+
+def velocity(data: bytes) -> tuple[float, float] | None:
+    """Speed (m/s) and yaw rate (rad/s) of a Twist or TwistStamped in JSON; None when it is none."""
+    try:
+        message: Any = json.loads(data)
+        twist = message.get("twist", message)
+        return float(twist["linear"]["x"]), float(twist["angular"]["z"])
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def require_loopback(host: str) -> None:
+    """Nothing happens for a loopback address.
+
+    Raises:
+        ConfigError: it is another one; the protocol has no token, so anybody there could look and drive.
+
+    """
+    try:
+        loopback = host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        raise ConfigError(
+            f"--view {host}: not a loopback address, and without a token the whole network could watch and drive; "
+            "use 127.0.0.1, and from elsewhere 'ssh -L 8765:127.0.0.1:8765'"
+        )

@@ -1,0 +1,201 @@
+"""A recording as it is read: message by message from the front, whole or broken off, with every checksum compared."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+from mcap_ros2.decoder import DecoderFactory
+
+from txt1.errors import RecordingError
+from txt1.kernel.clock import NS_PER_S
+
+HEAD: Final = struct.Struct("<BQ")
+_KINDS: Final[dict[int, Any]] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.ATTACHMENT: Attachment,
+}
+
+
+class Item(NamedTuple):
+    """A message of a recording."""
+
+    topic: str
+    schema: Schema
+    channel: Channel
+    message: Message
+
+    @property
+    def time(self) -> float:
+        """Its time stamp in s since 1970."""
+        return self.message.log_time / NS_PER_S
+
+
+class Reading:
+    """One pass through a file.
+
+    Attributes:
+        complete: whether the file goes to its proper end; known after the pass.
+        damaged: chunks that were left out because their bytes are not what was written.
+        unread: bytes at the end that belong to no complete record.
+        metadata: the metadata records so far, by name.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.complete = False
+        self.damaged = 0
+        self.unread = 0
+        self.profile = ""
+        self.library = ""
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+
+    def __iter__(self) -> Iterator[Item]:
+        for record in self.records():
+            if isinstance(record, Message):
+                channel = self.channels.get(record.channel_id)
+                if channel is not None and (schema := self.schemas.get(channel.schema_id)) is not None:
+                    yield Item(channel.topic, schema, channel, record)
+
+    def records(self) -> Iterator[McapRecord]:
+        """Every sound record of the data section, in order, those inside the chunks included.
+
+        Raises:
+            RecordingError: the file cannot be read, or is no MCAP file.
+
+        """
+        try:
+            with self.path.open("rb") as file:
+                size = file.seek(0, 2)
+                file.seek(0)
+                yield from self._records(file, size)
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot read it: {error.strerror}; check the name") from None
+
+    def _records(self, file: IO[bytes], size: int) -> Iterator[McapRecord]:
+        magic = file.read(len(MCAP0_MAGIC))
+        if not MCAP0_MAGIC.startswith(magic):
+            raise RecordingError(f"{self.path}: no MCAP file, it begins otherwise; 'txt1 run --log FILE' makes one")
+        while True:
+            start = file.tell()
+            head = file.read(HEAD.size)
+            opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+            if len(head) < HEAD.size or length > size - start - HEAD.size:
+                self.unread = size - start
+                return
+            if opcode == Opcode.DATA_END:
+                self.complete = _ends_well(file, size)
+                return
+            payload = file.read(length)
+            try:
+                yield from self._parse(opcode, payload)
+            except (McapError, ValueError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError):
+                self.damaged += 1
+
+    def _parse(self, opcode: int, payload: bytes) -> list[McapRecord]:
+        stream = ReadDataStream(BytesIO(payload))
+        if opcode == Opcode.CHUNK:
+            return [self._noted(record) for record in _chunk(Chunk.read(stream))]
+        if opcode == Opcode.MESSAGE:
+            return [Message.read(stream, len(payload))]
+        kind = _KINDS.get(opcode)
+        return [] if kind is None else [self._noted(kind.read(stream))]
+
+    def _noted(self, record: McapRecord) -> McapRecord:
+        match record:
+            case Header(profile, library):
+                self.profile, self.library = profile, library
+            case Schema():
+                self.schemas[record.id] = record
+            case Channel():
+                self.channels[record.id] = record
+            case Metadata(name, values):
+                self.metadata[name] = values
+        return record
+
+
+def _chunk(chunk: Chunk) -> list[McapRecord]:
+    """The records of a chunk; any exception when its bytes are not those that were written."""
+    try:
+        return breakup_chunk(chunk, validate_crc=True)
+    except Exception as error:  # each compression has exceptions of its own
+        raise ValueError(f"not a sound chunk: {error}") from error
+
+
+def _ends_well(file: IO[bytes], size: int) -> bool:
+    """Whether footer and magic stand at the end."""
+    tail = HEAD.size + 20 + len(MCAP0_MAGIC)
+    if size - file.tell() < tail:
+        return False
+    file.seek(size - tail)
+    data = file.read(tail)
+    if data[0] != Opcode.FOOTER or not data.endswith(MCAP0_MAGIC):
+        return False
+    footer = Footer.read(ReadDataStream(BytesIO(data[HEAD.size :])))
+    return bool(footer.summary_start <= size)
+
+
+class Decoding:
+    """Turns items into their messages, and those into plain values."""
+
+    def __init__(self) -> None:
+        self._factory = DecoderFactory()
+        self._decoders: dict[int, Any] = {}
+
+    def message(self, item: Item) -> Any:
+        """The message, with its fields as attributes.
+
+        Raises:
+            RecordingError: it is in another encoding than ROS 2's.
+
+        """
+        decoder = self._decoders.get(item.schema.id)
+        if decoder is None:
+            decoder = self._factory.decoder_for(item.channel.message_encoding, item.schema)
+            if decoder is None:
+                raise RecordingError(
+                    f"{item.topic}: its messages are encoded as {item.channel.message_encoding!r}, "
+                    "and only ROS 2's 'cdr' is read here"
+                )
+            self._decoders[item.schema.id] = decoder
+        return decoder(item.message.data)
+
+    def values(self, item: Item) -> dict[str, Any]:
+        """The message as nested dictionaries and lists."""
+        plain = _plain(self.message(item))
+        assert isinstance(plain, dict)
+        return plain
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__slots__") and not isinstance(value, str | bytes | int | float):
+        return {name: _plain(getattr(value, name)) for name in value.__slots__}
+    if isinstance(value, bytes | bytearray | memoryview):
+        return bytes(value).hex(" ")
+    if isinstance(value, list | tuple) or hasattr(value, "tolist"):
+        return [_plain(each) for each in value]
+    return value
+
+
+def flat(values: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value with its dotted path; a list is one value."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value

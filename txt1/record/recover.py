@@ -1,0 +1,81 @@
+"""A valid file of one that breaks off: every message that is whole, in its order, and none that is not."""
+
+from __future__ import annotations
+
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import Writer
+
+from txt1.errors import RecordingError
+from txt1.record.reading import Reading
+
+
+class Recovered(NamedTuple):
+    """What was saved: messages; and what was not: damaged chunks, and bytes at the end."""
+
+    messages: int
+    damaged: int
+    unread: int
+    was_complete: bool
+
+
+def recover(source: Path, target: Path) -> Recovered:
+    """What of a recording could be saved, written to a new file.
+
+    Raises:
+        RecordingError: the source cannot be read or is no MCAP file, or the target exists or cannot be written.
+
+    """
+    reading = Reading(source)
+    try:
+        with target.open("xb") as file:
+            count = _copy(reading, Writer(file))
+    except FileExistsError:
+        raise RecordingError(f"{target}: there is such a file already; choose another name with -o") from None
+    except OSError as error:
+        raise RecordingError(f"{target}: cannot write it: {error.strerror}; choose another place") from None
+    except RecordingError:
+        target.unlink(missing_ok=True)
+        raise
+    return Recovered(count, reading.damaged, reading.unread, reading.complete)
+
+
+def _copy(reading: Reading, writer: Writer) -> int:
+    """The number of messages copied."""
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    count = 0
+    records = reading.records()
+    first = next(records, None)  # the header, whose profile the new file takes over
+    writer.start(reading.profile, reading.library)
+    for record in chain((first,), records):
+        count += _put(record, writer, schemas, channels)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def _put(record: object, writer: Writer, schemas: dict[int, int], channels: dict[int, int]) -> int:
+    """Write a record under the numbers of the new file; 1 for a message."""
+    match record:
+        case Schema():
+            if record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        case Channel():
+            if record.id not in channels and record.schema_id in schemas:
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                )
+        case Message():
+            if record.channel_id in channels:
+                writer.add_message(
+                    channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+                )
+                return 1
+        case Metadata():
+            writer.add_metadata(record.name, record.metadata)
+        case Attachment():
+            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+    return 0

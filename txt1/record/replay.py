@@ -1,0 +1,179 @@
+"""A recording on the terminal screens: played at any speed, paused, wound forward and back, looped."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Callable
+from typing import Final
+
+from txt1.hal.base import Button
+from txt1.record.film import Film
+from txt1.tasks.button import press
+from txt1.tasks.state import Event, Panel, Snapshot
+from txt1.ui.terminal import Terminal
+
+SEEK: Final = 5.0
+"""s that one press of a or d winds."""
+SPEED_MIN: Final = 1.0 / 64.0
+SPEED_MAX: Final = 64.0
+STDOUT: Final = 1
+
+KEYS: Final = "replay: SPACE pause, a d back and forth 5 s, + - speed, m loop, w begin, q quit"
+
+
+class Player:
+    """Plays a film; to the terminal it is the robot.
+
+    Args:
+        film: what is played.
+        speed: as a multiple of real time.
+        loop: begin anew at the end.
+        clock: real time in s.
+
+    """
+
+    def __init__(self, film: Film, speed: float, loop: bool, clock: Callable[[], float]) -> None:
+        self.film = film
+        self.speed = speed
+        self.loop = loop
+        self.paused = False
+        self._clock = clock
+        self._position = film.start
+        self._since = clock()
+        self._panel = Panel()
+        self._shown: tuple[float, Panel, str] | None = None
+        self._snapshot: Snapshot | None = None
+
+    @property
+    def position(self) -> float:
+        """Where the film is, s of the run."""
+        now = self._clock()
+        if not self.paused:
+            self._position += (now - self._since) * self.speed
+            length = self.film.end - self.film.start
+            if self._position > self.film.end:
+                past = self._position - self.film.end
+                self._position = self.film.start + past % length if self.loop and length > 0.0 else self.film.end
+        self._since = now
+        return self._position
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing more to come."""
+        return not self.loop and self.position >= self.film.end
+
+    def seek(self, time: float) -> None:
+        """Go to a time of the run, s, or as near as the film goes."""
+        self._since = self._clock()
+        self._position = min(max(time, self.film.start), self.film.end)
+
+    def key(self, key: str) -> None:
+        """Do what a key of the player's means."""
+        match key:
+            case "space":
+                self.seek(self.position)
+                self.paused = not self.paused
+            case "a":
+                self.seek(self.position - SEEK)
+            case "d":
+                self.seek(self.position + SEEK)
+            case "w":
+                self.seek(self.film.start)
+            case "+" | "-":
+                self.seek(self.position)
+                self.speed = min(max(self.speed * (2.0 if key == "+" else 0.5), SPEED_MIN), SPEED_MAX)
+            case "m":
+                self.loop = not self.loop
+
+    # -- what the terminal needs of a robot --------------------------------------------------------------------
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """The picture that is due, the same object as long as it does not change."""
+        position = self.position
+        state = f"x{self.speed:g}{', paused' if self.paused else ''}{', loop' if self.loop else ''}"
+        picture = self.film.at(position)
+        shown = picture.time, self._panel, state
+        if shown != self._shown:
+            self._shown = shown
+            self._snapshot = picture._replace(
+                hal=f"replay {state}",
+                panel=self._panel._replace(manual=picture.panel.manual),
+                events=(*picture.events, Event(picture.time, KEYS))[-20:],
+            )
+        return self._snapshot
+
+    @property
+    def now(self) -> float:
+        """Where the film is, s of the run."""
+        return self.position
+
+    def command(self, v: float, omega: float) -> None:
+        """Nobody drives a film."""
+
+    def stop(self) -> None:
+        """SPACE."""
+        self.key("space")
+
+    def arm(self) -> None:
+        """The key m."""
+        self.key("m")
+
+    def disarm(self, reason: str) -> None:
+        """Nothing moves."""
+
+    def press(self, button: Button) -> None:
+        """The joystick changes the screen and scrolls the gains."""
+        snapshot = self._snapshot
+        rows = 0 if snapshot is None else len(snapshot.gains.angular.sets)
+        self._panel = press(self._panel, button, rows, has_pwm=False)
+
+    def tell(self, text: str) -> None:
+        """There is no log to add to."""
+
+
+class _ReplayTerminal(Terminal):
+    """The terminal, with the player's keys where driving was."""
+
+    def __init__(self, player: Player) -> None:
+        super().__init__(player)
+        self._player = player
+
+    def _obey(self, key: str) -> None:
+        if key in ("a", "d", "w", "+", "-"):
+            self._player.key(key)
+        elif key != "s":
+            super()._obey(key)
+
+
+async def play(film: Film, speed: float, start: float | None, loop: bool) -> None:
+    """Show a film on the screens until the user quits; without a terminal, as lines, one a second of the run."""
+    player = Player(film, speed, loop, asyncio.get_running_loop().time)
+    if start is not None:
+        player.seek(start)
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        async with _ReplayTerminal(player) as terminal:
+            await terminal.wait()
+        return
+    told = -1
+    while True:
+        ended = player.ended
+        position = player.position
+        if int(position) != told:
+            told = int(position)
+            os.write(STDOUT, f"{line(film.at(position))}\n".encode())
+        if ended:
+            return
+        await asyncio.sleep(min(0.1, 0.2 / speed))
+
+
+def line(snapshot: Snapshot) -> str:
+    """A picture in one line."""
+    x, y, theta, v, omega = snapshot.odometry
+    state = "armed" if snapshot.armed else f"disarmed: {snapshot.reason}"
+    return (
+        f"t={snapshot.time:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
+        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  {state}"
+    )

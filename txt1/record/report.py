@@ -1,0 +1,213 @@
+"""A recording in pictures: path, velocities against their set-points, PWM, battery, timing; PNG, and one HTML page."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from txt1.config import Config, flatten
+from txt1.errors import RecordingError
+from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.record import topics
+from txt1.record.listing import TopicSummary
+from txt1.record.reading import Decoding, Item, Reading
+
+DPI: Final = 110
+
+
+class Series:
+    """What is drawn of a recording: times in s of the run, and the values at them, by name."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[tuple[float, ...]]] = {}
+
+    def add(self, name: str, *row: float) -> None:
+        """Add a row: its time, and its values."""
+        self._rows.setdefault(name, []).append(row)
+
+    def columns(self, name: str) -> NDArray[np.float64]:
+        """The rows of a name as columns; one empty column where there are none."""
+        return np.array(self._rows.get(name, [])).T if name in self._rows else np.empty((6, 0))
+
+
+class Content:
+    """A recording as far as a report needs it.
+
+    Raises:
+        RecordingError: the file cannot be read, or no odometry is in it.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.series = Series()
+        self.topics: dict[str, TopicSummary] = {}
+        self.events: list[tuple[float, str]] = []
+        self.tasks: dict[str, dict[str, str]] = {}
+        self.faults: dict[str, str] = {}
+        self._decoding = Decoding()
+        reading = Reading(path)
+        self._epoch_ns: int | None = None
+        for item in reading:
+            if self._epoch_ns is None:
+                self._epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
+            summary = self.topics.setdefault(item.topic, TopicSummary(item.schema.name))
+            summary.add(item.message.log_time, item.message.sequence)
+            self._take(item, (item.message.log_time - self._epoch_ns) / NS_PER_S)
+        self.metadata = reading.metadata
+        self.complete = reading.complete
+        if topics.ODOMETRY not in self.topics:
+            raise RecordingError(f"{path}: no odometry in it, so there is nothing to draw; was it recorded by txt1?")
+
+    def _take(self, item: Item, time: float) -> None:
+        series, message = self.series, self._decoding.message
+        match item.topic:
+            case topics.ODOMETRY:
+                odometry = message(item)
+                position, twist = odometry.pose.pose.position, odometry.twist.twist
+                series.add("odometry", time, position.x, position.y, twist.linear.x, twist.angular.z)
+            case topics.POSE:
+                position = message(item).pose.position
+                series.add("pose", time, position.x, position.y)
+            case topics.SETPOINT:
+                twist = message(item).twist
+                series.add("setpoint", time, twist.linear.x, twist.angular.z)
+            case topics.PWM:
+                pwm = message(item)
+                series.add("pwm", time, pwm.motor, pwm.front, pwm.rear)
+            case topics.LOG:
+                self.events.append((time, message(item).msg))
+            case topics.DIAGNOSTICS:
+                for status in message(item).status:
+                    self.tasks[status.name.removeprefix("task ")] = {each.key: each.value for each in status.values}
+            case topics.FAULTS:
+                self.faults = {each.key: each.value for each in message(item).status[0].values}
+            case name if name in topics.BATTERIES:
+                battery = message(item)
+                if battery.present:
+                    series.add(name, time, battery.voltage)
+
+
+def draw(content: Content) -> bytes:
+    """The pictures of a recording as one PNG."""
+    figure = Figure(figsize=(13.0, 13.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplot_mosaic([["path", "v"], ["path", "omega"], ["motor", "steering"], ["battery", "timing"]])
+    series = content.series
+    time, x, y, v, omega = series.columns("odometry")[:5]
+    set_time, set_v, set_omega = series.columns("setpoint")[:3]
+    pwm_time, motor, front, rear = series.columns("pwm")[:4]
+
+    path = axes["path"]
+    path.plot(x, y, label="odometry, from where it began")
+    pose = series.columns("pose")
+    if pose.shape[1]:
+        path.plot(pose[1], pose[2], label="true pose in the room")
+    path.set(title="Path", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
+    path.legend(loc="best", fontsize="small")
+    _lines(axes["v"], "Speed", "v / (m/s)", (set_time, set_v, "set-point"), (time, v, "measured"))
+    _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (set_time, set_omega, "set-point"), (time, omega, "measured"))
+    _lines(axes["motor"], "Motor", "PWM / counts", (pwm_time, motor, "motor"))
+    _lines(axes["steering"], "Steering", "PWM / counts", (pwm_time, front, "front"), (pwm_time, rear, "rear"))
+    packs = [(*series.columns(name)[:2], name.removeprefix("/")) for name in topics.BATTERIES]
+    _lines(axes["battery"], "Battery", "voltage / V", *packs)
+    periods = np.diff(time) * 1000.0
+    _lines(axes["timing"], "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))
+    if not periods.size or np.ptp(periods) < 1.0:
+        axes["timing"].set_ylim(0.0, 40.0)
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": "txt1"})
+    return picture.getvalue()
+
+
+def _lines(axes: Any, title: str, unit: str, *curves: tuple[Any, Any, str]) -> None:
+    for time, values, label in curves:
+        if len(time):
+            axes.plot(time, values, label=label, linewidth=1.0)
+    axes.set(title=title, xlabel="t / s", ylabel=unit)
+    axes.grid(visible=True, alpha=0.3)
+    if axes.lines:
+        axes.legend(loc="best", fontsize="small")
+
+
+def page(name: str, content: Content, picture: bytes) -> str:
+    """One HTML page with everything in it."""
+    about = content.metadata.get("txt1", {})
+    settings = _changed(about.get("config", "{}"))
+    facts = [(key, value) for key, value in about.items() if key not in ("config", "plan")]
+    facts += [("file", "complete" if content.complete else "breaks off")]
+    rows = [
+        (topic, each.count, f"{each.rate:.2f}", f"{each.gap / NS_PER_S:.3f}", each.lost)
+        for topic, each in content.topics.items()
+    ]
+    tasks = [(task, *values.values()) for task, values in content.tasks.items()]
+    heads = next(iter(content.tasks.values()), {})
+    encoded = base64.b64encode(picture).decode("ascii")
+    return "\n".join(
+        (
+            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+            f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body>",
+            f"<h1>{html.escape(name)}</h1>",
+            f'<img alt="path, velocities, PWM, battery, timing" src="data:image/png;base64,{encoded}">',
+            "<h2>The run</h2>", *_table(("", ""), facts),
+            "<h2>Topics</h2>", *_table(("topic", "messages", "rate / Hz", "longest gap / s", "lost"), rows),
+            "<h2>Tasks</h2>", *_table(("task", *heads), tasks),
+            "<h2>Faults</h2>", *_table(("what", "how often"), list(content.faults.items())),
+            "<h2>Events</h2>", *_table(("t / s", "what"), [(f"{time:.2f}", text) for time, text in content.events]),
+            "<h2>Configuration</h2>", *_table(("key", "value"), settings),
+            "</body></html>\n",
+        )
+    )  # fmt: skip
+
+
+_STYLE: Final = (
+    "body{font:15px/1.4 sans-serif;max-width:80rem;margin:2rem auto;padding:0 1rem}img{max-width:100%}"
+    "table{border-collapse:collapse}td,th{padding:.15rem .8rem;text-align:left;border-bottom:1px solid #ddd}"
+)
+
+
+def _table(heads: tuple[str, ...], rows: list[Any]) -> Iterator[str]:
+    if not rows:
+        yield "<p>none</p>"
+        return
+    yield "<table><tr>" + "".join(f"<th>{html.escape(head)}</th>" for head in heads) + "</tr>"
+    for row in rows:
+        yield "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
+    yield "</table>"
+
+
+def _changed(text: str) -> list[tuple[str, str]]:
+    """Every setting of a recorded configuration, dotted."""
+    tree = json.loads(text)
+    try:
+        config = Config.model_validate(tree)
+    except ValueError:  # another version's
+        return [(key, json.dumps(value)) for key, value in tree.items()]
+    return [(key, json.dumps(value)) for key, value in flatten(config)]
+
+
+def report(path: Path, stem: Path) -> tuple[Path, Path]:
+    """The files drawn: STEM.png and STEM.html.
+
+    Raises:
+        RecordingError: the recording cannot be read, or the files cannot be written.
+
+    """
+    content = Content(path)
+    picture = draw(content)
+    png, page_file = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
+    try:
+        png.write_bytes(picture)
+        page_file.write_text(page(path.name, content, picture), encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{error.filename or stem}: cannot write it: {error.strerror}") from None
+    return png, page_file

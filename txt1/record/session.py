@@ -1,0 +1,136 @@
+"""A recording beside a run: what is written at its head, when it begins and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import platform
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from txt1 import __version__
+from txt1.config import Config
+from txt1.errors import MissingExtra
+from txt1.kernel.clock import NS_PER_S, wall_ns
+from txt1.kernel.loop import Speed
+from txt1.runtime import Runtime
+
+if TYPE_CHECKING:
+    from txt1.record.live import LiveView
+    from txt1.record.recorder import Recorder, Sink
+
+LIBRARIES: Final = ("numpy", "pydantic", "mcap")
+VIEW_BATCH: Final = 0.1
+"""Real s between two batches for a live view."""
+MEGABYTE: Final = 1_000_000
+
+
+def need(feature: str, extra: str, *modules: str) -> None:
+    """Nothing happens when the modules of an optional feature are installed.
+
+    Raises:
+        MissingExtra: one is not.
+
+    """
+    if any(find_spec(module) is None for module in modules):
+        raise MissingExtra(feature, extra)
+
+
+def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[str, str]:
+    """What a recording says about its run: configuration, versions, seed, clock, the command's options, wall start."""
+    return {
+        "txt1": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+        "seed": str(config.seed),
+        "hal": config.hal,
+        "clock": "real" if speed is None else "virtual",
+        "speed": str(speed),
+        "epoch": repr(config.record.epoch),
+        "wall_start": datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC).isoformat(),
+        "plan": json.dumps(dict(plan)),
+        "config": json.dumps(config.model_dump(mode="json")),
+    }
+
+
+Attach = Callable[[Runtime], None]
+
+
+@asynccontextmanager
+async def recording(
+    file: Path | None,
+    config: Config,
+    speed: Speed,
+    plan: Mapping[str, object],
+    told: Callable[[str], None],
+    view: LiveView | None = None,
+) -> AsyncIterator[Attach]:
+    """What to attach to a runtime before it starts; the file is complete when the block is left.
+
+    Args:
+        file: to write; None: nothing is recorded.
+        config: of the run.
+        speed: of its time.
+        plan: what else the run was told, for the metadata.
+        view: what shows it live at the same time; closed at the end.
+        told: called at the end with a sentence about what was lost, if anything was.
+
+    Raises:
+        ConfigError: the file exists, or cannot be made.
+        MissingExtra: the extra `record` is not installed.
+        RecordingError: the file could not be written, or not to its end.
+
+    """
+    if file is None and view is None:
+        yield lambda runtime: None
+        return
+    # in a thread, as modules are found and a file is made on the disk
+    sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, view)
+    batch = None if view is None else VIEW_BATCH * (speed if isinstance(speed, float) else 1.0)
+    recorder: Recorder | None = None
+
+    def attach(runtime: Runtime) -> None:
+        nonlocal recorder
+        recorder = make(runtime, sinks, config.record.epoch, batch)
+        recorder.attach()
+
+    try:
+        yield attach
+    finally:
+        if recorder is None:
+            for each in sinks:
+                await asyncio.to_thread(each.close, 0, {})
+        else:
+            await recorder.close()
+            if recorder.dropped:
+                told(f"{file}: {recorder.dropped} messages were not recorded: the disk was full or too slow")
+
+
+def _prepare(
+    file: Path | None, config: Config, speed: Speed, plan: Mapping[str, object], view: LiveView | None
+) -> tuple[Sequence[Sink], type[Recorder]]:
+    """The sinks, and what makes a recorder for them."""
+    need("recording", "record", "mcap", "zstandard", "lz4")
+    from txt1.record.files import FileSink, Rotation
+    from txt1.record.recorder import Recorder
+
+    record = config.record
+    rotation = Rotation(round(record.rotate_size * MEGABYTE), round(record.rotate_time * NS_PER_S))
+    about = metadata(config, speed, plan)
+    sinks: list[Sink] = [] if view is None else [view]
+    if file is not None:
+        sinks.append(FileSink(file, about, rotation, record.compression, strict=speed is not None))
+    return sinks, Recorder
+
+
+def open_view(host: str, port: int, *, control: bool) -> LiveView:
+    """A live view that listens; raises MissingExtra, ConfigError."""
+    need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
+    from txt1.record.live import LiveView
+
+    return LiveView(host, port, control=control)
