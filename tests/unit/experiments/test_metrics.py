@@ -1,0 +1,154 @@
+"""The metrics of responses whose answers are known."""
+
+from math import exp, log, pi
+
+import numpy as np
+import pytest
+
+from txt1.experiments.metrics import (
+    QUANTUM,
+    battery,
+    circle,
+    cross_track,
+    droops,
+    judge,
+    leg_metrics,
+    smooth,
+    steps,
+    stops,
+)
+from txt1.experiments.profile import Profile
+from txt1.experiments.recording import Recording, Sample, load, mean_of, save
+from txt1.experiments.runner import Leg
+from txt1.model.battery import pack_voltage, remaining_time
+
+DT = 0.02
+TAU = 0.5
+
+
+def step_response(truth: bool, after: float = 0.5, overshoot: float = 0.0) -> Recording:
+    """1 s of rest, then a response of first order with TAU, with a bump that decays; by truth or by the encoders."""
+    samples = []
+    for k in range(600):
+        t = k * DT - 1.0
+        s = max(t, 0.0)
+        v = after * (1.0 - exp(-s / TAU) + overshoot * 2.0 * s / TAU * exp(-s / TAU)) if t > 0.0 else 0.0
+        set_v = after if t >= 0.0 else 0.0
+        samples.append(
+            Sample(k * DT, set_v, true_v=v, true_omega=0.0, true_x=0.0) if truth else Sample(k * DT, set_v, v=v)
+        )
+    return Recording(samples)
+
+
+@pytest.mark.parametrize("after", [0.5, -0.5])
+def test_a_first_order_response_rises_in_2_2_and_settles_in_3_time_constants(after: float) -> None:
+    [step] = steps(step_response(True, after))
+    assert step.rise == pytest.approx(TAU * log(9.0), abs=0.06)  # the means over 0.2 s round the corner
+    assert step.settling == pytest.approx(TAU * log(20.0), abs=0.06)
+    assert step.overshoot == pytest.approx(0.0, abs=1e-3)
+    assert step.steady_error == pytest.approx(0.0, abs=1e-3)
+
+
+def test_an_overshoot_is_found() -> None:
+    [step] = steps(step_response(True, overshoot=1.0))
+    # 1 + (2 s - 1) exp(-s) with s in time constants is largest at s = 1.5
+    assert step.overshoot == pytest.approx(2.0 * exp(-1.5), abs=0.01)
+
+
+def test_on_hardware_no_band_is_narrower_than_an_encoder_count() -> None:
+    [truth], [encoders] = steps(step_response(True, 0.1)), steps(step_response(False, 0.1))
+    assert truth.band == pytest.approx(0.005)
+    assert encoders.band == QUANTUM["v"]
+    assert truth.settling is not None and encoders.settling is not None and encoders.settling < truth.settling
+
+
+def test_a_response_that_never_rests_has_no_settling_time() -> None:
+    samples = [
+        Sample(k * DT, 0.5 if k >= 50 else 0.0, true_v=0.5 + 0.2 * np.sin(k * DT * 2.0), true_x=0.0) for k in range(600)
+    ]
+    [step] = steps(Recording(samples))
+    assert step.settling is None
+
+
+def test_a_stop_is_told_apart_from_a_step() -> None:
+    samples = [Sample(k * DT, 0.5 if k < 100 else 0.0, true_v=0.5 if k < 100 else 0.0, true_x=0.0) for k in range(200)]
+    recording = Recording(samples)
+    assert [step.after for step in steps(recording)] == [0.5]
+    assert len(stops(recording)) == 1
+
+
+def test_the_droop_is_the_share_of_speed_that_is_lost() -> None:
+    samples = []
+    for k in range(300):
+        turning = k >= 150
+        v = 0.45 if 150 <= k < 180 else 0.5
+        samples.append(Sample(k * DT, 0.5, 0.8 if turning else 0.0, true_v=v, true_x=0.0))
+    [droop] = droops(Recording(samples))
+    assert droop.droop == pytest.approx(0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.004])
+def test_a_circle_has_its_radius_and_the_distance_of_its_laps(drift: float) -> None:
+    samples = []
+    for k in range(2000):
+        angle = 0.5 * k * DT
+        samples.append(
+            Sample(k * DT, 0.5, 0.5, true_v=0.5, true_omega=0.5,
+                   true_x=np.cos(angle) + drift * angle, true_y=np.sin(angle), true_theta=angle + pi / 2.0)
+        )  # fmt: skip
+    found = circle(Recording(samples))
+    assert found is not None
+    assert found.asked == 1.0
+    assert found.radius == pytest.approx(1.0, abs=1e-3 + drift)
+    assert found.lap_to_lap == pytest.approx(2.0 * pi * drift, abs=2e-3)
+
+
+def test_cross_track_is_left_positive_and_counted_round_the_corner_only() -> None:
+    samples = [Sample(k * DT, 0.5, true_x=0.01 * k, true_y=0.05) for k in range(400)]
+    recording = Recording(samples)
+    legs = [Leg(0.0, (-1.0, 0.0), (0.0, 0.0)), Leg(0.0, (0.0, 0.0), (4.0, 0.0))]
+    assert cross_track(recording, legs[1]) == pytest.approx(0.05)
+    [leg] = leg_metrics(recording, legs)
+    assert leg.rms == pytest.approx(0.05)
+
+
+def test_the_discharge_line_is_recovered() -> None:
+    samples = [
+        Sample(60.0 * m, voltage=pack_voltage(m), remaining=remaining_time(pack_voltage(m)))
+        for m in np.arange(0, 50, 0.1)
+    ]
+    found = battery(Recording(samples))
+    assert found is not None
+    assert found.slope_error == pytest.approx(0.0, abs=1e-6)
+    assert found.intercept_error == pytest.approx(0.0, abs=1e-6)
+    assert found.remaining_worst == pytest.approx(0.0, abs=0.1)
+
+
+def test_means_keep_a_constant_and_halve_no_edge() -> None:
+    times = np.arange(50) * DT
+    assert smooth(np.full(50, 3.0), times) == pytest.approx(3.0)
+
+
+def test_nothing_measured_is_no_error() -> None:
+    profile = Profile.model_validate(
+        {"title": "t", "figure": "velocities", "steps": [{"v": 0, "omega": 0, "seconds": 1}]}
+    )
+    assert judge(Recording([]), [], profile) == {"judged_by": "encoders"}
+    assert circle(Recording([])) is None
+    assert battery(Recording([])) is None
+
+
+def test_a_recording_survives_its_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    recording = step_response(True)
+    save(recording, tmp_path)
+    again = load(tmp_path)
+    assert again["true_v"] == pytest.approx(recording["true_v"], abs=1e-6)
+    assert again.knows_truth
+    assert not again.without_truth().knows_truth
+
+
+def test_the_mean_of_recordings_keeps_their_set_points() -> None:
+    one, two = step_response(True), step_response(True, overshoot=0.4)
+    mean = mean_of([one, two])
+    assert (mean["set_v"] == one["set_v"]).all()
+    assert mean["true_v"] == pytest.approx(0.5 * (one["true_v"] + two["true_v"]))

@@ -1,0 +1,1 @@
+"""The drive tests of the thesis: profiles driven through the Robot API, measured, drawn and compared."""

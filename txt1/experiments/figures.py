@@ -1,0 +1,143 @@
+"""The thesis's figures (4.3 to 4.6 and 3.13), drawn from one run or from several together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from txt1.errors import MissingExtra
+from txt1.experiments.metrics import cross_track, smooth
+from txt1.experiments.run_folder import Run
+from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+
+
+def draw(runs: Sequence[Run], file: Path, title: str | None = None) -> None:
+    """Write the figure of one run, or of several of the same kind together; its suffix says the format.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+
+    """
+    figure = _new_figure()
+    kind = runs[0].profile.figure
+    {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery}[kind](figure, runs)
+    figure.suptitle(title or runs[0].profile.title)
+    # no date and no random ids, so that the same run makes the same file
+    metadata = {"Date": None} if file.suffix == ".svg" else None
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.hashsalt": "txt1", "path.simplify_threshold": 0.5}):
+        figure.savefig(file, metadata=metadata)
+
+
+def available() -> None:
+    """Raise MissingExtra when nothing can be drawn."""
+    if find_spec("matplotlib") is None:
+        raise MissingExtra("drawing figures", "plots")
+
+
+def _new_figure() -> Figure:
+    available()
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(7.0, 5.0), layout="constrained")
+
+
+def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
+    """Linear velocity above angular velocity over time, set-point and response together (4.3, 4.4)."""
+    above, below = figure.subplots(2, 1, sharex=True)
+    for axes, channel, label in ((above, "v", "v, m/s"), (below, "omega", "ω, rad/s")):
+        for run, colour in zip(runs, COLOURS, strict=False):
+            recording = run.recording
+            time = recording["time"]
+            if len(runs) == 1:
+                axes.plot(time, recording[channel], color="0.8", linewidth=0.5, label="each reading of the encoders")
+            truth = recording.knows_truth
+            values = smooth(recording[f"true_{channel}" if truth else channel], time)
+            axes.plot(time, values, color=colour, linewidth=1.0, label=f"{run.label}, {_response(run)}")
+        first = runs[0].recording
+        axes.plot(first["time"], first[f"set_{channel}"], "k--", linewidth=0.8, label="set-point")
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+    figure.legend(*above.get_legend_handles_labels(), fontsize="x-small", loc="outside lower center", ncols=2)
+    below.set_xlabel("time, s")
+
+
+def _path(figure: Figure, runs: Sequence[Run]) -> None:
+    """The path in the plane (4.5, 4.6)."""
+    axes = figure.subplots()
+    _draw_paths(axes, runs)
+    circles = [run.metrics.get("circle") for run in runs]
+    if any(circles):
+        parts = [
+            f"{run.label}: radius {circle['radius']:.3f} m, v/ω {circle['asked']:.3f} m"
+            for run, circle in zip(runs, circles, strict=True)
+            if circle
+        ]
+        axes.set_title("\n".join(parts), fontsize="small")
+
+
+def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
+    """The path with its waypoints, and the cross-track error over time."""
+    above, below = figure.subplots(2, 1, height_ratios=(2, 1))
+    waypoints = runs[0].profile.waypoints
+    if waypoints is not None:
+        x, y = zip(*waypoints.points, waypoints.points[0], strict=True)
+        above.plot(x, y, "k--", linewidth=0.8, marker="o", markersize=4, label="waypoints")
+    _draw_paths(above, runs)
+    for run, colour in zip(runs, COLOURS, strict=False):
+        time, legs = run.recording["time"], run.legs
+        for number, leg in enumerate(legs):
+            until = legs[number + 1].time if number + 1 < len(legs) else np.inf
+            on = (time >= leg.time) & (time < until)
+            below.plot(time[on], cross_track(run.recording, leg)[on], color=colour, linewidth=1.0)
+    below.axhline(0.0, color="k", linewidth=0.8, linestyle="--")
+    below.set(xlabel="time, s", ylabel="off the leg, m")
+    below.grid(alpha=0.3)
+
+
+def _battery(figure: Figure, runs: Sequence[Run]) -> None:
+    """The battery's voltage over time, and the line through it (3.13)."""
+    axes = figure.subplots()
+    for run, colour in zip(runs, COLOURS, strict=False):
+        minutes = run.recording["time"] / 60.0
+        axes.plot(minutes, run.recording["voltage"], color=colour, linewidth=1.0, label=f"{run.label}: voltage")
+        fit = run.metrics.get("battery")
+        if fit:
+            at = np.array([0.0, SAFE_END_MIN])
+            text = f"line: V = {fit['intercept']:.4f} {fit['slope']:+.6f} t"
+            axes.plot(at, fit["intercept"] + fit["slope"] * at, color=colour, linestyle=":", label=text)
+        end = float(minutes[-1])
+        axes.axvline(end, color=colour, linewidth=0.5)
+        axes.annotate(f"{end:.1f} min: {run.metrics['stopped_by']}", (end, 9.3), rotation=90, ha="right", fontsize=7)
+    at = np.array([0.0, SAFE_END_MIN])
+    axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
+    axes.set(xlabel="time, min", ylabel="battery voltage, V")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", loc="lower left")
+
+
+def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
+    for run, colour in zip(runs, COLOURS, strict=False):
+        x, y = run.recording.path()
+        axes.plot(x, y, color=colour, linewidth=0.8, label=f"{run.label}, {_response(run, 'position')}")
+    source = runs[0].metrics.get("pose_source")
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.grid(alpha=0.3)
+    title = f"steered by {source}" if source else None
+    axes.legend(
+        fontsize="x-small", loc="center left", bbox_to_anchor=(1.02, 0.5), title=title, title_fontsize="x-small"
+    )
+
+
+def _response(run: Run, what: str = "speed, 0.2 s means") -> str:
+    return f"true {what}" if run.recording.knows_truth else f"{what} by the encoders"

@@ -1,0 +1,356 @@
+"""What an experiment shows, in numbers.
+
+Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the encoders: one count of
+theirs is 16 mm/s and 64 mrad/s in a 20 ms tick, so single readings tell little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import inf, pi
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+
+from txt1.experiments.profile import Profile
+from txt1.experiments.recording import Array, Recording
+from txt1.experiments.runner import SAFE_END, Leg, Outcome
+from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
+
+WINDOW: Final = 0.2
+"""s of which means are taken."""
+BAND: Final = 0.05
+"""Share of a step within which a response counts as settled."""
+QUANTUM: Final = {"v": 0.016, "omega": 0.064}
+"""One encoder count in a tick, m/s and rad/s: on hardware no band is narrower."""
+STEADY: Final = 0.5
+"""Share of a step's time, at its end, that counts as steady."""
+SETTLE_IN: Final = 2.0
+"""s after which a circle is a circle."""
+LEG_START: Final = 2.0
+"""m of a leg, from its start, in which the robot is still coming round the corner."""
+
+Channel = Literal["v", "omega"]
+
+
+class StepMetrics(NamedTuple):
+    """The response to a change of one set-point.
+
+    Attributes:
+        channel: whose set-point changed.
+        time: when, s of the run.
+        before: set-point before, m/s or rad/s.
+        after: set-point from then on.
+        rise: s from 10 % to 90 % of the step; None: it never came there.
+        overshoot: beyond the steady value, as a share of the step, never negative.
+        settling: s until it stays within the band around the steady value; None: it does not.
+        steady_error: steady value less the set-point, m/s or rad/s.
+        noise: standard deviation of the unsmoothed response when steady, m/s or rad/s.
+        band: half the band's width, m/s or rad/s.
+
+    """
+
+    channel: Channel
+    time: float
+    before: float
+    after: float
+    rise: float | None
+    overshoot: float
+    settling: float | None
+    steady_error: float
+    noise: float
+    band: float
+
+
+def smooth(values: Array, times: Array) -> Array:
+    """Means over 0.2 s centred on each sample, shape as `values`; shorter at both ends."""
+    if len(values) < 2:
+        return values
+    half = max(0, round(0.5 * WINDOW / float(np.median(np.diff(times)))))
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    at = np.arange(len(values))
+    first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
+    means: Array = (sums[last] - sums[first]) / (last - first)
+    return means
+
+
+def changes(recording: Recording) -> list[tuple[int, int]]:
+    """First and past-the-last sample of every interval of constant set-points."""
+    moved = np.nonzero((np.diff(recording["set_v"]) != 0.0) | (np.diff(recording["set_omega"]) != 0.0))[0] + 1
+    bounds = [0, *moved.tolist(), len(recording)]
+    return [(a, b) for a, b in pairwise(bounds) if b > a]
+
+
+def steps(recording: Recording) -> list[StepMetrics]:
+    """The responses to every change of a set-point to another value than 0, in order; stops are in `stops`."""
+    return [step for step in _all_steps(recording) if step.after != 0.0]
+
+
+def stops(recording: Recording) -> list[StepMetrics]:
+    """The responses to every change of the speed's set-point to 0."""
+    return [step for step in _all_steps(recording) if step.after == 0.0 and step.channel == "v"]
+
+
+def _all_steps(recording: Recording) -> list[StepMetrics]:
+    found = []
+    channels: tuple[Channel, ...] = ("v", "omega")
+    for channel in channels:
+        set_point = recording[f"set_{channel}"]
+        for first, last in changes(recording):
+            # the speed's response goes on while only the yaw rate's set-point changes, but it is disturbed then
+            before = float(set_point[first - 1]) if first else 0.0  # a run begins at rest
+            if set_point[first] != before and last - first >= 10:
+                found.append(_step(recording, channel, first, last, before))
+    return sorted(found, key=lambda step: step.time)
+
+
+def _step(recording: Recording, channel: Channel, first: int, last: int, before: float) -> StepMetrics:
+    truth = recording.knows_truth
+    set_point, time = recording[f"set_{channel}"], recording["time"][first:last]
+    raw = recording[f"true_{channel}" if truth else channel][first:last]
+    after = float(set_point[first])
+    size = after - before
+    response = smooth(raw, time)
+    elapsed = time - time[0]
+    late = elapsed >= (1.0 - STEADY) * elapsed[-1]
+    steady = float(raw[late].mean())
+    band = BAND * abs(size) if truth else max(BAND * abs(size), QUANTUM[channel])
+    outside = np.nonzero(np.abs(response - steady) > band)[0]
+    settled = 0 if not len(outside) else int(outside[-1]) + 1
+    share = (response - before) / size
+    above = [np.nonzero(share >= level)[0] for level in (0.1, 0.9)]
+    return StepMetrics(
+        channel,
+        float(time[0]),
+        before,
+        after,
+        float(elapsed[above[1][0]] - elapsed[above[0][0]]) if len(above[1]) else None,
+        max(0.0, float(((response - steady) / size).max())),
+        float(elapsed[settled]) if settled < len(elapsed) * (1.0 - 0.5 * STEADY) else None,
+        steady - after,
+        float(raw[late].std()),
+        band,
+    )
+
+
+class Droop(NamedTuple):
+    """What a change of the yaw rate does to the speed.
+
+    Attributes:
+        time: s of the run.
+        before: rad/s commanded.
+        after: rad/s commanded.
+        droop: largest loss of speed, as a share of the set-point; negative: it only rose.
+
+    """
+
+    time: float
+    before: float
+    after: float
+    droop: float
+
+
+def droops(recording: Recording) -> list[Droop]:
+    """The loss of speed in the second after each change of the yaw rate at a constant speed."""
+    found = []
+    time, set_v, set_omega = recording["time"], recording["set_v"], recording["set_omega"]
+    speed = smooth(recording["true_v" if recording.knows_truth else "v"], time)
+    for first, last in changes(recording):
+        if first == 0 or set_v[first] != set_v[first - 1] or set_v[first] == 0.0:
+            continue
+        until = min(last, int(np.searchsorted(time, time[first] + 1.0)))
+        second_before = int(np.searchsorted(time, time[first] - 1.0))
+        had = float(recording["true_v" if recording.knows_truth else "v"][second_before:first].mean())
+        lowest = float((np.sign(had) * speed[first:until]).min())
+        droop = (abs(had) - lowest) / abs(float(set_v[first]))
+        found.append(Droop(float(time[first]), float(set_omega[first - 1]), float(set_omega[first]), droop))
+    return found
+
+
+class Circle(NamedTuple):
+    """A circle that was driven lap on lap.
+
+    Attributes:
+        radius: of the least-squares circle, m.
+        asked: v / omega of the set-points, m.
+        laps: how many whole ones there were.
+        lap_to_lap: largest distance of a point of a lap from the lap before, m; None with less than two laps.
+
+    """
+
+    radius: float
+    asked: float
+    laps: int
+    lap_to_lap: float | None
+
+
+def circle(recording: Recording) -> Circle | None:
+    """The circle that was driven at the last set-points; None when it was no circle."""
+    if not len(recording) or recording["set_omega"][-1] == 0.0:
+        intervals = [(a, b) for a, b in changes(recording) if recording["set_omega"][a] != 0.0]
+        if not intervals:
+            return None
+        first, last = max(intervals, key=lambda interval: interval[1] - interval[0])
+    else:
+        first, last = changes(recording)[-1]
+    asked = abs(float(recording["set_v"][first] / recording["set_omega"][first]))
+    time = recording["time"]
+    first = int(np.searchsorted(time, time[first] + SETTLE_IN))
+    if last - first < 10:
+        return None
+    x, y = (values[first:last] for values in recording.path())
+    heading = np.unwrap(recording["true_theta" if recording.knows_truth else "theta"][first:last])
+    # least squares: x^2 + y^2 = 2 a x + 2 b y + c
+    a, b, c = np.linalg.lstsq(np.c_[2.0 * x, 2.0 * y, np.ones(len(x))], x**2 + y**2, rcond=None)[0]
+    turned = np.abs(heading - heading[0])
+    laps = int(turned[-1] // (2.0 * pi))
+    gaps = []
+    for lap in range(1, laps + (turned[-1] > 2.0 * pi * laps)):
+        now = (turned >= 2.0 * pi * lap) & (turned < 2.0 * pi * (lap + 1))
+        before = (turned >= 2.0 * pi * (lap - 1) - 0.1) & (turned < 2.0 * pi * lap + 0.1)
+        gaps.append(float(_distances(x[now], y[now], x[before], y[before]).max()))
+    return Circle(float(np.sqrt(c + a * a + b * b)), asked, laps, max(gaps) if gaps else None)
+
+
+def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
+    """Distance of each point from the line through the others, m."""
+    squares = (x[:, None] - other_x) ** 2 + (y[:, None] - other_y) ** 2
+    near = squares.argmin(axis=1)
+    near = np.clip(near, 1, len(other_x) - 2)
+    along_x, along_y = other_x[near + 1] - other_x[near - 1], other_y[near + 1] - other_y[near - 1]
+    norm = np.hypot(along_x, along_y)
+    across: Array = np.abs((x - other_x[near]) * along_y - (y - other_y[near]) * along_x) / np.where(norm, norm, 1.0)
+    return across
+
+
+class LegMetrics(NamedTuple):
+    """How far off a leg the robot drove, once it was round the corner.
+
+    Attributes:
+        start: of the leg, m.
+        end: m.
+        rms: cross-track error, m.
+        largest: m.
+
+    """
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    rms: float
+    largest: float
+
+
+def cross_track(recording: Recording, leg: Leg) -> Array:
+    """Distance of every sample's place from the line of a leg, left positive, m."""
+    x, y = recording.path()
+    (x0, y0), (x1, y1) = leg.start, leg.end
+    norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
+    distance: Array = ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) / norm
+    return distance
+
+
+def on_leg(recording: Recording, legs: Sequence[Leg], number: int) -> NDBool:
+    """Which samples are on a leg and round the corner before it, shape (samples,)."""
+    leg, time = legs[number], recording["time"]
+    ends = legs[number + 1].time if number + 1 < len(legs) else inf
+    x, y = recording.path()
+    (x0, y0), (x1, y1) = leg.start, leg.end
+    norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
+    along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
+    on: NDBool = (time >= leg.time) & (time < ends) & (along >= min(LEG_START, 0.5 * norm))
+    return on
+
+
+NDBool = np.ndarray[Any, np.dtype[np.bool_]]
+
+
+def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
+    """The cross-track error of every leg on which there were samples, but the way to the first waypoint."""
+    found = []
+    for number, leg in enumerate(legs):
+        on = on_leg(recording, legs, number)
+        if number == 0 or not on.any():
+            continue
+        error = cross_track(recording, leg)[on]
+        found.append(LegMetrics(leg.start, leg.end, float(np.sqrt((error**2).mean())), float(np.abs(error).max())))
+    return found
+
+
+class BatteryMetrics(NamedTuple):
+    """The discharge.
+
+    Attributes:
+        slope: of the line through the voltage up to the safe end, V/min.
+        intercept: of that line, V.
+        slope_error: relative to the thesis's line.
+        intercept_error: likewise.
+        driven: minutes until the end.
+        remaining_rms: root mean square of the remaining time told less what then remained of the 46 minutes, s.
+        remaining_worst: the largest of these errors, s.
+
+    """
+
+    slope: float
+    intercept: float
+    slope_error: float
+    intercept_error: float
+    driven: float
+    remaining_rms: float
+    remaining_worst: float
+
+
+def battery(recording: Recording) -> BatteryMetrics | None:
+    """The discharge line; None when the voltage is not known or the run too short for a line."""
+    known = ~np.isnan(recording["voltage"])
+    minutes, voltage = recording["time"][known] / 60.0, recording["voltage"][known]
+    if len(minutes) < 2 or minutes[-1] - minutes[0] < 0.5:
+        return None
+    safe = minutes <= SAFE_END_MIN
+    slope, intercept = (float(value) for value in np.polyfit(minutes[safe], voltage[safe], 1))
+    left = np.maximum(60.0 * (SAFE_END_MIN - minutes), 0.0)
+    error = recording["remaining"][known] - left
+    return BatteryMetrics(
+        slope,
+        intercept,
+        slope / -SLOPE_V_PER_MIN - 1.0,
+        intercept / INTERCEPT_V - 1.0,
+        float(minutes[-1]),
+        float(np.sqrt(np.nanmean(error**2))),
+        float(np.nanmax(np.abs(error))),
+    )
+
+
+def measure(outcome: Outcome, profile: Profile) -> dict[str, Any]:
+    """Everything that can be said about a run, ready for JSON: SI units, minutes for the battery."""
+    recording, legs = outcome.recording, outcome.legs
+    return {
+        "stopped_by": outcome.stopped_by,
+        "stopped_safely": outcome.stopped_by == SAFE_END,
+        "duration_s": float(recording["time"][-1]) if len(recording) else 0.0,
+        "samples": len(recording),
+        "battery_warning_s": outcome.warned,
+        "pose_source": outcome.pose_source,
+        "legs_driven": [[leg.time, leg.start, leg.end] for leg in legs],
+        **judge(recording, legs, profile),
+    }
+
+
+def judge(recording: Recording, legs: Sequence[Leg], profile: Profile) -> dict[str, Any]:
+    """The part of `measure` that follows from the samples and the legs."""
+    found: dict[str, Any] = {"judged_by": "true motion" if recording.knows_truth else "encoders"}
+    if not len(recording):
+        return found
+    if profile.waypoints is None:
+        found["steps"] = [step._asdict() for step in steps(recording)]
+        found["stops"] = [step._asdict() for step in stops(recording)]
+        found["droop"] = [droop._asdict() for droop in droops(recording)]
+        driven = circle(recording) if profile.figure == "path" else None
+        if driven is not None:
+            found["circle"] = driven._asdict()
+    else:
+        found["legs"] = [leg._asdict() for leg in leg_metrics(recording, legs)]
+    discharge = battery(recording) if profile.figure == "battery" else None
+    if discharge is not None:
+        found["battery"] = discharge._asdict()
+    return found

@@ -1,0 +1,118 @@
+"""What an experiment drives: steps of velocities, or waypoints, from a YAML file."""
+
+from __future__ import annotations
+
+import difflib
+from math import inf
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from txt1.errors import ConfigError
+
+PROFILES: Final = Path(__file__).parents[2] / "config" / "experiments"
+"""Where the thesis's experiments are."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A part of a profile: immutable, and strict about its keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class Step(Section):
+    """A velocity and how long to command it."""
+
+    v: Annotated[float, Field(ge=-1.5, le=1.5)]
+    """m/s."""
+    omega: Finite
+    """rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted."""
+    seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
+    """s."""
+
+
+class Waypoints(Section):
+    """Places to drive to in turn."""
+
+    points: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=2)]
+    """x and y, m."""
+    laps: Annotated[float, Field(gt=0.0)] = 1.0
+    """How often; .inf: until the batteries are empty."""
+    speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
+    """m/s, the fastest."""
+    look_ahead: Positive = 1.0
+    """m."""
+    pose: Literal["odometry", "true"] = "odometry"
+    """What the robot goes by; "true" knows a simulation only."""
+
+
+class Profile(Section):
+    """An experiment."""
+
+    title: str
+    """Of its figure."""
+    figure: Literal["velocities", "path", "waypoints", "battery"]
+    """The figure's layout: 4.3 and 4.4, 4.5 and 4.6, waypoints with their errors, or 3.13."""
+    sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
+    """s between two samples."""
+    steps: tuple[Step, ...] = ()
+    """What to command, in turn."""
+    waypoints: Waypoints | None = None
+    """Where to drive."""
+
+    @model_validator(mode="after")
+    def _either(self) -> Profile:
+        if bool(self.steps) is (self.waypoints is not None):
+            raise ValueError("give either steps or waypoints")
+        if self.figure in ("waypoints", "battery") and self.waypoints is None:
+            raise ValueError(f"the figure '{self.figure}' needs waypoints")
+        return self
+
+    @property
+    def duration(self) -> float:
+        """Seconds it takes; for waypoints a guess from the way, and infinite for endless laps."""
+        if self.waypoints is None:
+            return sum(step.seconds for step in self.steps)
+        points = self.waypoints.points
+        lap = sum(abs(complex(*b) - complex(*a)) for a, b in zip(points, (*points[1:], points[0]), strict=True))
+        return self.waypoints.laps * lap / self.waypoints.speed if self.waypoints.laps < inf else inf
+
+
+def names() -> list[str]:
+    """The names of the thesis's experiments."""
+    return sorted(file.stem for file in PROFILES.glob("*.yaml"))
+
+
+def load_profile(name: str) -> Profile:
+    """The profile of that name, or in that file.
+
+    Raises:
+        ConfigError: there is none, or it is not valid; one line that says what is wrong and what to do.
+
+    """
+    file = PROFILES / f"{name}.yaml" if "/" not in name and not name.endswith((".yaml", ".yml")) else Path(name)
+    try:
+        tree = yaml.safe_load(file.read_text())
+    except FileNotFoundError:
+        near = difflib.get_close_matches(name, names(), n=1)
+        hint = f"did you mean '{near[0]}'?" if near else "give a YAML file of your own"
+        raise ConfigError(f"there is no experiment '{name}'; known: {', '.join(names())}; {hint}") from None
+    except OSError as error:
+        raise ConfigError(f"{name}: cannot read the profile: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: is no YAML: {str(error).splitlines()[0]}") from None
+    try:
+        return Profile.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(map(str, first["loc"])) or "the profile"
+        message = first["msg"].removeprefix("Value error, ")
+        given = f": {first['input']!r}" if isinstance(first["input"], str | int | float) else ""
+        raise ConfigError(
+            f"{name}: {key}{given}: {message[0].lower()}{message[1:]}; see config/experiments/ for examples"
+        ) from None

@@ -1,0 +1,135 @@
+"""What was measured in an experiment, sample by sample, and its file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from math import nan
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.errors import ConfigError
+
+Array = NDArray[np.float64]
+
+
+class Sample(NamedTuple):
+    """One instant.
+
+    Attributes:
+        time: s of the experiment.
+        set_v: commanded speed, m/s.
+        set_omega: commanded yaw rate, rad/s.
+        v: measured by the encoders, m/s.
+        omega: measured by the encoders, rad/s.
+        x: where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with.
+        y: m.
+        theta: rad.
+        true_v: mean since the sample before, m/s; NaN, as those below, where the HAL does not know.
+        true_omega: rad/s.
+        true_x: in the room, m.
+        true_y: m.
+        true_theta: rad.
+        voltage: of the pack in use, V; NaN while unknown.
+        remaining: time left by that voltage, s; NaN while unknown.
+
+    """
+
+    time: float
+    set_v: float = 0.0
+    set_omega: float = 0.0
+    v: float = 0.0
+    omega: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+    true_v: float = nan
+    true_omega: float = nan
+    true_x: float = nan
+    true_y: float = nan
+    true_theta: float = nan
+    voltage: float = nan
+    remaining: float = nan
+
+
+class Recording:
+    """The samples of a run as columns, named as in `Sample`.
+
+    Args:
+        samples: in order of time.
+
+    """
+
+    def __init__(self, samples: Iterable[Sample]) -> None:
+        rows = [tuple(sample) for sample in samples]
+        self._columns = np.array(rows, float).reshape(len(rows), len(Sample._fields)).T
+
+    def __len__(self) -> int:
+        return self._columns.shape[1]
+
+    def __getitem__(self, name: str) -> Array:
+        """The column of that name, shape (samples,)."""
+        column: Array = self._columns[Sample._fields.index(name)]
+        return column
+
+    @property
+    def knows_truth(self) -> bool:
+        """Whether the true motion is in it: it is of a simulation."""
+        return len(self) > 0 and not bool(np.isnan(self["true_x"]).all())
+
+    def without_truth(self) -> Recording:
+        """The same samples as hardware would have given them."""
+        copy = Recording(())
+        copy._columns = self._columns.copy()
+        for name in ("true_v", "true_omega", "true_x", "true_y", "true_theta"):
+            copy[name][:] = nan
+        return copy
+
+    def path(self) -> tuple[Array, Array]:
+        """Places x and y, true ones where they are known."""
+        return (self["true_x"], self["true_y"]) if self.knows_truth else (self["x"], self["y"])
+
+
+FILE: Final = "samples.csv"
+
+
+def mean_of(recordings: Sequence[Recording]) -> Recording:
+    """The mean of runs of one profile with other seeds, sample by sample: what is random in them fades."""
+    length = min(map(len, recordings))
+    mean = Recording(())
+    mean._columns = np.mean([recording._columns[:, :length] for recording in recordings], axis=0)
+    for name in ("time", "set_v", "set_omega"):  # the same in all of them, and no sum may round them
+        mean[name][:] = recordings[0][name][:length]
+    return mean
+
+
+def save(recording: Recording, folder: Path) -> None:
+    """Write the samples to a folder as comma-separated values, a column per quantity, SI units."""
+    with (folder / FILE).open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Sample._fields)
+        columns = [recording[name] for name in Sample._fields]
+        writer.writerows([f"{value:.6g}" for value in row] for row in zip(*columns, strict=True))
+
+
+def load(folder: Path) -> Recording:
+    """The samples in a folder.
+
+    Raises:
+        ConfigError: there are none, or they are not ours.
+
+    """
+    file = folder / FILE
+    try:
+        with file.open(newline="") as lines:
+            reader = csv.reader(lines)
+            if tuple(next(reader, ())) != Sample._fields:
+                raise ConfigError(f"{file}: its columns are not those of a run; give a folder that --out has made")
+            return Recording(Sample(*map(float, row)) for row in reader)
+    except OSError as error:
+        raise ConfigError(f"{file}: {error.strerror}; give a folder that an experiment's --out made") from None
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{file}: is damaged ({error}); make the run again") from None

@@ -1,0 +1,139 @@
+"""The metrics of one run, or of two side by side, as tables for the terminal and for Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from txt1.experiments.run_folder import Run
+
+Row = list[str]
+
+
+def show(runs: Sequence[Run], console: Console) -> None:
+    """Print the tables of runs, those of several side by side."""
+    for title, head, rows in tables(runs):
+        table = Table(title=title, title_justify="left")
+        for name in head:
+            table.add_column(name, justify="right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    for result in runs:
+        told = result.metrics
+        warned = told.get("battery_warning_s")
+        warning = "" if warned is None else f"; battery warning after {warned / 60.0:.1f} min"
+        console.print(
+            f"{result.label}: ended by {told['stopped_by']} after {told['duration_s']:.1f} s{warning}; "
+            f"judged by {told['judged_by']}",
+            markup=False, highlight=False,
+        )  # fmt: skip
+
+
+def markdown(runs: Sequence[Run]) -> str:
+    """The tables as Markdown."""
+    lines = []
+    for title, head, rows in tables(runs):
+        lines += [f"**{title}**", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+        lines += [f"| {' | '.join(row)} |" for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def tables(runs: Sequence[Run]) -> list[tuple[str, Row, list[Row]]]:
+    """Title, column names and rows of every table that the runs have something for."""
+    found = []
+    for title, key, head, cells in _TABLES:
+        entries = [_entries(result, key) for result in runs]
+        if key == "legs":
+            entries = [_over_laps(legs) for legs in entries]
+        if not any(entries):
+            continue
+        rows = []
+        for number in range(max(map(len, entries))):
+            here = [entry[number] if number < len(entry) else None for entry in entries]
+            for result, entry in zip(runs, here, strict=True):
+                if entry is not None:
+                    rows.append(([result.label] if len(runs) > 1 else []) + cells(entry))
+        found.append((title, (["run"] if len(runs) > 1 else []) + head, rows))
+    return found
+
+
+def _entries(result: Run, key: str) -> list[Any]:
+    entry = result.metrics.get(key)
+    return entry if isinstance(entry, list) else [] if entry is None else [entry]
+
+
+def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The legs of one lap, each with its errors in all laps."""
+    laps: dict[str, list[dict[str, Any]]] = {}
+    for leg in legs:
+        laps.setdefault(f"{leg['start']}{leg['end']}", []).append(leg)
+    return [
+        {
+            "start": same[0]["start"],
+            "end": same[0]["end"],
+            "rms": sqrt(sum(leg["rms"] ** 2 for leg in same) / len(same)),
+            "largest": max(leg["largest"] for leg in same),
+        }
+        for same in laps.values()
+    ]
+
+
+def _step(step: dict[str, Any]) -> Row:
+    return [
+        f"{'v' if step['channel'] == 'v' else 'ω'} {step['before']:g} → {step['after']:g}",
+        _seconds(step["rise"]),
+        f"{100.0 * step['overshoot']:.1f} %",
+        _seconds(step["settling"]),
+        f"{1000.0 * step['steady_error']:+.1f}",
+        f"{1000.0 * step['noise']:.1f}",
+    ]
+
+
+def _droop(droop: dict[str, Any]) -> Row:
+    return [f"{droop['before']:g} → {droop['after']:g}", f"{100.0 * droop['droop']:.1f} %"]
+
+
+def _circle(circle: dict[str, Any]) -> Row:
+    apart = circle["lap_to_lap"]
+    return [
+        f"{circle['radius']:.3f} m",
+        f"{circle['asked']:.3f} m",
+        "–" if apart is None else f"{1000.0 * apart:.1f} mm",
+    ]
+
+
+def _leg(leg: dict[str, Any]) -> Row:
+    (x0, y0), (x1, y1) = leg["start"], leg["end"]
+    return [
+        f"({x0:g}, {y0:g}) → ({x1:g}, {y1:g})", f"{1000.0 * leg['rms']:.0f} mm", f"{1000.0 * leg['largest']:.0f} mm"
+    ]  # fmt: skip
+
+
+def _battery(battery: dict[str, Any]) -> Row:
+    return [
+        f"{battery['slope']:.6f} V/min ({100.0 * battery['slope_error']:+.2f} %)",
+        f"{battery['intercept']:.4f} V ({100.0 * battery['intercept_error']:+.2f} %)",
+        f"{battery['driven']:.1f} min",
+        f"{battery['remaining_rms']:.0f} s, worst {battery['remaining_worst']:.0f} s",
+    ]
+
+
+def _seconds(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} s"
+
+
+_STEP_HEAD = ["step", "rise", "overshoot", "settling", "off, 1/1000", "noise, 1/1000"]
+_TABLES = (
+    ("Steps, m/s and rad/s", "steps", _STEP_HEAD, _step),
+    ("Stops, m/s", "stops", _STEP_HEAD, _step),
+    ("Loss of speed in the second after a change of the yaw rate, rad/s", "droop", ["change", "droop"], _droop),
+    ("Circle", "circle", ["radius", "v / ω", "lap to lap"], _circle),
+    ("Off the leg, round the corner, in all laps", "legs", ["leg", "rms", "largest"], _leg),
+    ("Battery", "battery", ["slope", "intercept", "driven", "remaining time off by"], _battery),
+)

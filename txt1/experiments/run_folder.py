@@ -1,0 +1,76 @@
+"""The folder of a run: its samples, its metrics, its figure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from pydantic import ValidationError
+
+from txt1.errors import ConfigError
+from txt1.experiments import recording as recordings
+from txt1.experiments.metrics import judge
+from txt1.experiments.profile import Profile
+from txt1.experiments.recording import Recording
+from txt1.experiments.runner import Leg
+
+METRICS: Final = "metrics.json"
+FIGURE: Final = "figure.svg"
+
+
+class Run(NamedTuple):
+    """A run as it is drawn and compared.
+
+    Attributes:
+        label: names it in legends and tables.
+        profile: what was driven.
+        recording: what was measured.
+        metrics: `txt1.experiments.metrics.measure`.
+
+    """
+
+    label: str
+    profile: Profile
+    recording: Recording
+    metrics: dict[str, Any]
+
+    @property
+    def legs(self) -> list[Leg]:
+        """The legs of waypoints."""
+        return [Leg(time, tuple(start), tuple(end)) for time, start, end in self.metrics.get("legs_driven", [])]
+
+
+def alike(runs: Sequence[Run]) -> list[Run]:
+    """The runs, all judged by their encoders unless the true motion is known of all of them."""
+    if len({run.recording.knows_truth for run in runs}) == 1:
+        return list(runs)
+    plain = [run._replace(recording=run.recording.without_truth()) for run in runs]
+    return [run._replace(metrics=run.metrics | judge(run.recording, run.legs, run.profile)) for run in plain]
+
+
+def write(run: Run, folder: Path) -> None:
+    """Write samples and metrics; the figure is drawn by `txt1.experiments.figures`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recordings.save(run.recording, folder)
+    tree = {"label": run.label, "profile": run.profile.model_dump(mode="json"), **run.metrics}
+    (folder / METRICS).write_text(json.dumps(tree, indent=1) + "\n")
+
+
+def read(folder: Path) -> Run:
+    """The run in a folder.
+
+    Raises:
+        ConfigError: there is none.
+
+    """
+    file = folder / METRICS
+    try:
+        tree = json.loads(file.read_text())
+        profile = Profile.model_validate(tree.pop("profile"))
+        return Run(str(tree.pop("label")), profile, recordings.load(folder), tree)
+    except OSError as error:
+        raise ConfigError(f"{file}: {error.strerror}; give a folder that an experiment's --out made") from None
+    except (ValueError, KeyError, AttributeError, ValidationError) as error:
+        raise ConfigError(f"{file}: is not of a run ({str(error).splitlines()[0]}); make the run again") from None

@@ -1,0 +1,229 @@
+"""Driving an experiment through the Robot API, and measuring meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from math import inf, nan
+from typing import Final, NamedTuple
+
+from txt1.control.limits import limit_velocity
+from txt1.errors import HalError, NotArmed
+from txt1.experiments.profile import Profile, Step, Waypoints
+from txt1.experiments.recording import Recording, Sample
+from txt1.kernel.scheduler import Ticks
+from txt1.model.battery import CUT_OFF_V
+from txt1.model.reeds_shepp import Pose
+from txt1.navigation import PoseSource, follow, true_pose, wheel_pose
+from txt1.navigation.source import step_between
+from txt1.navigation.waypoints import Point
+from txt1.robot import Robot
+from txt1.tasks.state import BatteryState
+
+PUBLISH: Final = 0.1
+"""s between two commands, as in the original's tests."""
+
+STOPPED_V: Final = 0.02
+"""m/s below which the vehicle does not move, ..."""
+STOPPED_TIME: Final = 5.0
+"""... and s after which a vehicle that does not, though commanded to, ends the experiment."""
+
+LOOK: Final = 1.0
+"""s between two looks at the batteries."""
+
+
+class Leg(NamedTuple):
+    """A leg between two waypoints and when it began, s of the experiment."""
+
+    time: float
+    start: Point
+    end: Point
+
+
+class Outcome(NamedTuple):
+    """What an experiment came to.
+
+    Attributes:
+        recording: what was measured.
+        legs: of waypoints, in order.
+        stopped_by: why it ended: "the end of the profile", or what came before it.
+        warned: when the battery warning came, s of the experiment; None: it did not.
+        pose_source: what the robot went by; "" without waypoints.
+
+    """
+
+    recording: Recording
+    legs: tuple[Leg, ...]
+    stopped_by: str
+    warned: float | None
+    pose_source: str
+
+
+END_OF_PROFILE: Final = "the end of the profile"
+SAFE_END: Final = "the safe end of the battery"
+CUT_OFF: Final = "the battery's cut-off"
+INTERRUPTED: Final = "the operator"
+
+
+class Experiment:
+    """A profile at work on a robot.
+
+    Args:
+        robot: armed, its gains loaded.
+        profile: what to drive.
+        safe_end: whether the robot stops by itself when no time is left on its batteries.
+
+    Attributes:
+        progress: 0 to 1.
+
+    """
+
+    def __init__(self, robot: Robot, profile: Profile, *, safe_end: bool = True) -> None:
+        self.profile = profile
+        self.progress = 0.0
+        self._robot = robot
+        self._safe_end = safe_end
+        self._samples: list[Sample] = []
+        self._legs: list[Leg] = []
+        self._begin = 0.0
+        self._warned: float | None = None
+        self._stopped_by = INTERRUPTED
+        self._source: PoseSource | None = None
+        self._believed: Pose | None = None  # where waypoints find the robot
+        self._still_since = inf
+
+    async def run(self) -> None:
+        """Drive it, and stop; `outcome` has what was measured, also when this was cancelled on the way."""
+        robot, profile = self._robot, self.profile
+        self._begin = robot.now
+        robot.add_task("measurement", profile.sample, self._measure, priority=-1)
+        watch = asyncio.ensure_future(self._watch())
+        if profile.waypoints is None:
+            work = asyncio.ensure_future(self._drive_steps(profile.steps))
+        else:
+            work = asyncio.ensure_future(self._drive_waypoints(profile.waypoints))
+        try:
+            await asyncio.wait((work, watch), return_when=asyncio.FIRST_COMPLETED)
+            if watch.done():
+                self._stopped_by = watch.result()
+            else:
+                work.result()
+                self._stopped_by = END_OF_PROFILE
+        except NotArmed as error:
+            # without power the encoders are silent, too, so the gate may call it a runaway first
+            self._stopped_by = CUT_OFF if self._empty() else f"the safety gate: {error.reason}"
+        finally:
+            watch.cancel()
+            work.cancel()
+            robot.command(0.0, 0.0)
+
+    def outcome(self) -> Outcome:
+        """What was measured so far."""
+        name = "" if self._source is None else self._source.name
+        return Outcome(Recording(self._samples), tuple(self._legs), self._stopped_by, self._warned, name)
+
+    # -- driving -----------------------------------------------------------------------------------------------
+
+    async def _drive_steps(self, steps: tuple[Step, ...]) -> None:
+        robot, total = self._robot, self.profile.duration
+        begin = due = robot.now
+        ends = begin
+        for step in steps:
+            ends += step.seconds
+            while due < ends - 1e-6:
+                if not robot.armed:
+                    raise NotArmed(robot.reason)
+                robot.command(step.v, step.omega)
+                due = min(due + PUBLISH, ends)
+                await asyncio.sleep(max(due - robot.now, 0.0))
+                self.progress = (due - begin) / total
+
+    async def _drive_waypoints(self, waypoints: Waypoints) -> None:
+        robot = self._robot
+        source = true_pose(robot) if waypoints.pose == "true" else wheel_pose(robot)
+
+        def read() -> Pose | None:
+            self._believed = source.read()
+            return self._believed
+
+        self._source = PoseSource(source.name, read)
+        total = waypoints.laps * len(waypoints.points)
+
+        def on_leg(number: int, start: Point, end: Point) -> None:
+            self._legs.append(Leg(robot.now - self._begin, start, end))
+            if total < inf:
+                self.progress = min(number / total, 1.0)
+
+        await follow(
+            robot,
+            waypoints.points,
+            laps=waypoints.laps,
+            speed=waypoints.speed,
+            look_ahead=waypoints.look_ahead,
+            pose_source=self._source,
+            on_leg=on_leg,
+        )
+
+    async def _watch(self) -> str:
+        """Why the experiment is to end early: the batteries, or a vehicle that does not move."""
+        robot = self._robot
+        while True:
+            await asyncio.sleep(LOOK)
+            battery, now = robot.battery, robot.now
+            driven = now - self._begin
+            if battery.state is BatteryState.WARNING and self._warned is None:
+                self._warned = driven
+            if self.profile.figure == "battery" and battery.remaining is not None:
+                self.progress = max(self.progress, min(driven / (driven + battery.remaining + 1e-9), 1.0))
+            if self._safe_end and battery.remaining == 0.0:
+                return SAFE_END
+            if now - self._still_since >= STOPPED_TIME:
+                return CUT_OFF if self._empty() else "a vehicle that does not move"
+
+    def _empty(self) -> bool:
+        """Whether the batteries' voltage is where the cut-off circuit opens."""
+        voltages = [volts for volts in self._robot.battery[:2] if volts]
+        return bool(voltages) and max(voltages) < CUT_OFF_V + 0.1
+
+    # -- measuring ---------------------------------------------------------------------------------------------
+
+    async def _measure(self, ticks: Ticks) -> None:
+        robot, limits = self._robot, self._robot.config.limits()
+        before: tuple[float, Pose] | None = None
+        async for now in ticks:
+            command = robot.runtime.state.command
+            set_v, set_omega = (0.0, 0.0) if command is None else limit_velocity(command.v, command.omega, limits)
+            x, y, theta, v, omega = robot.odometry
+            if self._believed is not None:
+                x, y, theta = self._believed
+            pose, battery = robot.pose, robot.battery
+            true_v = true_omega = nan
+            if pose is not None:
+                if before is None:  # the true speed is a mean since the sample before
+                    before = now, pose
+                    continue
+                distance, turn = step_between(before[1], pose)
+                true_v, true_omega = distance / (now - before[0]), turn / (now - before[0])
+                before = now, pose
+            volts = [volt for volt in (battery.battery1, battery.battery2) if volt is not None]
+            self._samples.append(
+                Sample(
+                    now - self._begin, set_v, set_omega, v, omega, x, y, theta,
+                    true_v, true_omega, *(pose or (nan, nan, nan)),
+                    max(volts) if volts else nan, nan if battery.remaining is None else battery.remaining,
+                )
+            )  # fmt: skip
+            if abs(set_v) < STOPPED_V or abs(v) > STOPPED_V:
+                self._still_since = inf
+            elif self._still_since == inf:
+                self._still_since = now
+
+
+async def ready(robot: Robot) -> None:
+    """Load the gains.
+
+    Raises:
+        HalError: they are not accepted.
+
+    """
+    if not await robot.load_gains():
+        raise HalError("the board did not accept the gains; check control.linear and control.angular")

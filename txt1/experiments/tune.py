@@ -1,0 +1,179 @@
+"""Gains for an identified vehicle, tried on its model: of the speed, and the whole schedule of the yaw rate."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.control.pid import Gains
+from txt1.control.schedule import GainSet, Schedule
+from txt1.experiments.metrics import BAND, smooth
+from txt1.experiments.plant import PERIOD, Plant, speed_response, yaw_response
+from txt1.experiments.recording import Array
+from txt1.model.vehicle import Geometry
+
+SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
+"""Steps of the speed that gains are tried on, m/s."""
+TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))
+"""Steps of the yaw rate, rad/s."""
+CRUISE: Final = 0.5
+"""m/s at which they are tried; the loop's gain is made the same at every speed."""
+V_MAX: Final = 1.5
+"""m/s, the fastest the controller accepts (thesis 4.2)."""
+SEEDS: Final = (1, 2, 3)
+"""Of the trials of the speed."""
+TURN_SEEDS: Final = (1, 2, 3, 4, 5, 6)
+"""Of the trials of the yaw rate, where the encoders' counts are worth more of a step."""
+TRIAL: Final = 2.5
+"""s of a trial."""
+EXCESS: Final = 400.0
+"""s that an overshoot of 1 costs, beyond what is allowed, so that little is worth it; noise, as a share of a step,
+likewise."""
+TURN_MARGIN: Final = 0.06
+"""s by which every step of the yaw rate is to settle sooner in the model, so that it does so on the vehicle, too."""
+SLOWER: Final = 50.0
+"""s that each s costs by which one step settles later than before, however soon others do."""
+
+PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
+"""Gains of the speed loop that are tried: K_P times the speed per count."""
+RATES: Final = (0.4, 0.5, 0.55, 0.6, 0.7, 0.75, 0.8, 0.9, 1.0)
+"""K_I / K_P that is tried, per lag: 1 cancels it."""
+TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.2)
+"""Gains of the yaw-rate loop that are tried: K_P times the yaw rate per count."""
+TURN_RATES: Final = (4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 10.0, 12.0)
+"""K_I times the yaw rate per count, 1/s: how fast the loop closes."""
+
+
+class Proposal(NamedTuple):
+    """Gains for both loops.
+
+    Attributes:
+        linear: of the speed.
+        angular: of the yaw rate, by speed.
+
+    """
+
+    linear: Gains
+    angular: tuple[GainSet, ...]
+
+
+class Quality(NamedTuple):
+    """How a response looks.
+
+    Attributes:
+        settling: s.
+        overshoot: as a share of the step.
+        noise: standard deviation when steady, as a share of the step.
+
+    """
+
+    settling: float
+    overshoot: float
+    noise: float
+
+
+def propose(plant: Plant, geometry: Geometry, linear: Gains, schedule: Schedule, motor_max: float) -> Proposal:
+    """The best gains found for a vehicle.
+
+    Args:
+        plant: the vehicle.
+        geometry: its dimensions.
+        linear: gains of the speed so far, than which the new ones are to bring no more overshoot and noise.
+        schedule: of the yaw rate's gains so far, whose borders of v_max are kept, and likewise.
+        motor_max: the safety gate's limit, counts.
+
+    """
+    return Proposal(linear_gains(plant, geometry, linear, motor_max), angular_gains(plant, geometry, schedule))
+
+
+def linear_gains(plant: Plant, geometry: Geometry, before: Gains, motor_max: float) -> Gains:
+    """The gains with which the speed settles soonest, with no more overshoot and noise than before."""
+
+    def qualities(gains: Gains, v: float) -> Quality:
+        return _mean_quality(
+            _quality(speed_response(plant, gains, v, TRIAL, geometry, seed, motor_max), 0.0, v) for seed in SEEDS
+        )
+
+    bars = [qualities(before, v) for v in SPEEDS]
+
+    def trial(gains: Gains) -> float:
+        return _mean(_cost(qualities(gains, v), bar, PERIOD) for v, bar in zip(SPEEDS, bars, strict=True))
+
+    per_count = 1000.0 * plant.speed_gain  # mm/s
+    return _best(
+        trial,
+        (
+            Gains(kp / per_count, kp / per_count * rate / plant.time_constant, 0.0)
+            for kp, rate in product(PROPORTIONAL, RATES)
+        ),
+    )
+
+
+def angular_gains(plant: Plant, geometry: Geometry, schedule: Schedule) -> tuple[GainSet, ...]:
+    """The schedule with which the yaw rate settles soonest, with no more overshoot and noise than before.
+
+    The steering turns counts into a yaw rate in proportion to the speed. So gains found at one speed are right at any
+    other when they are divided by it: one loop for the whole schedule. Each set takes the highest speed it is in force
+    at, because there its loop gain is highest.
+    """
+    borders = [gain_set.v_max for gain_set in schedule.sets]
+    highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]
+    here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]  # of the set in force in the trials
+
+    def qualities(gains: Gains, turn: tuple[float, float]) -> Quality:
+        return _mean_quality(
+            _quality(yaw_response(plant, gains, CRUISE, *turn, TRIAL, geometry, seed), *turn) for seed in TURN_SEEDS
+        )
+
+    bars = [qualities(schedule.at(CRUISE), turn) for turn in TURNS]
+
+    def trial(gains: Gains) -> float:
+        return _mean(_cost(qualities(gains, turn), bar, TURN_MARGIN) for turn, bar in zip(TURNS, bars, strict=True))
+
+    per_count = 1000.0 * plant.steering_gain * here  # mrad/s
+    best = _best(
+        trial,
+        (Gains(kp / per_count, ki / per_count, 0.0) for kp, ki in product(TURN_PROPORTIONAL, TURN_RATES)),
+    )
+    return tuple(
+        GainSet(v_max, Gains(round(best.kp * here / speed, 3), round(best.ki * here / speed, 3), 0.0))
+        for v_max, speed in zip(borders, highest, strict=True)
+    )
+
+
+def _highest(below: float, v_max: float, borders: Sequence[float]) -> float:
+    """The highest speed at which a set is in force, m/s; the first and the last go on to the limit."""
+    return V_MAX if v_max in (borders[0], borders[-1]) else max(abs(below), abs(v_max))
+
+
+def _best(trial: Callable[[Gains], float], candidates: Iterable[Gains]) -> Gains:
+    best = min(candidates, key=trial)
+    return Gains(*(round(value, 3) for value in best))
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
+
+
+def _quality(response: Array, before: float, after: float) -> Quality:
+    share = (response - before) / (after - before)
+    times: Array = np.arange(len(share), dtype=np.float64) * PERIOD
+    means = smooth(share, times)
+    outside = np.nonzero(np.abs(means - 1.0) > BAND)[0]
+    settling = 0.0 if not len(outside) else float(outside[-1] + 1) * PERIOD
+    return Quality(settling, max(0.0, float(means.max()) - 1.0), float(share[len(share) // 2 :].std()))
+
+
+def _mean_quality(qualities: Iterable[Quality]) -> Quality:
+    return Quality(*(float(value) for value in np.mean(list(qualities), axis=0)))
+
+
+def _cost(quality: Quality, bar: Quality, margin: float) -> float:
+    """Settling time, s, and what it costs to be worse than the bar in any way."""
+    worse = max(0.0, quality.overshoot - bar.overshoot) + max(0.0, quality.noise - bar.noise)
+    slower = max(0.0, quality.settling - bar.settling + margin)
+    return quality.settling + EXCESS * worse + SLOWER * slower
