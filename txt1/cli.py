@@ -15,19 +15,24 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from math import isfinite
+from pathlib import Path
 from typing import NoReturn
 
 from txt1 import __version__, doctor, session
 from txt1.board import VIRTUAL, create_hal, on_device, on_pty, on_tcp, port_of
 from txt1.config import Config, flatten, load, origin_of
 from txt1.errors import CaptureError, ConfigError, Txt1Error
+from txt1.experiments.command import add_commands as add_experiment_commands
 from txt1.hal.conformance import BROKEN, verdicts
 from txt1.hal.link import baud_warning
+from txt1.hal.ports import only_candidate
 from txt1.hal.registry import names
 from txt1.kernel.loop import Speed, run
+from txt1.learning.command import add_command as add_learning_command
 from txt1.protocol import listing
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
+from txt1.record import command as record_command
 from txt1.session import DISARMED, FAULT, OK, USAGE, Ending, Plan, View
 
 STDOUT = 1
@@ -98,9 +103,18 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run_parser.add_argument("--headless", action="store_true", help="no screens; one status line a second")
     run_parser.add_argument("--json", action="store_true", help="no screens; one JSON object at the end")
+    _add_log_argument(run_parser)
     run_parser.add_argument(
+        "--view", nargs="?", type=_host_and_port, const=("127.0.0.1", 8765), metavar="[HOST:]PORT",
+        help="serve the Foxglove protocol on loopback; 127.0.0.1:8765",
+    )  # fmt: skip
+    run_parser.add_argument("--view-control", action="store_true", help="let the live view's teleop panel drive")
+    script = run_parser.add_mutually_exclusive_group()
+    script.add_argument(
         "--drive", type=_velocity, metavar="V,OMEGA", help="command this velocity throughout: m/s, rad/s"
     )
+    script.add_argument("--learn", metavar="AGENT", help="let this learner learn to find the light (see txt1 learn)")
+    script.add_argument("--policy", type=Path, metavar="FILE", help="drive to the light by a learned qtable.json")
     arming = run_parser.add_mutually_exclusive_group()
     arming.add_argument("--arm", action="store_true", default=None, help="arm at the start")
     arming.add_argument("--no-arm", action="store_false", dest="arm", help="do not arm, not even in simulation")
@@ -119,11 +133,12 @@ def _parser() -> argparse.ArgumentParser:
     board_parser.add_argument("--manual", action="store_true", help="start in manual mode, which obeys PWM test")
     board_parser.add_argument(
         "--fault", action="append", default=[], metavar="KIND=VALUE",
-        help="put a fault on the line: drop, flip, duplicate (shares), split=true, delay, jitter, stall, stall_every, "
-        "cut (s); may be repeated",
+        help="put a fault on the line: drop, duplicate (shares of the frames), flip (of the bits), split=true, delay, "
+        "jitter, stall, stall_every, cut (s); may be repeated",
     )  # fmt: skip
     board_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value")
     board_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds")
+    _add_log_argument(board_parser)
     board_parser.add_argument("--json", action="store_true", help="no status lines; one JSON object at the end")
     board_parser.set_defaults(command=run_board, headless=True)
 
@@ -152,6 +167,8 @@ def _parser() -> argparse.ArgumentParser:
     decode_parser.add_argument("--json", action="store_true", help="one JSON object a line")
     decode_parser.set_defaults(command=decode_capture)
 
+    record_command.add_commands(commands)
+
     hal_parser = commands.add_parser("hal", help="list or check hardware layers")
     actions = hal_parser.add_subparsers(required=True, metavar="ACTION")
     actions.add_parser("list", help="print the names of those that are installed").set_defaults(command=list_hals)
@@ -159,6 +176,8 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("name", metavar="NAME")
     _add_config_arguments(check)
     check.set_defaults(command=check_hal)
+    add_experiment_commands(commands, _add_config_arguments, _speed)
+    add_learning_command(commands, _add_config_arguments, _speed)
     return parser
 
 
@@ -174,6 +193,10 @@ def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="KEY=VALUE",
         help="set one value, e.g. --set control.linear.kp=9; may be repeated",
     )  # fmt: skip
+
+
+def _add_log_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--log", type=Path, metavar="FILE", help="record everything to this MCAP file")
 
 
 def _number(text: str) -> float:
@@ -283,10 +306,19 @@ def run_robot(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     options = {name: value for name in ("hal", "seed") if (value := getattr(arguments, name)) is not None}
     options |= {f"serial.{name}": value for name in ("port", "baud") if (value := getattr(arguments, name)) is not None}
+    if arguments.hal is None and {"serial.port", "serial.baud"} & options.keys():
+        options["hal"] = "serial"
     config = load(arguments.config, arguments.set, os.environ, options).config
     if config.hal == "serial":
         _warn_of_baud(config)
-    plan = Plan(arguments.speed, arguments.duration, _view(arguments), arguments.arm, arguments.drive)
+    elif "serial.port" in options:
+        raise ConfigError(f"--port {arguments.port}: only --hal serial has a port, not '{config.hal}'; leave one out")
+    plan = Plan(
+        arguments.speed, arguments.duration, _view(arguments), arguments.arm, arguments.drive, arguments.log,
+        arguments.learn, arguments.policy, arguments.view, arguments.view_control,
+    )  # fmt: skip
+    if plan.serve_control and plan.serve is None:
+        raise ConfigError("--view-control: there is no live view to drive from; add --view")
     return _conclude(session.run_robot(config, plan), arguments)
 
 
@@ -324,7 +356,7 @@ def run_board(arguments: argparse.Namespace) -> int:
         place = on_tcp(config, *arguments.tcp)
     else:
         place = on_device(config, arguments.port)
-    plan = Plan(duration=arguments.duration, view="screens" if arguments.tui else _view(arguments))
+    plan = Plan(duration=arguments.duration, view="screens" if arguments.tui else _view(arguments), log=arguments.log)
     return _conclude(session.run_board(config, plan, place, manual=arguments.manual), arguments)
 
 
@@ -335,7 +367,11 @@ def examine_line(arguments: argparse.Namespace) -> int:
     """Say in words what is wrong with the ports and the line to the board."""
     options = {f"serial.{name}": value for name in ("port", "baud") if (value := getattr(arguments, name)) is not None}
     config = load(arguments.config, arguments.set, os.environ, options | {"hal": "serial"}).config
-    found = [_say(remark) for remark in doctor.ports()] if config.serial.port is None else []
+    found: list[bool] = []
+    if config.serial.port is None:
+        found = [_say(remark) for remark in doctor.ports()]
+        options["serial.port"] = only_candidate()
+        config = load(arguments.config, arguments.set, os.environ, options | {"hal": "serial"}).config
     port = port_of(config)
     _warn_of_baud(config)
     print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from txt1.board import Board, Listen
@@ -19,6 +20,9 @@ from txt1.errors import HalError, TaskFault
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.scheduler import Ticks
 from txt1.kernel.statistics import TaskStatistics
+from txt1.learning import running as learning
+from txt1.learning.agent import Agent
+from txt1.record.session import open_view, recording
 from txt1.robot import REFRESH, Robot
 from txt1.runtime import Runtime
 from txt1.ui.terminal import Terminal
@@ -44,6 +48,11 @@ class Plan(NamedTuple):
         view: what the operator sees. Without a terminal, and at full speed, lines take the place of screens.
         arm: whether to arm; None leaves it to ``safety.auto_arm``.
         drive: a velocity in m/s and rad/s to command throughout.
+        log: the file to record to; None: nothing is recorded.
+        serve: host and port of the live view; None: there is none.
+        serve_control: whether its clients may drive.
+        learn: the learner that is to look for the light.
+        policy: the file with the learned table by which to drive to it.
 
     """
 
@@ -52,6 +61,11 @@ class Plan(NamedTuple):
     view: View = "screens"
     arm: bool | None = None
     drive: tuple[float, float] | None = None
+    log: Path | None = None
+    learn: str | None = None
+    policy: Path | None = None
+    serve: tuple[str, int] | None = None
+    serve_control: bool = False
 
 
 class Ending:
@@ -60,6 +74,7 @@ class Ending:
     def __init__(self) -> None:
         self.code = OK
         self.reason = ""
+        self.armed = False
         self.report: dict[str, Any] | None = None
         self._subject: Robot | Board | None = None
 
@@ -84,7 +99,8 @@ class Ending:
 
 def run_robot(config: Config, plan: Plan) -> Ending:
     """How a run of the robot ended."""
-    return _conduct(partial(_robot, config, plan), plan)
+    agent = learning.agent_of(config, plan.learn, plan.policy)  # reads a file, so not in the event loop
+    return _conduct(partial(_robot, config, plan, agent), plan)
 
 
 def run_board(config: Config, plan: Plan, listen: Listen, *, manual: bool) -> Ending:
@@ -123,12 +139,21 @@ def _conduct(session: Callable[[Ending], Coroutine[Any, Any, None]], plan: Plan)
 # -- the two kinds ---------------------------------------------------------------------------------------------
 
 
-async def _robot(config: Config, plan: Plan, ending: Ending) -> None:
-    async with Robot.open(config=config, arm=False, patience=0.0) as robot:
+async def _robot(config: Config, plan: Plan, agent: Agent | None, ending: Ending) -> None:
+    view = None
+    if plan.serve is not None:
+        view = await asyncio.to_thread(open_view, *plan.serve, control=plan.serve_control)
+        _say(f"the live view is at {view.address}")
+    async with (
+        recording(plan.log, config, plan.speed, _told(plan), _say, view) as attach,
+        Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
+    ):
+        if view is not None:
+            view.drive(robot.command)
         ending.watch(robot)
         if plan.duration is not None:
             robot.runtime.scheduler.end_at(plan.duration)
-        getting_ready = asyncio.ensure_future(_get_ready(robot, plan))
+        getting_ready = asyncio.ensure_future(_get_ready(robot, plan, agent, ending))
         try:
             teleop, radius_min = config.teleop, config.geometry.radius_min
             terminal = partial(Terminal, robot, _beat(plan), teleop.speed, teleop.turn, radius_min)
@@ -136,21 +161,33 @@ async def _robot(config: Config, plan: Plan, ending: Ending) -> None:
         finally:  # an interrupted run has its report, too
             getting_ready.cancel()
             ending.conclude(robot.runtime)
+        board = robot.runtime.state.board
         if ending.code == OK and any(robot.runtime.gate.counts[fault] for fault in DISARMING):
             ending.code = DISARMED
+        elif ending.code == OK and _to_be_armed(robot, plan) and board is not None and not ending.armed:
+            ending.code, ending.reason = DISARMED, f"never armed: {board.text}"
 
 
-async def _get_ready(robot: Robot, plan: Plan) -> None:
-    """Wait for the link, arm if that is asked for, load the gains, start the script."""
+def _to_be_armed(robot: Robot, plan: Plan) -> bool:
+    """Whether to arm when the link is there: it was asked for, and nobody has stopped the robot meanwhile."""
+    return (robot.arms_by_itself if plan.arm is None else plan.arm) and not robot.touched
+
+
+async def _get_ready(robot: Robot, plan: Plan, agent: Agent | None, ending: Ending) -> None:
+    """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
+    source = None if agent is None else learning.light_source_of(robot)
     await robot.linked()
-    if robot.arms_by_itself if plan.arm is None else plan.arm:
+    if _to_be_armed(robot, plan):
         robot.arm()
+        ending.armed = True
     while not await robot.load_gains():
         if robot.gains_rejected:
             raise HalError("the board did not accept the gains; check control.linear and control.angular")
         robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
     if plan.drive is not None:
         robot.add_task("script", REFRESH, partial(_script, robot=robot, velocity=plan.drive))
+    if agent is not None and source is not None:
+        learning.start(robot, agent, source)
 
 
 async def _script(ticks: Ticks, robot: Robot, velocity: tuple[float, float]) -> None:
@@ -159,8 +196,23 @@ async def _script(ticks: Ticks, robot: Robot, velocity: tuple[float, float]) -> 
         robot.command(*velocity)
 
 
+def _told(plan: Plan) -> dict[str, object]:
+    """What a recording says about what the run was to do."""
+    return {"duration": plan.duration, "arm": plan.arm, "drive": plan.drive}
+
+
+def _say(text: str) -> None:
+    print(f"txt1: {text}", file=sys.stderr)
+
+
 async def _board(config: Config, plan: Plan, listen: Listen, manual: bool, ending: Ending) -> None:
     board = Board(config, manual=manual)
+    async with recording(plan.log, config, plan.speed, {"board": True, **_told(plan)}, _say) as attach:
+        attach(board.runtime)
+        await _serve(board, plan, listen, ending)
+
+
+async def _serve(board: Board, plan: Plan, listen: Listen, ending: Ending) -> None:
     ending.watch(board)
     listener = await listen(board)
     try:
@@ -254,6 +306,9 @@ def status_line(runtime: Runtime) -> str:
     x, y, theta, v, omega = runtime.state.odometry
     gate, voltage = runtime.gate, runtime.state.battery.battery1
     state = "armed" if gate.armed else f"disarmed: {gate.reason}"
+    board = runtime.state.board
+    if board is not None and not board.ready:
+        state += f"; {board.text}"
     battery = "-" if voltage is None else f"{voltage:.2f} V"
     return (
         f"t={runtime.now:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "

@@ -1,0 +1,385 @@
+"""Learning to find the light: on the running robot, and from the command line."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from txt1.cli import execute
+from txt1.config import load
+from txt1.errors import LightFault, TaskFault
+from txt1.hal.registry import create_sim
+from txt1.hal.sim import SimHal
+from txt1.learning import experiment, qtable
+from txt1.learning.agents import make
+from txt1.learning.conduct import new_trial
+from txt1.learning.experiment import Plan
+from txt1.learning.qtable import TABLE_5_3, StoredTable
+from txt1.learning.running import REPETITIONS
+from txt1.learning.task import LearningTask, simulated_light
+from txt1.learning.trial import Phase, Repetition
+from txt1.navigation import wheel_pose
+from txt1.robot import Robot
+from txt1.sim.light import Fault
+
+CONFIG = load().config
+SMALL = load(overrides=["learning.boundary=2.5"]).config
+
+
+def task_on(robot: Robot, repetitions: int = 3, agent: str = "sweeps") -> LearningTask:
+    """A learning task at work."""
+    trial = new_trial(make(agent, CONFIG, np.random.default_rng(1)), SMALL, 1, 1, repetitions)
+    task = LearningTask(robot, trial, simulated_light(CONFIG, np.random.default_rng(2)))
+    task.start()
+    return task
+
+
+async def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
+    async with asyncio.timeout(timeout):
+        while not condition():
+            await asyncio.sleep(0.05)
+
+
+# -- on the robot ------------------------------------------------------------------------------------------------
+
+
+async def test_the_robot_finds_the_light_by_two_tasks_of_its_own_at_their_rates(robot: Robot) -> None:
+    task = task_on(robot)
+    began = robot.now
+    await task.ended.wait()
+    took = robot.now - began
+    cycles = {name: statistics.cycles for name, statistics in robot.runtime.statistics().items()}
+    assert cycles["learning"] == pytest.approx(20 * took, abs=2)
+    assert cycles["light"] == pytest.approx(62.5 * took, abs=2)
+    assert [one.number for one in task.trial.repetitions] == [1, 2, 3]
+    assert all(one.success and one.time > one.optimal_time for one in task.trial.repetitions)
+    assert robot.pose is not None
+    assert np.hypot(*robot.pose[:2]) < 0.5
+
+
+async def test_the_thesiss_learner_decides_twice_a_second_and_commands_20_times(robot: Robot) -> None:
+    task = task_on(robot, agent="thesis")
+    await until(lambda: task.trial.phase is Phase.DRIVE)
+    began, changes, last = robot.now, [], None
+    received = robot.runtime.state.received
+    while robot.now < began + 6.0 and task.trial.phase is Phase.DRIVE:
+        command = robot.runtime.state.command
+        assert command is not None
+        if command[1] != last:
+            changes.append(robot.now - began)
+            last = command[1]
+        await asyncio.sleep(0.05)
+    assert len(changes) > 2
+    assert all(min(t % 0.5, 0.5 - t % 0.5) < 0.06 for t in changes)
+    assert robot.runtime.state.received - received == pytest.approx(20 * (robot.now - began), abs=2)
+
+
+async def test_a_disarm_voids_the_repetition_and_after_the_arm_it_is_done_again(robot: Robot) -> None:
+    task = task_on(robot)
+    await until(lambda: len(task.trial.repetitions) == 1 and task.trial.phase is Phase.DRIVE)
+    start = task.trial.start
+    await asyncio.sleep(1.0)
+    known = task.trial.agent.memory()
+    robot.disarm("somebody was in the way")
+    await asyncio.sleep(3.0)
+    assert robot.odometry.v == 0.0
+    assert len(task.trial.repetitions) == 1
+    assert task.trial.start == start
+    assert task.trial.agent.memory()["count"] != known["count"], "what the broken repetition taught is forgotten"
+    robot.arm()
+    await task.ended.wait()
+    assert [one.number for one in task.trial.repetitions] == [1, 2, 3]
+    assert task.trial.voided == 1
+
+
+class Unliftable(SimHal):
+    """A simulated robot that nobody can put down somewhere, like a real one."""
+
+    capabilities = replace(SimHal.capabilities, place=False)
+
+
+async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_disarm_too() -> None:
+    made = create_sim(load(overrides=[*ENDLESS, "sim.start=[1.0, 0.5, 0.0]"]).config)
+    assert isinstance(made, SimHal)
+    async with Robot.open(Unliftable(made.simulator)) as robot:
+        assert await robot.load_gains()
+        task = task_on(robot, 2)
+        await until(lambda: task.trial.phase is Phase.DRIVE, 120.0)
+        x, y, _ = task.trial.start
+        assert robot.pose is not None
+        assert np.hypot(robot.pose[0] - x, robot.pose[1] - y) < 0.06
+        robot.disarm("somebody was in the way")
+        await asyncio.sleep(1.0)
+        robot.arm()
+        await until(lambda: task.trial.phase is Phase.MOVE)
+        await asyncio.sleep(1.0)
+        robot.disarm("on the way to the start")
+        await asyncio.sleep(1.0)
+        robot.arm()
+        async with asyncio.timeout(300.0):
+            await task.ended.wait()
+        assert [one.success for one in task.trial.repetitions] == [True, True]
+
+
+async def test_odometry_serves_for_goal_and_boundary() -> None:
+    async with Robot.open("sim", seed=1, settings=[*ENDLESS, "learning.pose=odometry"]) as robot:
+        assert await robot.load_gains()
+        task = task_on(robot)
+        await task.ended.wait()
+        assert robot.pose is not None
+        assert all(one.success for one in task.trial.repetitions)
+        assert np.hypot(*robot.pose[:2]) == pytest.approx(0.48, abs=0.1)
+
+
+async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
+    asked = wheel_pose(robot)._replace(read=lambda: (0.0, 0.0, 0.0))
+    trial = new_trial(make("sweeps", CONFIG, np.random.default_rng(1)), SMALL, 1, 1, 2)
+    task = LearningTask(robot, trial, simulated_light(CONFIG, np.random.default_rng(2)), asked)
+    task.start()
+    await task.ended.wait()
+    assert [one.time for one in task.trial.repetitions] == [0.0, 0.0], "it says that the robot is at the light already"
+
+
+@pytest.mark.parametrize(
+    ("fault", "what"), [(Fault.NAN, "no reading"), (Fault.DEAD, "dead or covered"), (Fault.FROZEN, "frozen")]
+)
+@pytest.mark.parametrize("agent", ["thesis", "sweeps"])
+async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent: str, fault: Fault, what: str) -> None:
+    with pytest.raises(TaskFault, match=f"light sensor FR.*{what}") as error:
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            assert await robot.load_gains()
+            task = task_on(robot, agent=agent)
+            await until(lambda: task.trial.phase is Phase.DRIVE)
+            await asyncio.sleep(1.0)
+            task._source._sensors.faults = [Fault.NONE, fault, Fault.NONE, Fault.NONE]  # type: ignore[attr-defined]
+            async with asyncio.timeout(3.0):
+                await task.ended.wait()
+    assert isinstance(error.value.__cause__, LightFault)
+    assert not robot.armed
+    assert robot.hal.simulator.state.v < 0.35  # type: ignore[attr-defined]
+    assert robot.hal.outputs.motor == 0  # type: ignore[attr-defined]
+
+
+# -- txt1 learn --------------------------------------------------------------------------------------------------
+
+
+def learn(out: Path, *more: str) -> int:
+    return execute(
+        ["learn", "--agent", "sweeps", "--trials", "2", "--reps", "4", "--jobs", "1", "--out", str(out), *more]
+    )
+
+
+def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new" / "directory"
+    assert learn(out, "--seed", "3") == 0
+    with (out / "learning.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        "trial", "repetition", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s",
+    ]  # fmt: skip
+    assert [(row["trial"], row["repetition"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
+    assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["repetitions"] == 8
+    assert metrics["thesis_mean_time_s"] == 7.165
+    mean = np.mean([float(row["time_s"]) for row in rows])
+    assert metrics["last_10"]["mean_time_s"] == pytest.approx(mean, abs=1e-4)
+    assert metrics["last_10"]["mean_regret_s"] > 0.0
+    assert qtable.load(out / "qtable.json").about["agent"] == "sweeps"
+    assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
+    assert "last 10 repetitions" in capsys.readouterr().out
+
+
+def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(tmp_path: Path) -> None:
+    plan = Plan("sweeps", 2, 4, 3, CONFIG)
+    whole, whole_complete = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
+
+    def interrupt(trial: int, one: Repetition) -> None:
+        if (trial, one.number) == (2, 2):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    broken, complete = experiment.conduct(plan, tmp_path / "broken", False, interrupt)
+    assert whole_complete
+    assert not complete
+    assert [len(one.repetitions) for one in broken] == [4, 2], "all that was learned is kept"
+    resumed, complete = experiment.conduct(plan, tmp_path / "broken", True, lambda *_: None)
+    assert complete
+    for path, outcomes in ((tmp_path / "whole", whole), (tmp_path / "broken", resumed)):
+        experiment.write(plan, path, outcomes)
+    for name in ("learning.csv", "qtable.json", "metrics.json"):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "broken" / name).read_bytes()
+
+
+def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> None:
+    plan = Plan("sweeps", 2, 2, 3, CONFIG)
+    seen: list[tuple[int, int]] = []
+    for jobs in (1, 2):
+        outcomes, complete = experiment.conduct(
+            plan._replace(jobs=jobs), tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number))
+        )
+        assert complete
+        experiment.write(plan, tmp_path / str(jobs), outcomes)
+    assert sorted(seen[:4]) == sorted(seen[4:]) == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert (tmp_path / "1" / "learning.csv").read_bytes() == (tmp_path / "2" / "learning.csv").read_bytes()
+
+
+def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    assert learn(tmp_path / "file" / "out") == 2
+    assert "--out" in capsys.readouterr().err
+    done = tmp_path / "done"
+    experiment.prepare(Plan("sweeps", 2, 4, 0, CONFIG), done, False)
+    assert learn(done) == 2
+    assert "--resume carries it on" in capsys.readouterr().err
+    assert learn(done, "--resume", "--seed", "9") == 2
+    assert "was begun with seed 0" in capsys.readouterr().err
+    assert learn(done, "--resume", "--set", "learning.gamma=0.9") == 2
+    assert "another configuration" in capsys.readouterr().err
+    assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
+    assert "there is no learner 'genius', only thesis and sweeps" in capsys.readouterr().err
+
+
+def test_a_damaged_trial_is_not_carried_on_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert learn(tmp_path, "--trials", "1") == 0
+    trial = tmp_path / "trials" / "0001.json"
+    trial.write_text(trial.read_text().replace("true", "false", 1))
+    capsys.readouterr()
+    assert learn(tmp_path, "--resume") == 1
+    assert "altered" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["learn", "--out", "OUT"], ["run", "--json", "--learn", "thesis"]])
+def test_without_light_sensors_it_says_what_is_missing(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(tmp_path) if word == "OUT" else word for word in command]
+    assert execute([*words, "--hal", "serial", "--port", "virtual", "--speed", "max"]) == 1
+    assert "the HAL 'serial' there are none: plug in a Phidgets Interface Kit" in capsys.readouterr().err
+
+
+def test_phidgets_without_their_driver_name_the_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
+    assert learn(tmp_path, "--set", "learning.sensors=phidgets") == 1
+    assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
+
+
+def test_without_matplotlib_everything_but_the_pictures_is_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
+    assert learn(tmp_path, "--trials", "1", "--reps", "1") == 0
+    assert "pip install 'txt1[plots]'" in capsys.readouterr().err
+    assert (tmp_path / "metrics.json").exists()
+    assert not list(tmp_path.glob("*.png"))
+
+
+# -- txt1 run ----------------------------------------------------------------------------------------------------
+
+
+def run(*words: str) -> int:
+    return execute(["run", "--speed", "max", "--duration", "30", "--seed", "4", "--json", *words])
+
+
+@pytest.fixture
+def table_5_3(tmp_path: Path) -> Path:
+    """The thesis's own table in a file."""
+    path = tmp_path / "qtable.json"
+    qtable.save(path, StoredTable(np.array(TABLE_5_3), {"agent": "thesis"}))
+    return path
+
+
+def test_run_shows_the_learning_among_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--learn", "sweeps") == 0
+    tasks = json.loads(capsys.readouterr().out)["tasks"]
+    assert tasks["learning"]["cycles"] > 500
+    assert tasks["light"]["cycles"] > 1600
+    assert REPETITIONS > 30 / 2.5, "enough for anybody who watches"
+
+
+def test_run_drives_by_a_stored_table(table_5_3: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--policy", str(table_5_3)) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["tasks"]["learning"]["misses"] == 0
+    assert np.hypot(report["odometry"]["x"], report["odometry"]["y"]) > 0.3, "it has moved"
+    assert report["armed"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda text: text[: len(text) // 2], "ends in the middle"),
+        (lambda text: text.replace("0.9494", "9.9494"), "was altered"),
+        (lambda text: text.replace("1.4476", "NaN"), "NaN"),
+        (lambda _: "", "is empty"),
+    ],
+)
+def test_a_spoilt_table_is_not_driven_by(
+    table_5_3: Path, spoil: Callable[[str], str], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table_5_3.write_text(spoil(table_5_3.read_text()))
+    assert run("--policy", str(table_5_3)) == 1
+    captured = capsys.readouterr()
+    assert problem in captured.err
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    ("values", "agent", "problem"),
+    [
+        (np.zeros((4, 3)), "thesis", "4 states where 8 are needed"),
+        (np.zeros((8, 2)), "thesis", "2 actions where 3 are needed"),
+        (np.zeros((8, 3)), "sweeps", "8 states where 936 are needed"),
+        (np.zeros((8, 3)), "genius", "was learned by 'genius'"),
+    ],
+)
+def test_a_table_that_does_not_fit_its_agent_is_not_driven_by(
+    values: np.ndarray, agent: str, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "qtable.json"
+    qtable.save(path, StoredTable(values, {"agent": agent}))
+    assert run("--policy", str(path)) == 1
+    assert problem in capsys.readouterr().err
+
+
+def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert learn(tmp_path, "--trials", "1", "--reps", "2") == 0
+    capsys.readouterr()
+    assert run("--policy", str(tmp_path / "qtable.json")) == 0
+    assert json.loads(capsys.readouterr().out)["armed"]
+
+
+def test_ctrl_c_in_the_terminal_ends_several_processes_while_they_start_and_loses_nothing(tmp_path: Path) -> None:
+    words = ["learn", "--agent", "sweeps", "--trials", "3", "--reps", "6", "--seed", "3", "--jobs", "2"]
+    out = tmp_path / "late"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "txt1", *words, "--out", str(out)],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, text=True,
+    )  # fmt: skip
+    while not (out / "experiment.json").exists():  # so its handler is about to be, or is, in place
+        time.sleep(0.05)
+    time.sleep(0.5)  # its processes are being born
+    os.killpg(process.pid, signal.SIGINT)  # to all of them, as the terminal does
+    _, said = process.communicate(timeout=60)
+    assert "Traceback" not in said, said
+    assert process.returncode == 128 + signal.SIGINT
+    assert "--resume carries on" in said
+    plan = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
+    whole, _ = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
+    resumed, complete = experiment.conduct(plan, tmp_path / "late", True, lambda *_: None)
+    assert complete
+    assert [one.repetitions for one in resumed] == [one.repetitions for one in whole]

@@ -1,0 +1,64 @@
+"""A session gets its robot ready, unless somebody is in the way."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+from blockbuster import BlockBuster
+
+from txt1.cli import execute
+from txt1.robot import Robot
+from txt1.session import Ending, Plan, _get_ready
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def a_status_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/session.py", {"_status_lines"})
+
+
+VIRTUAL = ("serial.port=virtual",)
+
+
+@pytest.mark.parametrize("intervene", [Robot.stop, Robot.disarm], ids=["stop", "disarm"])
+@pytest.mark.parametrize("hal, settings", [("sim", ()), ("serial", VIRTUAL)])
+async def test_what_was_stopped_before_the_link_came_up_is_not_armed_by_the_start(
+    hal: str, settings: tuple[str, ...], intervene: Callable[[Robot], None]
+) -> None:
+    async with Robot.open(hal, settings=settings, arm=False, patience=0.0) as robot:
+        ready = asyncio.ensure_future(_get_ready(robot, Plan(arm=True, drive=(0.5, 0.0)), None, Ending()))
+        await asyncio.sleep(0.5)
+        intervene(robot)
+        await asyncio.sleep(5.0)
+        assert ready.done() and robot.runtime.linked
+        assert not robot.armed
+        assert robot.odometry.x == 0.0
+
+
+async def test_a_session_arms_when_nobody_is_in_the_way() -> None:
+    async with Robot.open("serial", settings=VIRTUAL, arm=False, patience=0.0) as robot:
+        await _get_ready(robot, Plan(arm=True), None, Ending())
+        assert robot.armed
+
+
+def test_a_robot_that_was_to_be_armed_and_never_was_is_no_success(capsys: Capture) -> None:
+    words = ["run", "--port", "virtual", "--arm", "--json", "--speed", "max", "--duration"]
+    assert execute([*words, "1.5"]) == 3
+    assert "never armed: " in capsys.readouterr().err
+    assert execute([*words, "6"]) == 0
+
+
+def test_a_port_means_the_serial_hal_and_contradicts_any_other(capsys: Capture) -> None:
+    assert execute(["run", "--hal", "sim", "--port", "/dev/ttyUSB7", "--json", "--duration", "1"]) == 2
+    assert "/dev/ttyUSB7" in capsys.readouterr().err
+    assert execute(["run", "--port", "/dev/ttyUSB77", "--json", "--duration", "1"]) == 1
+    assert "/dev/ttyUSB77 does not exist" in capsys.readouterr().err
+
+
+def test_a_status_line_tells_what_the_link_is_waiting_for(capfd: pytest.CaptureFixture[str]) -> None:
+    assert execute(["run", "--port", "virtual", "--headless", "--speed", "max", "--duration", "0.5", "--no-arm"]) == 0
+    assert "waiting for odometry" in capfd.readouterr().out

@@ -1,0 +1,85 @@
+"""Many robots at once move as the one on the runtime does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from txt1.control.limits import Limits
+from txt1.learning import batch
+from txt1.learning.batch import Batch
+from txt1.learning.bench import Bench
+from txt1.learning.trial import COMMANDS
+from txt1.model.vehicle import Geometry
+from txt1.sim.battery import Load, Packs
+from txt1.sim.light import PointLight, illuminances
+from txt1.sim.room import Room
+from txt1.sim.simulator import Noise, Simulator
+from txt1.sim.vehicle import VehicleParameters
+
+COUNT, TICKS = 5, 400
+
+
+def robots(count: int) -> Batch:
+    return Batch(count, PointLight(), 0.0, 0.03, VehicleParameters(), Geometry(), Limits())
+
+
+def held_against_the_runtime() -> float:
+    """The largest difference in pose, speed and sensed velocities over 8 s of random driving by the bench's robots."""
+    simulators = [
+        Simulator(
+            VehicleParameters(), Geometry(), Room(), Packs(None, None), Load(), Noise(drag=0.0), (1.0, 0.5, 0.3), seed
+        )
+        for seed in range(COUNT)
+    ]
+    benches = [Bench(each, Limits()) for each in simulators]
+    many = robots(COUNT)
+    many.place(np.ones(COUNT, bool), np.tile([1.0, 0.5, 0.3], (COUNT, 1)), np.random.default_rng(0))
+    many.rows[:, batch.PHASE : batch.PHASE + 2] = [  # where the wheels stood
+        np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2]).random(2) for seed in range(COUNT)
+    ]
+    rng = np.random.default_rng(3)
+    worst = 0.0
+    for tick in range(TICKS):
+        if tick % 25 == 10:
+            for i, action in enumerate(rng.integers(0, 3, COUNT)):
+                benches[i].command = COMMANDS[action]
+                many.commands[i] = COMMANDS[action]
+        for each in benches:
+            each.control(tick * 20 / 1000.0)
+        many.run_with(np.zeros((1, COUNT)), np.zeros((0, COUNT, 4)))
+        expected = np.array([[*b.simulator.state, b.odometry.v, b.odometry.omega] for b in benches])
+        got = np.hstack([many.rows[:, :8], many.velocities])
+        worst = max(worst, float(np.abs(got - expected).max()))
+    assert np.abs(many.velocities[:, 0]).min() > 0.2, "they drive"
+    return worst
+
+
+def test_the_batch_moves_as_the_running_robot_does_to_1e_9() -> None:
+    assert held_against_the_runtime() < 1e-9
+
+
+def test_and_so_it_does_without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_run_some", batch._run)
+    monkeypatch.setattr(batch, "_advance", batch.advance)
+    monkeypatch.setattr(batch, "_step_pid", batch._pid)
+    assert held_against_the_runtime() < 1e-9
+
+
+def test_its_readings_are_the_lights_through_the_filter() -> None:
+    many = robots(2)
+    poses = np.array([[1.25, 0.0, 3.0], [0.0, -2.0, 1.0]])
+    many.place(np.ones(2, bool), poses, np.random.default_rng(0))
+    many.run(5, np.random.default_rng(1))
+    for reading, pose in zip(many.readings, poses, strict=True):
+        assert reading == pytest.approx(illuminances(*pose, PointLight()))
+    many.noise = 0.3
+    many.run(400, np.random.default_rng(1))
+    noisy = []
+    rng = np.random.default_rng(2)
+    for _ in range(500):
+        many.run(20, rng)
+        noisy.append(many.readings[0, 0] / illuminances(*poses[0], PointLight())[0])
+    w = batch.WEIGHT
+    assert np.mean(noisy) == pytest.approx(1.0, abs=0.02)
+    assert np.std(noisy) == pytest.approx(0.3 * np.sqrt((1 - w) / (1 + w)), rel=0.15)

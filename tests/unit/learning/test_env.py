@@ -1,0 +1,78 @@
+"""The learning task as a Gymnasium environment."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from txt1.learning import env
+from txt1.learning.light import direction, sector
+from txt1.model.light import Readings
+
+env.register()
+
+
+def test_the_environment_passes_gymnasiums_own_check() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = gymnasium.make("txt1/LightSeeking-v0")
+        check_env(made.unwrapped, skip_render_check=True)
+
+
+def test_who_drives_at_the_light_is_rewarded_and_reaches_it() -> None:
+    made = env.LightSeekingEnv()
+    _, info = made.reset(seed=3)
+    total = steps = 0.0
+    over = False
+    while not over:
+        where = made._sector
+        _, gained, over, late, told = made.step(np.int64(1 if where == 4 else 2 if where > 4 else 0))
+        total += gained
+        steps += 1
+        assert not late
+    assert told["success"]
+    assert total > 0.0
+    assert 0.5 * steps > info["optimal_time"] > 2.0
+
+
+def test_the_same_seed_is_the_same_episode() -> None:
+    one, other = env.LightSeekingEnv(), env.LightSeekingEnv()
+    assert np.array_equal(one.reset(seed=5)[0], other.reset(seed=5)[0])
+    for action in (0, 1, 2, 2, 1):
+        first, second = one.step(np.int64(action)), other.step(np.int64(action))
+        assert np.array_equal(first[0], second[0])
+        assert first[1:] == second[1:]
+    assert not np.array_equal(one.reset()[0], other.reset(seed=6)[0])
+
+
+def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None:
+    count = 64
+    many = gymnasium.make_vec("txt1/LightSeeking-v0", num_envs=count, vectorization_mode="vector_entry_point")
+    seen, _ = many.reset(seed=1)
+    assert many.observation_space.contains(seen)
+    inner = many.unwrapped
+    assert isinstance(inner, env.LightSeekingVectorEnv)
+    episodes = won = 0
+    for _ in range(80):
+        where = inner._sectors
+        seen, rewards, terminated, truncated, info = many.step(np.where(where == 4, 1, np.where(where > 4, 2, 0)))
+        assert many.observation_space.contains(seen)
+        assert set(np.unique(rewards)) <= {-1.0, 0.0, 1.0}
+        assert not truncated.any()
+        episodes += int(terminated.sum())
+        won += int((terminated & info["success"]).sum())
+    assert episodes > 2 * count
+    assert won == episodes
+    start = np.hypot(*inner._robots.poses[inner._steps == 0, :2].T)
+    assert start == pytest.approx(np.full(len(start), 1.25))
+
+
+def test_the_vector_forms_sectors_are_the_learners() -> None:
+    many = env.LightSeekingVectorEnv(200)
+    many.reset(seed=2)
+    expected = [sector(direction(Readings(*row))) for row in many._robots.readings.tolist()]
+    assert many._states().tolist() == expected

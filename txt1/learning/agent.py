@@ -1,0 +1,55 @@
+"""What every learner has in common: it sees light and odometry, and says which action to take."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from txt1.learning.qtable import StoredTable
+from txt1.model.light import Readings
+from txt1.model.odometry import Odometry
+
+
+class Agent(Protocol):
+    """A learner. It knows no clock, no vehicle and no asyncio: a trial (`txt1.learning.trial`) tells it everything.
+
+    In one repetition: `begin`, then `see` with every sample of the light, and, as soon as it is `ready` and 20 times a
+    second from then on, `waits` and, when it does not, `act`. At last `end`, or `void` when it does not count.
+    """
+
+    name: str
+
+    def begin(self) -> None:
+        """A repetition begins: the robot rests on its start pose, and what was sensed before is past."""
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the four light sensors, lux, once every 16 ms.
+
+        Raises:
+            LightFault: a sensor cannot be believed.
+
+        """
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen enough to act."""
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on, at `now` s."""
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """The index of the next action, after learning from what came of the last one."""
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The repetition is over: the robot has reached the light, or left the boundary."""
+
+    def void(self) -> None:
+        """The repetition does not count: forget what was learned in it."""
+
+    def table(self) -> StoredTable:
+        """What has been learned, as it goes into a file."""
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later, JSON values only; `recall` takes it."""
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""

@@ -1,0 +1,126 @@
+"""A trial on the bare simulation: the same vehicle, loops, odometry and instants as on the runtime, without its tasks.
+
+For studies over thousands of trials. Nothing is modelled anew: `Simulator` (and with it `txt1.sim.vehicle.advance`),
+`VelocityLoops` and the odometry's equations are the runtime's own, called in the order in which the scheduler runs the
+tasks. So a trial here and one on the running robot agree to the last bit (tests/unit/learning/test_bench.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from txt1.control.limits import Limits, clip
+from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
+from txt1.learning.sensors import LightSource
+from txt1.learning.trial import Phase, Pose, Trial
+from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
+from txt1.model.vehicle import STEERING_MAX
+from txt1.sim.simulator import Simulator
+from txt1.tasks.controller import VelocityLoops
+
+CONTROL, LIGHT, LEARN = range(3)
+_CYCLE_MS: Final = 400
+_INSTANTS: Final = sorted(
+    [(ms, CONTROL) for ms in range(0, _CYCLE_MS, 20)]
+    + [(ms, LIGHT) for ms in range(0, _CYCLE_MS, 16)]
+    + [(ms, LEARN) for ms in range(0, _CYCLE_MS, 50)]
+)
+"""When which task runs, ms from the start of a cycle of 400 ms, in the scheduler's order."""
+
+DT: Final = 0.02
+
+
+class Bench:
+    """A simulated robot with its velocity loops, a set-point, and nothing else.
+
+    Args:
+        simulator: the vehicle.
+        limits: of the set-points and the motor.
+
+    """
+
+    def __init__(self, simulator: Simulator, limits: Limits) -> None:
+        self.simulator = simulator
+        self.odometry = Odometry()
+        self.pose: Pose = (simulator.state.x, simulator.state.y, simulator.state.theta)
+        self.command = (0.0, 0.0)
+        self._limits = limits
+        self._loops = VelocityLoops()
+        self._schedule = Schedule(ANGULAR_GAINS)
+        self._counts: tuple[int, int] = simulator.encoder_counts()
+        self._still = True
+        self._last = -DT
+
+    def control(self, now: float) -> None:
+        """The controller task's and the encoder task's cycle at `now` s."""
+        simulator = self.simulator
+        simulator.advance_to(now)
+        v, omega = self.command
+        v_now, omega_now = self.odometry.v, self.odometry.omega
+        if v_now == 0.0 and v == 0.0:
+            self._loops.clear()
+            simulator.command(0, 0, 0)
+        else:
+            motor, steering = self._loops.step(v, omega, v_now, omega_now, LINEAR_GAINS, self._schedule.at(v_now), DT)
+            motor, steering = clip(motor, self._limits.motor_max), clip(steering, STEERING_MAX)
+            simulator.command(int(motor), int(-steering), int(steering))
+        dt, self._last = now - self._last, now  # not 0.02 to the last bit, and the runtime divides by it
+        counts = simulator.encoder_counts()
+        right, left = counts[0] - self._counts[0], counts[1] - self._counts[1]
+        self._counts = counts
+        if right or left or not self._still:
+            body = simulator.body
+            v, omega = body_velocity(
+                wheel_speed(right, body.count_length, dt), wheel_speed(left, body.count_length, dt), body.track_width
+            )
+            self.odometry = advance(self.odometry, v, omega, dt)
+            self._still = not (right or left)
+        state = simulator.state
+        self.pose = (state.x, state.y, state.theta)
+
+
+def run_trial(trial: Trial, simulator: Simulator, source: LightSource, limits: Limits, first_ms: int = 0) -> None:
+    """Nothing; the trial is done.
+
+    Args:
+        trial: what to do.
+        simulator: the robot, at time 0.
+        source: its light sensors.
+        limits: of the set-points and the motor.
+        first_ms: when the learning begins, ms since the simulation's start; before, the robot rests.
+
+    """
+    bench = Bench(simulator, limits)
+    for ms, what in instants():
+        now = ms / 1000.0
+        if what == CONTROL:
+            bench.control(now)
+        elif ms < first_ms:
+            continue
+        elif what == LIGHT:
+            if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
+                simulator.advance_to(now)
+                state = simulator.state
+                trial.agent.see(source.read((state.x, state.y, state.theta)), bench.odometry)
+        else:
+            if trial.phase is Phase.MOVE and bench.odometry.v == bench.odometry.omega == 0.0:
+                simulator.advance_to(now)
+                simulator.place(*trial.start)
+                trial.placed(now)
+            bench.command = trial.tick(now, True, bench.pose, bench.odometry)
+            if trial.phase is Phase.DONE:
+                return
+
+
+def instants(begin: int = 0, end: int | None = None) -> Iterator[tuple[int, int]]:
+    """When which task runs, from `begin` up to before `end`, ms; for ever without an end."""
+    cycle = begin - begin % _CYCLE_MS
+    while True:
+        for offset, what in _INSTANTS:
+            ms = cycle + offset
+            if end is not None and ms >= end:
+                return
+            if ms >= begin:
+                yield ms, what
+        cycle += _CYCLE_MS

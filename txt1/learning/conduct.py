@@ -1,0 +1,205 @@
+"""One trial from its seed: on the running robot in virtual time, or on the bare simulation."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from txt1.config import Config
+from txt1.errors import HalError
+from txt1.hal.registry import create_sim
+from txt1.hal.sim import SimHal
+from txt1.kernel.loop import Speed, run
+from txt1.learning import bench
+from txt1.learning.agent import Agent
+from txt1.learning.agents import make
+from txt1.learning.qtable import StoredTable
+from txt1.learning.task import LearningTask, light_source, simulated_light, task_of
+from txt1.learning.trial import COMMANDS, Repetition, Trial, starts
+from txt1.robot import Robot
+
+STARTS, ROBOT, SENSORS, AGENT = 1, 2, 3, 4
+"""Streams of random numbers of a trial; the first is `txt1.learning.trial.starts`'s own."""
+
+MARGIN = 1.0
+"""The walls stand so much beyond the boundary, m: the body's half, and room to stop."""
+
+BEGIN_MS = 4000
+"""A trial in simulation begins at this instant, ms; by then the robot is ready."""
+
+
+@dataclass
+class Outcome:
+    """What came of a trial.
+
+    Attributes:
+        trial: its number, from 1.
+        repetitions: those that were completed.
+        complete: whether that is all of them.
+        table: what was learned.
+        memory: with which the agent can carry on.
+        paths: by the repetition's number, (x, y) in m 20 times a second.
+        voided: repetitions that were broken off by a disarm and done again.
+
+    """
+
+    trial: int
+    repetitions: list[Repetition]
+    complete: bool
+    table: StoredTable
+    memory: dict[str, Any]
+    paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    voided: int = 0
+
+
+def stream(seed: int, trial: int, which: int) -> np.random.Generator:
+    """One of a trial's streams of random numbers."""
+    return np.random.default_rng(np.random.SeedSequence([seed, trial, which]))
+
+
+def ready_to_learn(config: Config) -> Config:
+    """The configuration with a simulated room that holds the boundary, and batteries that outlast the trial.
+
+    The external supply feeds the simulated robot: a trial can take longer than a pack lasts, and whoever learns on the
+    real robot changes them.
+    """
+    side = 2.0 * (config.learning.boundary + MARGIN)
+    sim = config.sim
+    room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
+    battery = sim.battery.model_copy(update={"used_1": None, "used_2": None})
+    return config.model_copy(update={"sim": sim.model_copy(update={"room": room, "battery": battery})})
+
+
+def robot_config(config: Config, seed: int, trial: int) -> Config:
+    """The configuration of a trial's own robot."""
+    own = int(stream(seed, trial, ROBOT).integers(2**32))
+    return ready_to_learn(config).model_copy(update={"seed": own})
+
+
+def new_trial(
+    agent: Agent,
+    config: Config,
+    seed: int,
+    number: int,
+    repetitions: int,
+    done: Callable[[Repetition], None] = lambda _: None,
+    keep_paths: Collection[int] = (),
+    commands: tuple[tuple[float, float], ...] = COMMANDS,
+) -> Trial:
+    """A trial that has not begun."""
+    return Trial(agent, task_of(config), starts(seed, number, repetitions), commands, done, keep_paths)
+
+
+def on_robot(
+    name: str,
+    config: Config,
+    seed: int,
+    number: int,
+    repetitions: int,
+    *,
+    speed: Speed = "max",
+    arm: bool = False,
+    done: Callable[[Repetition], None] = lambda _: None,
+    keep_paths: Collection[int] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    earlier: Sequence[Repetition] = (),
+    memory: dict[str, Any] | None = None,
+) -> Outcome:
+    """A trial through the robot's real tasks.
+
+    Args:
+        name: the agent's.
+        config: of everything.
+        seed: with the trial's number, repeats every random value.
+        number: of the trial, from 1.
+        repetitions: how many.
+        speed: of its time, see `txt1.kernel.loop.run`.
+        arm: whether to arm a robot that does not arm by itself.
+        done: told each repetition as it ends.
+        keep_paths: numbers of the repetitions whose paths are to be kept.
+        stopped: asked all the time; once it says yes the trial ends.
+        earlier: repetitions of this trial that were done before.
+        memory: with which the agent carries on; None: from scratch.
+
+    Raises:
+        HalError: the hardware cannot be used, or there are no light sensors.
+        TaskFault: a task failed; the robot was stopped first.
+
+    """
+    agent = make(name, config, stream(seed, number, AGENT))
+    if memory is not None:
+        agent.recall(memory)
+    trial = new_trial(agent, config, seed, number, repetitions, done, keep_paths)
+    trial.carry_on(earlier)
+
+    async def conduct() -> None:
+        async with Robot.open(config=robot_config(config, seed, number), patience=0.0) as robot:
+            source = light_source(robot.config, robot, stream(seed, number, SENSORS))
+            await robot.linked(10.0)
+            if arm or robot.arms_by_itself:
+                robot.arm()
+            if not await robot.load_gains():
+                raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
+            if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
+                await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
+            learning = LearningTask(robot, trial, source, stopped=stopped)
+            learning.start()
+            await learning.ended.wait()
+            robot.command(0.0, 0.0)
+
+    run(conduct(), speed=speed)
+    return outcome(trial, number, repetitions)
+
+
+def on_bench(
+    agent: Agent | str,
+    config: Config,
+    seed: int,
+    number: int,
+    repetitions: int,
+    *,
+    begin_ms: int = BEGIN_MS,
+    commands: tuple[tuple[float, float], ...] = COMMANDS,
+    keep_paths: Collection[int] = (),
+    stopped: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """The same trial on the bare simulation; see `txt1.learning.bench`.
+
+    Args:
+        agent: who learns, or its name.
+        config: of everything.
+        seed: with the trial's number, repeats every random value.
+        number: of the trial, from 1.
+        repetitions: how many.
+        begin_ms: when the learning begins, ms of simulated time.
+        commands: (v, omega) of each action, m/s and rad/s.
+        keep_paths: numbers of the repetitions whose paths are to be kept.
+        stopped: asked between repetitions.
+
+    """
+    if isinstance(agent, str):
+        agent = make(agent, config, stream(seed, number, AGENT))
+
+    def look(_: Repetition) -> None:
+        if stopped():
+            raise KeyboardInterrupt
+
+    trial = new_trial(agent, config, seed, number, repetitions, look, keep_paths, commands)
+    hal = create_sim(robot_config(config, seed, number))
+    assert isinstance(hal, SimHal)
+    bench.run_trial(
+        trial, hal.simulator, simulated_light(config, stream(seed, number, SENSORS)), config.limits(), begin_ms
+    )
+    return outcome(trial, number, repetitions)
+
+
+def outcome(trial: Trial, number: int, repetitions: int) -> Outcome:
+    """What came of a trial."""
+    done = trial.repetitions
+    complete = len(done) == repetitions
+    agent = trial.agent
+    return Outcome(number, done, complete, agent.table(), agent.memory(), trial.paths, trial.voided)

@@ -1,0 +1,234 @@
+"""The learning task as Gymnasium environments (extra `gym`): ``gymnasium.make("txt1/LightSeeking-v0")``.
+
+Vehicle, loops, odometry, sensors, filter and reward are those of the learning task. One step is one decision of the
+thesis's learner, 0.5 s.
+
+- Observation: the logarithms of the four filtered readings over that of the brightest a sensor can tell, FL FR RL RR,
+  0 to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
+- Action: 0 right, 1 straight, 2 left (table 5.2).
+- Reward: the thesis's, from one sector of the light's direction to the next (5.8): -1, 0 or 1.
+- Terminated at the goal circle, and outside the boundary; truncated after `time_limit` s.
+
+``make_vec(..., vectorization_mode="vector_entry_point")`` gives many at once (`txt1.learning.batch`), quick with the
+extra `fast`.
+"""
+
+from __future__ import annotations
+
+from math import log, pi
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from txt1.config import Config, load
+from txt1.control.limits import Limits
+from txt1.errors import NoDirection
+from txt1.hal.registry import create_sim
+from txt1.hal.sim import SimHal
+from txt1.learning.batch import TICK_MS, Batch
+from txt1.learning.bench import CONTROL, LIGHT, Bench, instants
+from txt1.learning.conduct import ready_to_learn
+from txt1.learning.light import LightFilter, direction, reward, sector
+from txt1.learning.sensors import LightSource
+from txt1.learning.task import simulated_light, task_of
+from txt1.learning.trial import COMMANDS, Start
+from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
+from txt1.sim.light import PointLight, noise_for_jitter
+from txt1.sim.vehicle import VehicleParameters
+
+Observation = NDArray[np.float32]
+
+DECISION_MS: Final = 500
+REST_MS: Final = 600
+"""Rest on the start before the first observation, ms: the filter settles."""
+SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
+
+
+def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> Observation:
+    """Observations, shape (..., 6)."""
+    lux = np.log(np.clip(readings, 1.0, LUX_MAX)) / log(LUX_MAX)
+    both = np.concatenate([lux, velocities], axis=-1)
+    clipped: Observation = np.clip(both, SPACE.low, SPACE.high).astype(np.float32)
+    return clipped
+
+
+class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
+    """One robot that looks for the light; see the module.
+
+    Args:
+        config: of everything; None for the defaults.
+
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
+
+    def __init__(self, config: Config | None = None) -> None:
+        self.observation_space = SPACE
+        self.action_space = Discrete(len(COMMANDS))
+        self._config = ready_to_learn(load().config if config is None else config)
+        self._task = task_of(self._config)
+        self._bench: Bench
+        self._source: LightSource
+        self._ms = 0
+        self._sector = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """The first observation, at rest on a random start."""
+        super().reset(seed=seed, options=options)
+        start = Start(*map(float, self.np_random.uniform(-pi, pi, 2)))
+        hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
+        assert isinstance(hal, SimHal)
+        self._bench = Bench(hal.simulator, self._config.limits())
+        hal.simulator.place(*start.pose(self._task))
+        self._source = simulated_light(self._config, self.np_random)
+        self._filter = LightFilter(spread=float("inf"))
+        self._ms = 0
+        self._run(REST_MS)
+        self._sector = self._state(0)
+        return self._observation(), {"optimal_time": start.optimal_time(self._task)}
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Observation, reward, terminated, truncated and `success`, one decision later."""
+        self._bench.command = COMMANDS[int(action)]
+        self._run(DECISION_MS)
+        before, self._sector = self._sector, self._state(self._sector)
+        x, y, _ = self._bench.pose
+        task = self._task
+        success = bool(np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius)
+        lost = max(abs(x), abs(y)) > task.boundary
+        late = self._ms - REST_MS >= 1000.0 * task.time_limit
+        info = {"success": success}
+        return self._observation(), float(reward(before, self._sector)), success or lost, late, info
+
+    def _run(self, duration_ms: int) -> None:
+        """Let the robot go on."""
+        bench, simulator = self._bench, self._bench.simulator
+        for ms, what in instants(self._ms, self._ms + duration_ms):
+            if what == CONTROL:
+                bench.control(ms / 1000.0)
+            elif what == LIGHT:
+                simulator.advance_to(ms / 1000.0)
+                state = simulator.state
+                self._filter.step(self._source.read((state.x, state.y, state.theta)))
+        self._ms += duration_ms
+
+    def _state(self, otherwise: int) -> int:
+        assert self._filter.readings is not None
+        try:
+            return sector(direction(self._filter.readings))
+        except NoDirection:
+            return otherwise
+
+    def _observation(self) -> Observation:
+        assert self._filter.readings is not None
+        return _observe(np.array(self._filter.readings), np.array(self._bench.odometry[3:]))
+
+
+class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+    """Many robots, each looking for a light of its own; an episode that has ended is begun anew with the next step.
+
+    Args:
+        num_envs: how many.
+        config: of everything; None for the defaults.
+
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+
+    def __init__(self, num_envs: int = 1, config: Config | None = None) -> None:
+        one = load().config if config is None else config
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = SPACE, Discrete(len(COMMANDS))
+        self.observation_space = batch_space(SPACE, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._task = task_of(one)
+        light, (x, y) = one.sim.light, self._task.light
+        exponent = float(light.exponent)
+        noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
+        geometry = one.geometry.geometry()
+        vehicle = VehicleParameters(geometry.wheelbase, geometry.track_width, geometry.steering_max,
+                                    **one.sim.vehicle.model_dump())  # fmt: skip
+        limits: Limits = one.limits()
+        source = PointLight(x, y, light.intensity, exponent)
+        self._robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, geometry, limits)
+        self._commands = np.array(COMMANDS)
+        self._sectors = np.zeros(num_envs, int)
+        self._steps = np.zeros(num_envs, int)
+        self._over = np.ones(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """The first observations, at rest on random starts."""
+        super().reset(seed=seed[0] if isinstance(seed, list) else seed, options=options)
+        self._over[:] = True
+        self._begin()
+        self._over[:] = False
+        self._sectors = self._states()
+        return self._observations(), {}
+
+    def _begin(self) -> None:
+        """Put those whose episode is over on new starts; they have rested when the others have made a step."""
+        count = int(self._over.sum())
+        if not count:
+            return
+        bearing, heading = self.np_random.uniform(-pi, pi, (2, count))
+        x, y = self._task.light
+        radius = self._task.start_radius
+        poses = np.stack([x + radius * np.cos(bearing), y + radius * np.sin(bearing), heading], axis=1)
+        rest = self._over
+        self._robots.place(rest, poses, self.np_random)
+        if rest.all():
+            self._robots.run(REST_MS // TICK_MS, self.np_random)
+        self._steps[rest] = 0
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Observations, rewards, terminated, truncated and `success` of each, one decision later."""
+        fresh = self._over.copy()
+        self._robots.commands[:] = self._commands[actions]
+        self._begin()  # and their command is 0: the first step is the rest on the start
+        self._robots.run(DECISION_MS // TICK_MS, self.np_random)
+        before = self._sectors
+        self._sectors = self._states()
+        task = self._task
+        poses = self._robots.poses
+        success = np.hypot(poses[:, 0] - task.light[0], poses[:, 1] - task.light[1]) <= task.goal_radius
+        lost = np.abs(poses[:, :2]).max(axis=1) > task.boundary
+        self._steps += ~fresh
+        terminated = (success | lost) & ~fresh
+        truncated = (self._steps * DECISION_MS >= 1000.0 * task.time_limit) & ~fresh
+        self._over = terminated | truncated
+        rewards = np.where(fresh, 0.0, REWARDS[before, self._sectors])
+        return self._observations(), rewards, terminated, truncated, {"success": success}
+
+    def _states(self) -> NDArray[np.int64]:
+        """The sectors, as `txt1.learning.light` computes one."""
+        fl, fr, rl, rr = self._robots.readings.T
+        angle = np.arctan2(SENSOR_Y * (fl + rl - fr - rr), SENSOR_X * (fl + fr - rl - rr))
+        sectors: NDArray[np.int64] = ((np.floor(angle / (pi / 4.0) + 0.5) + 4) % 8).astype(np.int64)
+        return sectors
+
+    def _observations(self) -> Observation:
+        return _observe(self._robots.readings, self._robots.velocities)
+
+
+REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in range(8)], float)
+
+
+def register() -> None:
+    """Tell Gymnasium about the environments; it calls this itself, by the package's entry point."""
+    if "txt1/LightSeeking-v0" not in gymnasium.registry:
+        gymnasium.register(
+            "txt1/LightSeeking-v0",
+            entry_point=f"{__name__}:LightSeekingEnv",
+            vector_entry_point=f"{__name__}:LightSeekingVectorEnv",
+        )

@@ -1,0 +1,85 @@
+"""What the repetitions of many trials amount to, beside the optimum and the thesis's figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.learning.trial import Repetition
+
+THESIS_MEAN: Final = 7.165
+"""Mean time to the light after the first seven repetitions that the thesis reports, s (5.4)."""
+LEARNED: Final = 7
+"""Repetitions after which the thesis takes its mean."""
+LAST: Final = 10
+"""Repetitions at the end that are looked at by themselves."""
+MILESTONES: Final = (1, 2, 4, 8, 16, 31)
+"""Repetitions whose ratio to the optimum is reported."""
+
+
+def summary(trials: Sequence[Sequence[Repetition]]) -> dict[str, Any]:
+    """Times in s, success as shares, and ratios to the optimum; JSON values. Trials may be of different length."""
+    every = [one for trial in trials for one in trial]
+    if not every:
+        return {"trials": len(trials), "repetitions": 0}
+    length = max(len(trial) for trial in trials)
+    # the mean of a repetition over the trials that got so far, against the same starts' optimum
+    curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
+    learned = [one for trial in trials for one in trial[LEARNED:]]
+    last = [one for trial in trials for one in trial[-LAST:]]
+    return {
+        "trials": len(trials),
+        "repetitions": len(every),
+        "thesis_mean_time_s": THESIS_MEAN,
+        "after_repetition_7": _figures(learned, [trial[LEARNED:] for trial in trials]),
+        "last_10": _figures(last, [trial[-LAST:] for trial in trials]),
+        "ratio_at_repetition": {str(k): _ratio(curve[k - 1]) for k in MILESTONES if k <= length},
+        "robot_seconds_until_repetition": {
+            str(k): _round(sum(np.mean([one.time for one in row]) for row in curve[:k]))
+            for k in MILESTONES
+            if k <= length
+        },
+        "success_at_repetition": [_round(np.mean([one.success for one in row])) for row in curve],
+        "mean_time_at_repetition_s": [_round(np.mean([one.time for one in row])) for row in curve],
+        "robot_seconds_in_all": _round(sum(one.time for one in every)),
+    }
+
+
+def _figures(some: Sequence[Repetition], by_trial: Sequence[Sequence[Repetition]]) -> dict[str, Any]:
+    """Times, success and regret of some repetitions."""
+    if not some:
+        return {"repetitions": 0}
+    time, best = _times(some), np.array([one.optimal_time for one in some])
+    means = np.array([_times(trial).mean() for trial in by_trial if trial])
+    won = np.array([one.success for one in some])
+    return {
+        "repetitions": len(some),
+        "failures": int((~won).sum()),
+        "success": float(won.mean()),
+        "mean_time_s": _round(time.mean()),
+        "median_time_s": _round(np.median(time)),
+        "percentile_5_time_s": _round(np.percentile(time, 5)),
+        "percentile_95_time_s": _round(np.percentile(time, 95)),
+        "mean_time_of_successes_s": _round(time[won].mean()) if won.any() else None,
+        "sd_of_trial_means_s": _round(means.std(ddof=1)) if len(means) > 1 else None,
+        "median_of_trial_means_s": _round(np.median(means)),
+        "slowest_30_percent_take": _round(np.sort(time)[::-1][: max(1, round(0.3 * len(time)))].sum() / time.sum()),
+        "optimal_mean_time_s": _round(best.mean()),
+        "mean_regret_s": _round((time - best).mean()),
+        "ratio_to_optimum": _round(time.sum() / best.sum()),
+    }
+
+
+def _times(some: Sequence[Repetition]) -> NDArray[np.float64]:
+    return np.array([one.time for one in some])
+
+
+def _ratio(some: Sequence[Repetition]) -> float:
+    return _round(_times(some).sum() / sum(one.optimal_time for one in some))
+
+
+def _round(value: Any) -> float:
+    return round(float(value), 4)

@@ -1,0 +1,123 @@
+"""Pictures of what was learned: the learning curve, some paths, the Q-table. Needs matplotlib (extra `plots`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import cos, sin
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from txt1.errors import MissingExtra
+from txt1.learning import sweeps
+from txt1.learning.conduct import Outcome
+from txt1.learning.light import SECTORS
+from txt1.learning.qtable import ACTIONS, StoredTable
+from txt1.learning.trial import Task
+
+DPI: Final = 120
+BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
+
+
+def draw(out: Path, outcomes: Sequence[Outcome], chosen: Outcome, task: Task) -> list[Path]:
+    """The pictures that were written: learning_curve.png, paths.png, qtable.png.
+
+    Args:
+        out: directory.
+        outcomes: all the trials.
+        chosen: the one whose paths and table are drawn.
+        task: what was learned.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtra("drawing pictures", "plots") from None
+    paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
+        ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes)),
+        ("paths.png", (4.5 * max(1, len(chosen.paths)), 4.8), lambda figure: _paths(figure, chosen, task)),
+        ("qtable.png", (6.0, 4.5), lambda figure: _table(figure, chosen.table)),
+    )
+    pictures = []
+    for name, size, paint in paintings:
+        figure = Figure(figsize=size, dpi=DPI, layout="constrained")  # no pyplot: no window, no state
+        paint(figure)
+        path = out / name
+        figure.savefig(path)
+        pictures.append(path)
+    return pictures
+
+
+def _curve(figure: Any, outcomes: Sequence[Outcome]) -> None:
+    """Time of each repetition: every trial, their mean and median, the optimum (figure 5.10)."""
+    axes = figure.subplots()
+    length = max((len(one.repetitions) for one in outcomes), default=0)
+    for one in outcomes:
+        times = [repetition.time for repetition in one.repetitions]
+        axes.plot(range(1, len(times) + 1), times, color=BLUE, alpha=max(0.05, min(0.6, 4.0 / len(outcomes))), lw=0.8)
+    rows = [[one.repetitions[k] for one in outcomes if len(one.repetitions) > k] for k in range(length)]
+    numbers = range(1, length + 1)
+    axes.plot(numbers, [np.mean([one.time for one in row]) for row in rows], color=RED, lw=2.5, label="mean")
+    axes.plot(
+        numbers, [np.median([one.time for one in row]) for row in rows], color=RED, lw=1.2, ls="--", label="median"
+    )
+    axes.plot(
+        numbers, [np.mean([one.optimal_time for one in row]) for row in rows], color=GREEN, lw=2.0, label="optimum"
+    )
+    axes.set(xlabel="repetition", ylabel="time, s", yscale="log", title=f"{len(outcomes)} trials")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend()
+
+
+def _paths(figure: Any, chosen: Outcome, task: Task) -> None:
+    """Paths in the room, as in figures 5.8 and 5.9."""
+    numbers = sorted(chosen.paths)
+    if not numbers:
+        return
+    for axes, number in zip(figure.subplots(1, len(numbers), squeeze=False)[0], numbers, strict=True):
+        x, y = np.array(chosen.paths[number]).T
+        axes.plot(x, y, color=BLUE)
+        axes.plot(x[0], y[0], "o", color=RED)
+        heading = chosen.repetitions[number - 1].start.heading if len(chosen.repetitions) >= number else 0.0
+        axes.annotate(
+            "", (x[0] + 0.4 * cos(heading), y[0] + 0.4 * sin(heading)), (x[0], y[0]), arrowprops={"arrowstyle": "->"}
+        )
+        axes.plot(*task.light, "*", color="gold", markersize=18, markeredgecolor=GREY)
+        angle = np.linspace(0.0, 2.0 * np.pi, 100)
+        for radius, style in ((task.goal_radius, "-"), (task.start_radius, ":")):
+            axes.plot(
+                task.light[0] + radius * np.cos(angle),
+                task.light[1] + radius * np.sin(angle),
+                style,
+                color=GREY,
+                lw=1.0,
+            )
+        reach = max(1.6, float(np.abs(np.concatenate([x, y])).max()) + 0.2)
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m",
+                 title=f"trial {chosen.trial}, repetition {number}")  # fmt: skip
+
+
+def _table(figure: Any, table: StoredTable) -> None:
+    """The Q-table as a heat map."""
+    axes = figure.subplots()
+    if table.about.get("agent") == sweeps.SweepsAgent.name:
+        q = np.asarray(table.values).reshape(sweeps.BEARINGS, sweeps.YAW_RATES, -1)
+        best = q.argmax(axis=2).T
+        extent = (-180.0, 180.0, -sweeps.YAW_MAX, sweeps.YAW_MAX)
+        image = axes.imshow(
+            best, aspect="auto", origin="lower", extent=extent, cmap="viridis", vmin=0, vmax=q.shape[2] - 1
+        )
+        axes.set(xlabel="bearing of the light, degrees", ylabel="yaw rate, rad/s", title="best action")
+        figure.colorbar(image, ticks=range(q.shape[2]), label="action")
+        return
+    image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn")
+    axes.set_xticks(range(len(ACTIONS)), ACTIONS)
+    axes.set_yticks(range(len(SECTORS)), SECTORS)
+    for (row, column), value in np.ndenumerate(table.values):
+        axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
+    axes.set_title("Q(s, a)")
+    figure.colorbar(image)

@@ -1,0 +1,72 @@
+"""Learning, or driving by what was learned, while the robot runs under an operator's eyes (`txt1 run`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from txt1.config import Config
+from txt1.learning.agent import Agent
+from txt1.learning.agents import from_table, make
+from txt1.learning.conduct import AGENT, SENSORS, new_trial, stream
+from txt1.learning.sensors import LightSource
+from txt1.learning.task import LearningTask, light_source
+from txt1.learning.trial import Repetition
+from txt1.navigation import PoseSource
+from txt1.robot import Robot
+
+REPETITIONS: Final = 10_000
+"""More than anybody will watch."""
+
+FROM_WALL: Final = 0.5
+"""The boundary is at least so far inside the simulated room's walls, m."""
+
+
+def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
+    """The learner of this name, or one that drives by the table in this file; None for neither.
+
+    Raises:
+        ConfigError: there is no learner of that name.
+        QTableError: the file is no sound table.
+
+    """
+    rng = stream(config.seed, 1, AGENT)
+    if policy is not None:
+        return from_table(policy, config, rng)
+    return None if learn is None else make(learn, config, rng)
+
+
+def light_source_of(robot: Robot) -> LightSource:
+    """The robot's configured light sensors.
+
+    Raises:
+        HalError: there are none.
+        MissingExtra: Phidgets are asked for and their driver is not installed.
+
+    """
+    return light_source(robot.config, robot, stream(robot.config.seed, 1, SENSORS))
+
+
+def start(robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | None = None) -> LearningTask:
+    """The learning task, at work beside the robot's others.
+
+    Args:
+        robot: its gains loaded.
+        agent: who learns or drives.
+        source: its light sensors.
+        pose: where the robot is; None: as configured.
+
+    """
+    config = robot.config
+    if robot.hal.capabilities.place:
+        room = config.sim.room
+        boundary = min(config.learning.boundary, 0.5 * min(room.length, room.width) - FROM_WALL)
+        config = config.model_copy(update={"learning": config.learning.model_copy(update={"boundary": boundary})})
+
+    def tell(one: Repetition) -> None:
+        how = "reached the light" if one.success else "lost the light"
+        robot.tell(f"repetition {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
+
+    task = LearningTask(robot, new_trial(agent, config, config.seed, 1, REPETITIONS, tell), source, pose)
+    task.start()
+    return task

@@ -1,0 +1,308 @@
+"""A learner that finds out how the robot turns, and sweeps over a table of what follows from it.
+
+Like the thesis's it starts from scratch, knows the four light readings and the odometry, and chooses one of three
+actions of which it knows nothing but the index. What it does otherwise, and why:
+
+- **Direction.** The differences of the logarithms, front - rear and left - right, each divided by its sensors' offset:
+  not compressed as the weighted sum is, and as large for a dim light as for a bright one. Each sample is turned by the
+  odometry's heading into a fixed frame and averaged there, so that the average is not late when the robot turns; so it
+  can be longer than the thesis's filter, and quieter.
+- **State.** The light's bearing and the robot's own yaw rate: under way from one turn to another the same bearing asks
+  for another action. Ten decisions a second.
+- **Model.** Turning is the same whatever the bearing. So all that is to be learned is how the yaw rate w (mean over the
+  last decision's period) goes on under each action a, w' = c(a) + k(a) w, by least squares: six numbers, which a few
+  seconds determine, where a table of states has to be visited one by one.
+- **Value.** Reward is progress towards the light, cos(bearing), for every period; the Q-table over bearing and yaw rate
+  is brought up to date by sweeps of the model, a few after every decision (value iteration; Dyna without the visits).
+- **Exploration.** Each action is tried in turn for 0.6 s, in random order; from then on the table is trusted, and the
+  model goes on learning.
+
+At every decision:
+
+    w    <- heading since the last decision / period
+    learn c(a), k(a) from (w before, a, w)
+    Q(b, w, a) <- cos(b') + gamma max Q(b', w', .),   w' = c(a) + k(a) w,   b' = b - period w'     (some sweeps)
+    a    <- argmax Q(b, w, .)
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, log, pi, sin
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.learning.light import LightFilter, spread_limit
+from txt1.learning.qtable import StoredTable
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
+from txt1.model.odometry import Odometry
+
+Array = NDArray[np.float64]
+
+BEARINGS: Final = 72
+"""Cells of the bearing, 5 degrees each; the first is centred on straight behind, as the thesis's sectors are."""
+YAW_RATES: Final = 13
+"""Cells of the yaw rate, from -YAW_MAX to YAW_MAX."""
+YAW_MAX: Final = 0.6
+"""rad/s; a little more than the sharpest turn."""
+ACTIONS: Final = 3
+
+
+class Settings(NamedTuple):
+    """The hyper-parameters.
+
+    Attributes:
+        period: time from one decision to the next, s.
+        memory: weight of the past in the direction's average, per sample of 16 ms: 0.97 remembers half a second.
+        gamma: discount factor, per decision: 0.97 looks three seconds ahead.
+        tries: decisions for which each action is tried at first, in one go.
+        moving: slower than this, m/s, nothing is learned about turning.
+        sweeps: at most, after each decision.
+        tolerance: sweeping ends when no value changes by more.
+        exponent: of the light's fall, for the watch over the sensors.
+
+    """
+
+    period: float = 0.1
+    memory: float = 0.97
+    gamma: float = 0.97
+    tries: int = 6
+    moving: float = 0.2
+    sweeps: int = 10
+    tolerance: float = 1e-3
+    exponent: float = 2.0
+
+
+SETTINGS: Final = Settings()
+
+
+class TurnModel:
+    """How the yaw rate goes on: w' = c(a) + k(a) w, by least squares over everything seen so far."""
+
+    def __init__(self) -> None:
+        # per action the sums of 1, w, w^2, w', w w'; the prior pair says that nothing changes the yaw rate
+        self.sums = np.tile([0.0, 0.0, 0.01, 0.0, 0.01], (ACTIONS, 1))
+        self.count = np.zeros(ACTIONS, int)
+
+    def learn(self, a: int, w: float, w_next: float) -> None:
+        """Take one decision's outcome; yaw rates in rad/s."""
+        self.sums[a] += (1.0, w, w * w, w_next, w * w_next)
+        self.count[a] += 1
+
+    def coefficients(self) -> tuple[Array, Array]:
+        """C in rad/s and k, one of each for every action."""
+        n, w, ww, y, wy = self.sums.T
+        n = n + 1e-3
+        k = np.clip((n * wy - w * y) / (n * ww - w * w), 0.0, 0.95)
+        return (y - k * w) / n, k
+
+
+class SweepsAgent:
+    """The learner; see the module.
+
+    Args:
+        rng: of every random choice.
+        settings: the hyper-parameters.
+
+    """
+
+    name = "sweeps"
+
+    def __init__(self, rng: np.random.Generator, settings: Settings = SETTINGS) -> None:
+        self.settings = settings
+        self.q: Array = np.zeros((BEARINGS, YAW_RATES, ACTIONS))
+        self.model = TurnModel()
+        self.repetition = 0
+        self._rng = rng
+        self._untried = [int(a) for a in rng.permutation(ACTIONS)]
+        self._fitted = 0
+        self._converged = True
+        self._cells: tuple[Any, ...] = ()
+        self._watch = LightFilter(spread=spread_limit(settings.exponent))
+        self._frozen = False
+        self._before = self.memory()
+        self.begin()
+
+    @classmethod
+    def driving(cls, rng: np.random.Generator, table: StoredTable, settings: Settings = SETTINGS) -> SweepsAgent:
+        """One that drives by a table and learns no more."""
+        driver = cls(rng, settings)
+        driver.q = np.array(table.values, float).reshape(BEARINGS, YAW_RATES, ACTIONS)
+        driver._untried = []
+        driver._frozen = True
+        return driver
+
+    # -- what it senses ----------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """A repetition begins."""
+        self._watch.clear()
+        self._east = self._north = 0.0
+        self._a = -1
+        self._due = 0.0
+        self._theta = 0.0
+        self._w = 0.0
+        self._before = self.memory()
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        self._watch.step(readings)
+        fl, fr, rl, rr = readings
+        if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:  # dead, as the watch will find out soon
+            return
+        one, other = log(fl / rr), log(fr / rl)
+        ahead, left = (one + other) / SENSOR_X, (one - other) / SENSOR_Y
+        c, s = cos(odometry.theta), sin(odometry.theta)
+        past = self.settings.memory
+        self._east = past * self._east + (1.0 - past) * (c * ahead - s * left)
+        self._north = past * self._north + (1.0 - past) * (s * ahead + c * left)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the readings have settled."""
+        return self._watch.settled
+
+    def bearing(self, odometry: Odometry) -> float:
+        """Where the light is, rad."""
+        return wrap_angle(atan2(self._north, self._east) - odometry.theta)
+
+    # -- one repetition ----------------------------------------------------------------------------------------
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        del odometry
+        return self._a >= 0 and now < self._due - 1e-9
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from the last action, and choose the next one."""
+        self._learn(odometry)
+        self._a = self._choose(odometry)
+        self._due = now + self.settings.period
+        return self._a
+
+    def _learn(self, odometry: Odometry) -> None:
+        """Take what the last action did to the yaw rate, and sweep."""
+        if self._a >= 0:
+            w = wrap_angle(odometry.theta - self._theta) / self.settings.period
+            if odometry.v > self.settings.moving and not self._frozen:
+                self.model.learn(self._a, self._w, w)
+                self._refit()
+                self.sweep()
+            self._w = w
+        self._theta = odometry.theta
+
+    def _choose(self, odometry: Odometry) -> int:
+        while self._untried and self.model.count[self._untried[0]] >= self.settings.tries:
+            self._untried.pop(0)
+        if self._untried:
+            return self._untried[0]
+        return best_action(self.q, self.bearing(odometry), self._w)
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The repetition is over."""
+        del success
+        self._learn(odometry)
+        self.repetition += 1
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        self.recall(self._before)
+
+    # -- the sweeps --------------------------------------------------------------------------------------------
+
+    def _refit(self) -> None:
+        """Work out where the model leads from every cell, when a tenth more is known than last time."""
+        known = int(self.model.count.sum())
+        if self._cells and known < 1.1 * self._fitted:
+            return
+        self._fitted = known
+        self._converged = False
+        c, k = self.model.coefficients()
+        w_next = np.clip(c + k * _yaw_rates()[None, :, None], -YAW_MAX, YAW_MAX)
+        b_next = _bearings()[:, None, None] - self.settings.period * w_next
+        i0, i1, fi = _bearing_cells(b_next)
+        j0, fj = _yaw_cells(np.broadcast_to(w_next, b_next.shape))
+        corners = [(i0 * YAW_RATES + j0, (1 - fi) * (1 - fj)), (i1 * YAW_RATES + j0, fi * (1 - fj)),
+                   (i0 * YAW_RATES + j0 + 1, (1 - fi) * fj), (i1 * YAW_RATES + j0 + 1, fi * fj)]  # fmt: skip
+        self._cells = (np.cos(b_next), np.stack([i for i, _ in corners]), np.stack([w for _, w in corners]))
+
+    def sweep(self) -> None:
+        """Bring the table nearer to what follows from the model: value iteration."""
+        if self._converged:
+            return
+        reward, cells, weights = self._cells
+        for _ in range(self.settings.sweeps):
+            value = self.q.max(axis=2).ravel()
+            q = reward + self.settings.gamma * (weights * value[cells]).sum(axis=0)
+            change = float(np.abs(q - self.q).max())
+            self.q = q
+            if change < self.settings.tolerance:
+                self._converged = True
+                return
+
+    # -- what it keeps -----------------------------------------------------------------------------------------
+
+    def table(self) -> StoredTable:
+        """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
+        about = {"agent": self.name, "repetitions": self.repetition, "bearings": BEARINGS, "yaw_rates": YAW_RATES,
+                 "yaw_max": YAW_MAX, "actions": [f"action {a}" for a in range(ACTIONS)],
+                 "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
+        return StoredTable(self.q.reshape(-1, ACTIONS).copy(), about)
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        return {
+            "q": self.q.tolist(),
+            "sums": self.model.sums.tolist(),
+            "count": self.model.count.tolist(),
+            "untried": list(self._untried),
+            "repetition": self.repetition,
+            "rng": self._rng.bit_generator.state,
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""
+        self.q = np.array(memory["q"], float)
+        self.model.sums = np.array(memory["sums"], float)
+        self.model.count = np.array(memory["count"], int)
+        self._untried = list(memory["untried"])
+        self.repetition = int(memory["repetition"])
+        self._rng.bit_generator.state = memory["rng"]
+        self._cells = ()
+        self._fitted = 0
+
+
+def best_action(q: Array, bearing: float, w: float) -> int:
+    """The action with the largest value at a bearing (rad) and yaw rate (rad/s), between the four nearest cells."""
+    i0, i1, fi = _bearing_cells(np.float64(bearing))
+    j0, fj = _yaw_cells(np.float64(w))
+    low = (1.0 - fi) * q[i0, j0] + fi * q[i1, j0]
+    high = (1.0 - fi) * q[i0, j0 + 1] + fi * q[i1, j0 + 1]
+    return int(np.argmax((1.0 - fj) * low + fj * high))
+
+
+def _bearings() -> Array:
+    """The bearings at the cells' centres, rad."""
+    return np.arange(BEARINGS, dtype=np.float64) * (2.0 * pi / BEARINGS) - pi
+
+
+def _yaw_rates() -> Array:
+    """The yaw rates at the cells' centres, rad/s."""
+    return np.linspace(-YAW_MAX, YAW_MAX, YAW_RATES, dtype=np.float64)
+
+
+def _bearing_cells(bearing: Any) -> tuple[Any, Any, Any]:
+    """The two nearest cells of bearings (rad), and the share of the second."""
+    place = (bearing + pi) / (2.0 * pi / BEARINGS)
+    low = np.floor(place)
+    i = low.astype(int) % BEARINGS
+    return i, (i + 1) % BEARINGS, place - low
+
+
+def _yaw_cells(w: Any) -> tuple[Any, Any]:
+    """The lower of the two nearest cells of yaw rates (rad/s), and the share of the next."""
+    place = (np.clip(w, -YAW_MAX, YAW_MAX) + YAW_MAX) / (2.0 * YAW_MAX / (YAW_RATES - 1))
+    j = np.minimum(place.astype(int), YAW_RATES - 2)
+    return j, place - j

@@ -1,0 +1,222 @@
+"""The thesis's learner, line for line: eight sectors, three actions, tabular Q-learning (thesis 5.2 to 5.5)."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+
+from txt1.errors import NoDirection
+from txt1.learning.light import FILTER_WEIGHT, LightFilter, direction, reward, sector, spread_limit
+from txt1.learning.policy import (
+    boltzmann_action,
+    greedy_action,
+    learning_rate,
+    random_action,
+    state_learning_rate,
+    temperature,
+)
+from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
+from txt1.model.light import Readings
+from txt1.model.odometry import Odometry
+
+Remedy = Literal["none", "hold", "sensed"]
+Policy = Literal["boltzmann", "greedy", "random"]
+Rate = Literal["constant", "fading", "per_state"]
+
+REACHED: Final = 0.15
+"""Remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)."""
+SENSED: Final = 0.18
+"""Remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)."""
+
+
+class Settings(NamedTuple):
+    """The hyper-parameters.
+
+    Attributes:
+        period: time from one decision to the next, s; the thesis learns at 2 Hz (5.4).
+        remedy: for the delay between command and motion (5.4). "hold", its first: wait until the command is reached,
+            read the state again, then let the period run. "sensed", its second and its choice: update the action the
+            robot is seen to carry out. "none": update the one that was commanded.
+        policy: how to choose (5.2.1).
+        alpha: learning rate (5.4); at the start, where it fades.
+        gamma: discount factor (5.4).
+        rate: "constant" as in the thesis; "fading" over repetitions, or "per_state" by visits, as in its outlook.
+        rate_decay: of a fading rate, per repetition.
+        temperature: T at the first repetition (5.4).
+        decay: of T, per repetition (5.4).
+        floor: lowest T (O).
+        filtered: whether the readings pass the filter (5.10).
+        exponent: of the light's fall, for the watch over the sensors.
+        training: repetitions after which it stops to explore and to learn; None: never.
+        learn_on: go on learning after the training.
+
+    """
+
+    period: float = 0.5
+    remedy: Remedy = "sensed"
+    policy: Policy = "boltzmann"
+    alpha: float = 0.3
+    gamma: float = 0.5
+    rate: Rate = "constant"
+    rate_decay: float = 0.9
+    temperature: float = 5.0
+    decay: float = 0.65
+    floor: float = 0.05
+    filtered: bool = True
+    exponent: float = 2.0
+    training: int | None = None
+    learn_on: bool = True
+
+
+SETTINGS: Final = Settings()
+"""The thesis's."""
+
+
+class ThesisAgent:
+    """Q-learning on the light's direction in eight sectors.
+
+    Args:
+        rng: of every random choice.
+        settings: the hyper-parameters.
+        commands: (v, omega) of each action, m/s and rad/s; remedy 1 compares them with the sensed velocities.
+
+    """
+
+    name = "thesis"
+
+    def __init__(
+        self, rng: np.random.Generator, commands: tuple[tuple[float, float], ...], settings: Settings = SETTINGS
+    ) -> None:
+        self.settings = settings
+        self.q: Table = initial(rng)
+        self.repetition = 0
+        self.visits = np.zeros(STATES, int)
+        self._rng = rng
+        self._commands = commands
+        self._filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
+        self._sample: Readings | None = None
+        self._before = (self.q.copy(), self.visits.copy())
+        self.begin()
+
+    # -- what it senses ----------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """A repetition begins."""
+        self._filter.clear()
+        self._s: int | None = None
+        self._a = -1
+        self._due = 0.0
+        self._reaching = False
+        self._before = (self.q.copy(), self.visits.copy())
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        del odometry
+        filtered = self._filter.step(readings)
+        self._sample = filtered if self.settings.filtered else readings
+
+    @property
+    def ready(self) -> bool:
+        """Whether the filter has settled."""
+        return self._filter.settled
+
+    def state(self) -> int | None:
+        """The sector the light is in now; None where the sensors tell no direction."""
+        assert self._sample is not None
+        try:
+            return sector(direction(self._sample))
+        except NoDirection:
+            return None
+
+    def sensed(self, odometry: Odometry) -> int:
+        """The action the robot is seen to carry out (figure 5.7)."""
+        return 0 if odometry.omega < -SENSED else 2 if odometry.omega > SENSED else 1
+
+    # -- one repetition ----------------------------------------------------------------------------------------
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        if self._a < 0:
+            return False
+        if self._reaching:
+            v, omega = self._commands[self._a]
+            if abs(odometry.v - v) > REACHED or abs(odometry.omega - omega) > REACHED:
+                return True
+            self._reaching = False
+            self._s = self.state()
+            self._due = now + self.settings.period
+        return now < self._due - 1e-9
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from the last action, and choose the next one."""
+        s_next = self.state()
+        self._learn(s_next, odometry)
+        self._s = s_next
+        self._a = self._choose(s_next)
+        self._due = now + self.settings.period
+        self._reaching = self.settings.remedy == "hold"
+        return self._a
+
+    def _learn(self, s_next: int | None, odometry: Odometry) -> None:
+        """Update the table (5.1); without a direction before and after there is nothing to learn from."""
+        if self._a < 0 or self._s is None or s_next is None or not (self.training or self.settings.learn_on):
+            return
+        a = self.sensed(odometry) if self.settings.remedy == "sensed" else self._a
+        update(self.q, self._s, a, reward(self._s, s_next), s_next, self._alpha(self._s), self.settings.gamma)
+        self.visits[self._s] += 1
+
+    def _alpha(self, s: int) -> float:
+        one = self.settings
+        if one.rate == "per_state":
+            return state_learning_rate(int(self.visits[s]))
+        return learning_rate(self.repetition, one.alpha, 1.0 if one.rate == "constant" else one.rate_decay)
+
+    def _choose(self, s: int | None) -> int:
+        one = self.settings
+        if s is None or (one.policy == "random" and self.training):
+            return random_action(len(self.q[0]), self._rng)
+        if one.policy == "greedy" or not self.training:
+            return greedy_action(self.q[s], self._rng)
+        return boltzmann_action(
+            self.q[s], temperature(self.repetition, one.temperature, one.decay, one.floor), self._rng
+        )
+
+    @property
+    def training(self) -> bool:
+        """Whether it still explores."""
+        return self.settings.training is None or self.repetition < self.settings.training
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The repetition is over; leaving the boundary teaches nothing (O)."""
+        if success:
+            self._learn(self.state(), odometry)
+        self.repetition += 1
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        self.q, self.visits = self._before
+
+    # -- what it keeps -----------------------------------------------------------------------------------------
+
+    def table(self) -> StoredTable:
+        """The Q-table, and which agent made it."""
+        return StoredTable(
+            self.q.copy(), {"agent": self.name, "repetitions": self.repetition, "actions": list(ACTIONS)}
+        )
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        return {
+            "q": self.q.tolist(),
+            "visits": self.visits.tolist(),
+            "repetition": self.repetition,
+            "rng": self._rng.bit_generator.state,
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""
+        self.q = np.array(memory["q"], float)
+        self.visits = np.array(memory["visits"], int)
+        self.repetition = int(memory["repetition"])
+        self._rng.bit_generator.state = memory["rng"]

@@ -1,0 +1,222 @@
+"""One trial: repetitions of the task by one agent, from random starts, told the time 20 times a second (thesis 5.3).
+
+It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot, `txt1.learning.bench`
+on the bare simulation, and both get the same result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from enum import StrEnum
+from math import cos, hypot, pi, sin
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.learning.agent import Agent
+from txt1.model.kinematics import wrap_angle
+from txt1.model.odometry import Odometry
+from txt1.model.optimal import GOAL_RADIUS, SPEED, optimal_time
+from txt1.model.vehicle import Geometry
+
+Pose = tuple[float, float, float]
+
+TICK: Final = 0.05
+"""The set-point is refreshed 20 times a second, s."""
+
+TURN: Final = SPEED / Geometry().radius_min
+"""The sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2."""
+
+COMMANDS: Final = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
+"""(v, omega) of the actions right, straight, left (table 5.2), m/s and rad/s."""
+
+
+class Task(NamedTuple):
+    """What is to be learned.
+
+    Attributes:
+        light: where it is in the room, x and y in m.
+        start_radius: distance from the light at which a repetition begins, m (5.4).
+        goal_radius: ... and at which it has succeeded, m (5.4).
+        boundary: it has failed outside the square of +-this around the room's centre, m.
+        time_limit: ... or when it has taken so long, s; not in the thesis: nobody waits for ever.
+        settle: rest before the first decision, s.
+
+    """
+
+    light: tuple[float, float] = (0.0, 0.0)
+    start_radius: float = 1.25
+    goal_radius: float = GOAL_RADIUS
+    boundary: float = 8.0
+    time_limit: float = 300.0
+    settle: float = 0.5
+
+
+class Start(NamedTuple):
+    """Where a repetition begins: bearing of the robot from the light, and its heading, rad."""
+
+    bearing: float
+    heading: float
+
+    def pose(self, task: Task) -> Pose:
+        """The same as a pose in the room, m and rad."""
+        x, y = task.light
+        return x + task.start_radius * cos(self.bearing), y + task.start_radius * sin(self.bearing), self.heading
+
+    def optimal_time(self, task: Task) -> float:
+        """The least time it can take from here, s."""
+        x, y, theta = self.pose(task)
+        return float(optimal_time(x - task.light[0], y - task.light[1], theta, goal_radius=task.goal_radius))
+
+
+class Repetition(NamedTuple):
+    """How a repetition went: one line of learning.csv.
+
+    Attributes:
+        number: from 1.
+        start: where it began.
+        time: from the first decision to the end, s.
+        success: whether it ended at the light.
+        optimal_time: the least time from this start, s.
+
+    """
+
+    number: int
+    start: Start
+    time: float
+    success: bool
+    optimal_time: float
+
+
+class Phase(StrEnum):
+    """What the robot does at present."""
+
+    MOVE = "moves to the next start"
+    REST = "rests on the start"
+    DRIVE = "looks for the light"
+    DONE = "has done all repetitions"
+
+
+def starts(seed: int, trial: int, count: int) -> list[Start]:
+    """The starts of a trial's repetitions: the same for every agent."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, trial, 1]))
+    return [Start(*map(float, pair)) for pair in rng.uniform(-pi, pi, (count, 2))]
+
+
+class Trial:
+    """Repetitions by one agent.
+
+    Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows the agent every
+    sample of the light, and calls `tick` 20 times a second.
+
+    Args:
+        agent: the learner.
+        task: what it is to learn.
+        starts: one for each repetition.
+        commands: (v, omega) of each action, m/s and rad/s.
+        done: told each repetition as it ends.
+        keep_paths: numbers of the repetitions whose paths are to be kept.
+
+    """
+
+    def __init__(
+        self,
+        agent: Agent,
+        task: Task,
+        starts: list[Start],
+        commands: tuple[tuple[float, float], ...] = COMMANDS,
+        done: Callable[[Repetition], None] = lambda _: None,
+        keep_paths: Collection[int] = (),
+    ) -> None:
+        self.agent = agent
+        self.task = task
+        self.repetitions: list[Repetition] = []
+        self.paths: dict[int, list[tuple[float, float]]] = {}
+        self.voided = 0
+        self._starts = starts
+        self._commands = commands
+        self._done = done
+        self._keep_paths = keep_paths
+        self._began = 0.0
+        self._action = 0
+        self.phase = Phase.MOVE if starts else Phase.DONE
+
+    def carry_on(self, earlier: Sequence[Repetition]) -> None:
+        """Count repetitions that were done before."""
+        self.repetitions.extend(earlier)
+        self.phase = Phase.MOVE if len(self.repetitions) < len(self._starts) else Phase.DONE
+
+    @property
+    def start(self) -> Pose:
+        """The pose at which the next repetition begins."""
+        return self._starts[len(self.repetitions)].pose(self.task)
+
+    def placed(self, now: float) -> None:
+        """The robot stands on its start pose since `now`."""
+        self.phase = Phase.REST
+        self._began = now
+        self.agent.begin()
+
+    def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:
+        """The velocity to command, m/s and rad/s.
+
+        Args:
+            now: s.
+            armed: whether the safety gate is open; when it closes, the repetition is void and will be repeated.
+            pose: of the robot in the room, m and rad.
+            odometry: what the encoders say.
+
+        """
+        if self.phase in (Phase.MOVE, Phase.DONE):
+            return 0.0, 0.0
+        if not armed:
+            self.void()
+            return 0.0, 0.0
+        if self.phase is Phase.REST:
+            if now - self._began < self.task.settle - 1e-9 or not self.agent.ready:
+                return 0.0, 0.0
+            self.phase = Phase.DRIVE
+            self._began = now
+        number = len(self.repetitions) + 1
+        if number in self._keep_paths:
+            self.paths.setdefault(number, []).append((pose[0], pose[1]))
+        if not self.agent.waits(now, odometry):
+            ended = self._ended(now, pose)
+            if ended is not None:
+                self._end(now, ended, odometry)
+                return 0.0, 0.0
+            self._action = self.agent.act(now, odometry)
+        return self._commands[self._action]
+
+    def void(self) -> None:
+        """Do the present repetition again, as if it had never begun."""
+        if self.phase in (Phase.REST, Phase.DRIVE):
+            self.agent.void()
+            self.voided += 1
+            self.paths.pop(len(self.repetitions) + 1, None)
+            self.phase = Phase.MOVE
+
+    def _ended(self, now: float, pose: Pose) -> bool | None:
+        """Whether it has ended, True in success; asked at decisions only, as the original's learner did (O)."""
+        task = self.task
+        x, y, _ = pose
+        if hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius:
+            return True
+        if max(abs(x), abs(y)) > task.boundary or now - self._began > task.time_limit:
+            return False
+        return None
+
+    def _end(self, now: float, success: bool, odometry: Odometry) -> None:
+        self.agent.end(success, odometry)
+        number = len(self.repetitions) + 1
+        start = self._starts[number - 1]
+        repetition = Repetition(number, start, now - self._began, success, start.optimal_time(self.task))
+        self.repetitions.append(repetition)
+        self.phase = Phase.MOVE if number < len(self._starts) else Phase.DONE
+        self._done(repetition)
+
+
+def bearing_to(light: tuple[float, float], pose: Pose) -> float:
+    """The light's true direction in the vehicle's frame, rad."""
+    x, y, theta = pose
+    return wrap_angle(float(np.arctan2(light[1] - y, light[0] - x)) - theta)
