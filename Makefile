@@ -10,7 +10,7 @@ run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..."
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
 
 test: $(VENV)/.dev  ## all tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
