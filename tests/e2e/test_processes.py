@@ -6,6 +6,8 @@ Times are taken by the clock of the side that has to notice.
 from __future__ import annotations
 
 import asyncio
+import os
+import select
 import signal
 import sys
 from collections.abc import AsyncIterator, Callable
@@ -157,5 +159,29 @@ def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -
                 await robot.linked(5.0)
                 assert not robot.armed
                 assert robot.faults["reconnects"] == 0, "the line was there all the time"
+
+    run(body())
+
+
+def test_a_host_does_not_open_what_a_killed_board_has_left_behind(tmp_path: Path) -> None:
+    """The pseudo-terminal's name may belong to somebody else's terminal by now."""
+    path = tmp_path / "board"
+
+    async def body() -> None:
+        async with process(*board_words(path)) as board:
+            await until(path.is_symlink)
+            async with Robot.open(config=host_config(path)) as robot:
+                board.send_signal(signal.SIGKILL)
+                await board.wait()
+                strangers = [os.openpty() for _ in range(20)]
+                assert os.readlink(path) in [os.ttyname(slave) for _, slave in strangers]
+                await asyncio.sleep(2.5)
+                assert robot.faults["reconnects"] == 0
+                board_text = robot.runtime.state.board
+                assert board_text is not None and "left behind" in board_text.text
+                for pair in strangers:
+                    assert not select.select([pair[0]], [], [], 0.0)[0], "nobody wrote to it"
+                    for fd in pair:
+                        os.close(fd)
 
     run(body())

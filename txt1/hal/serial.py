@@ -7,6 +7,7 @@ battery levels as they come, notices when the board is gone, and finds it again.
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Callable
 from math import cos, hypot, inf, sin
 from typing import Final, Literal, Protocol
@@ -106,16 +107,34 @@ class DevicePort:
     def __init__(self, address: str | None, baud: int) -> None:
         self._wanted = address
         self._baud = baud
+        self._spent: tuple[int, int] | None = None
         self.address = address or "the serial port"
 
     async def open(self, end: End) -> Link:
         """A link to it."""
         if self._wanted is None:
             self.address = await asyncio.to_thread(only_candidate)
-        return await open_link(self.address, end, self._baud)
+        # A board that was killed leaves its link to a pseudo-terminal behind, whose name may be a stranger's by now.
+        made = await asyncio.to_thread(_link_made, self.address)
+        if made is not None and made == self._spent:
+            raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
+        link = await open_link(self.address, end, self._baud)
+        self._spent = made
+        return link
 
     async def close(self) -> None:
         """Nothing is left to let go of."""
+
+
+def _link_made(address: str) -> tuple[int, int] | None:
+    """Which link to a pseudo-terminal this is: its inode and when it was made, ns; None for anything else."""
+    try:
+        if not os.readlink(address).startswith("/dev/pts/"):
+            return None
+        status = os.lstat(address)
+    except OSError:
+        return None
+    return status.st_ino, status.st_mtime_ns
 
 
 class SerialHal:
