@@ -1,18 +1,16 @@
 """Many simulated robots at once, for training that needs millions of steps (extra `fast`: numba).
 
-The vehicle is `txt1.sim.vehicle.advance`, the light `txt1.sim.light.illuminances`: the runtime's own functions, which
-numba compiles as they stand. The loops, the odometry and the filter are written out here once more, over rows of
-numbers; tests/unit/learning/test_batch.py holds them against the running robot's. Without numba it is the same, slowly.
+The vehicles are `txt1.sim.fleet`, the light is the runtime's own `txt1.sim.light.illuminances`. The loops, the odometry
+and the filter are written out here once more, over arrays; tests/unit/learning/test_batch.py holds them against the
+running robot's. Without numba it is the same, slowly.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from math import floor
-from typing import Any, Final, cast
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,108 +20,114 @@ from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.light import PointLight, illuminances
-from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
-
-Array = NDArray[np.float64]
+from txt1.sim.vehicle import VehicleParameters
 
 TICK_MS: Final = 20
 """One vehicle step, ms: the controller's period. The light is sampled with it."""
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
 """Of the past in the filter: (5.10) at 20 ms in place of 16."""
 
-# columns of a robot's row: VehicleState first
-X, Y, THETA, V = 0, 1, 2, 3
-PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 8, 10, 12, 14, 17, 20, 22
-COLUMNS: Final = 26
+# rows of the robots' state: those of `txt1.sim.fleet` first, then the encoders', the loops' and the light's
+PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 7, 9, 11, 13, 16, 19, 21
+ROWS: Final = 25
 
 SHARE_MIN: Final = 200
 """Fewer robots than this are not worth a thread of their own."""
+BLOCK: Final = 128
+"""Robots that are moved together: their state stays in the processor's nearest cache."""
 
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _LINEAR: Final = np.array(LINEAR_GAINS)
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    """The function compiled, where numba is installed."""
-    try:
-        from numba import njit
-    except ImportError:
-        return function
-    return cast("Callable[..., Any]", njit(function, **options))
-
-
-_advance = _compiled(advance)
-_illuminances = _compiled(illuminances)
-
-
-def _pid(row: Array, at: int, error: float, kp: float, ki: float, kd: float, dt: float, limit: float) -> float:
-    """One step of the velocity-form PID (4.7); output and two errors are at row[at:at + 3]."""
-    e1, e2 = row[at + 1], row[at + 2]
-    u = row[at] + kp * (error - e1) + ki * dt * error + kd / dt * (error - 2.0 * e1 + e2)
-    if u > limit:
-        u = limit
-    elif u < -limit:
-        u = -limit
-    row[at], row[at + 1], row[at + 2] = u, error, e1
+def _pid(past: Array, i: int, error: float, kp: float, ki: float, kd: float, limit: float) -> float:
+    """One step of the velocity-form PID (4.7) of robot i; output and two errors are the rows of `past`."""
+    dt = TICK_MS / 1000.0
+    e1, e2 = past[1, i], past[2, i]
+    u = past[0, i] + kp * (error - e1) + ki * dt * error + kd / dt * (error - 2.0 * e1 + e2)
+    u = min(max(u, -limit), limit)
+    past[0, i], past[1, i], past[2, i] = u, error, e1
     return float(u)
 
 
-_step_pid = _compiled(_pid)
+_step_pid = compiled(_pid, forceinline=True)
+
+
+def _control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Array) -> None:
+    """The controller's tick, on the velocities that the encoders saw a tick before."""
+    for i in range(robots.shape[1]):
+        v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], robots[SENSED, i], robots[SENSED + 1, i]
+        if v_now == 0.0 and v == 0.0:
+            for row in range(LINEAR, OUTPUT + 2):
+                robots[row, i] = 0.0
+            continue
+        which = 0
+        for k in range(gains.shape[0] - 1):
+            which += gains[k, 0] < v_now
+        yaw_error = 1000.0 * (omega - omega_now)
+        if v_now < 0.0:
+            yaw_error = -yaw_error
+        _, kp, ki, kd = gains[which]
+        motor = _step_pid(robots[LINEAR:ANGULAR], i, 1000.0 * (v - v_now), linear[0], linear[1], linear[2], PWM_MAX)
+        steering = _step_pid(robots[ANGULAR:OUTPUT], i, yaw_error, kp, ki, kd, STEERING_MAX)
+        robots[OUTPUT, i] = np.trunc(min(max(motor, -motor_max), motor_max))
+        robots[OUTPUT + 1, i] = np.trunc(steering)
+
+
+def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
+    """The encoders' tick; `rolled` is where the two wheels were before it, shape (2, n)."""
+    for i in range(robots.shape[1]):
+        robots[PHASE, i] += (robots[RIGHT, i] - rolled[0, i]) / count_length
+        robots[PHASE + 1, i] += (robots[LEFT, i] - rolled[1, i]) / count_length
+        right, left = np.floor(robots[PHASE, i]), np.floor(robots[PHASE + 1, i])
+        v_right = (right - robots[COUNT, i]) * count_length / dt
+        v_left = (left - robots[COUNT + 1, i]) * count_length / dt
+        robots[COUNT, i], robots[COUNT + 1, i] = right, left
+        robots[SENSED, i], robots[SENSED + 1, i] = (v_right + v_left) / 2.0, (v_right - v_left) / track_width
+
+
+def _look(robots: Array, noise: Array, light: PointLight) -> None:
+    """A sample of the light, through the filter; `noise` is a share of each reading, shape (n, 4)."""
+    for i in range(robots.shape[1]):
+        lux = _illuminances(robots[X, i], robots[Y, i], robots[THETA, i], light)
+        for k in range(4):
+            reading = min(max(lux[k] * (1.0 + noise[i, k]), LUX_MIN), LUX_MAX)
+            past = robots[FILTERED + k, i]
+            robots[FILTERED + k, i] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
+
+
+_illuminances = compiled(illuminances)
+_control_all = compiled(_control)
+_encode_all = compiled(_encode)
+_look_all = compiled(_look)
 
 
 def _run(
-    rows: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: VehicleParameters,
+    robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: VehicleParameters,
     light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Array,
     begin: int, end: int,
 ) -> None:  # fmt: skip
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
-    for i in range(begin, end):
-        row = rows[i]
+    for at in range(begin, end, BLOCK):
+        until = min(at + BLOCK, end)
+        block = robots[:, at:until].copy()  # whose rows lie together
+        rolled, target, remaining = block[:2].copy(), block[0].copy(), block[0].copy()
         for k in range(drag.shape[0]):
             tick = first + k
             dt = tick * TICK_MS / 1000.0 - (tick - 1) * TICK_MS / 1000.0  # as the running robot measures it
+            rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
-                before = VehicleState(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
-                s = _advance(before, row[OUTPUT], -row[OUTPUT + 1], row[OUTPUT + 1], dt, drag[k, i], parameters)
-                row[PHASE] += (s.right - before.right) / count_length
-                row[PHASE + 1] += (s.left - before.left) / count_length
-                row[0], row[1], row[2], row[3] = s.x, s.y, s.theta, s.v
-                row[4], row[5], row[6], row[7] = s.phi_front, s.phi_rear, s.right, s.left
-            # -- the controller, on the velocities of the tick before
-            v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], row[SENSED], row[SENSED + 1]
-            if v_now == 0.0 and v == 0.0:
-                for column in range(LINEAR, OUTPUT + 2):
-                    row[column] = 0.0
-            else:
-                j = 0
-                while j < gains.shape[0] - 1 and gains[j, 0] < v_now:
-                    j += 1
-                yaw_error = 1000.0 * (omega - omega_now)
-                if v_now < 0.0:
-                    yaw_error = -yaw_error
-                motor = _step_pid(row, LINEAR, 1000.0 * (v - v_now), linear[0], linear[1], linear[2], TICK_MS / 1000.0,
-                                  PWM_MAX)  # fmt: skip
-                steering = _step_pid(row, ANGULAR, yaw_error, gains[j, 1], gains[j, 2], gains[j, 3], TICK_MS / 1000.0,
-                                     STEERING_MAX)  # fmt: skip
-                row[OUTPUT] = int(min(max(motor, -motor_max), motor_max))
-                row[OUTPUT + 1] = int(steering)
-            # -- the encoders
-            right, left = floor(row[PHASE]), floor(row[PHASE + 1])
-            v_right = (right - row[COUNT]) * count_length / dt
-            v_left = (left - row[COUNT + 1]) * count_length / dt
-            row[COUNT], row[COUNT + 1] = right, left
-            row[SENSED], row[SENSED + 1] = (v_right + v_left) / 2.0, (v_right - v_left) / track_width
-            # -- the light
+                move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
+            _control_all(block, commands[at:until], motor_max, gains, linear)
+            _encode_all(block, rolled, dt, count_length, track_width)
             if noise.shape[0]:
-                lux = _illuminances(row[X], row[Y], row[THETA], light)
-                for column in range(4):
-                    reading = min(max(lux[column] * (1.0 + noise[k, i, column]), LUX_MIN), LUX_MAX)
-                    past = row[FILTERED + column]
-                    row[FILTERED + column] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
+                _look_all(block, noise[k][at:until], light)
+        robots[:, at:until] = block
 
 
-_run_some = _compiled(_run, nogil=True)
+_run_some = compiled(_run, nogil=True)
 
 
 class Batch:
@@ -150,7 +154,7 @@ class Batch:
         body: Geometry,
         limits: Limits,
     ) -> None:
-        self.rows: Array = np.zeros((count, COLUMNS))
+        self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
         self.light = light
         self.noise = noise
@@ -166,28 +170,28 @@ class Batch:
     @property
     def poses(self) -> Array:
         """x, y (m) and theta (rad) of each, shape (count, 3)."""
-        return self.rows[:, :3]
+        return self.robots[:3].T
 
     @property
     def readings(self) -> Array:
         """Filtered readings FL FR RL RR of each, lux, shape (count, 4); 0 before the first."""
-        return self.rows[:, FILTERED : FILTERED + 4]
+        return self.robots[FILTERED : FILTERED + 4].T
 
     @property
     def velocities(self) -> Array:
         """Sensed v (m/s) and omega (rad/s) of each, shape (count, 2)."""
-        return self.rows[:, SENSED : SENSED + 2]
+        return self.robots[SENSED : SENSED + 2].T
 
     def place(self, which: NDArray[np.bool_], poses: Array, rng: np.random.Generator) -> None:
         """Put some of them down at poses (m, rad), at rest, as new; shape (which.sum(), 3)."""
-        self.rows[which] = 0.0
-        self.rows[which, :3] = poses
-        self.rows[which, PHASE : PHASE + 2] = rng.random((int(which.sum()), 2))
+        self.robots[:, which] = 0.0
+        self.robots[:3, which] = poses.T
+        self.robots[PHASE : PHASE + 2, which] = rng.random((int(which.sum()), 2)).T
         self.commands[which] = 0.0
 
     def run(self, ticks: int, rng: np.random.Generator, *, sense: bool = True) -> None:
         """Let them drive on by so many ticks of 20 ms; `sense` has the light sampled."""
-        count = len(self.rows)
+        count = self.robots.shape[1]
         drag = self.drag * rng.standard_normal((ticks, count))
         noise = self.noise * rng.standard_normal((ticks if sense else 0, count, 4))
         self.run_with(drag, noise)
@@ -195,7 +199,7 @@ class Batch:
     def run_with(self, drag: Array, noise: Array) -> None:
         """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
-            _run_some, self.rows, self.commands, self.tick, drag, noise, self._parameters, self.light,
+            _run_some, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
             float(self._limits.motor_max), self._body.count_length, self._body.track_width, _GAINS, _LINEAR,
         )  # fmt: skip
         if self._threads is None:

@@ -63,17 +63,21 @@ SOUND: Final = (Fault.NONE, Fault.NONE, Fault.NONE, Fault.NONE)
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
     """Light on each of the four sensors, lux, without noise or limits, for a vehicle at (x, y, theta); m and rad."""
     c, s = cos(theta), sin(theta)
+    light_x, light_y, intensity, exponent = light
+    dx, dy = light_x - x, light_y - y
     # the light in the vehicle's frame
-    ahead = c * (light.x - x) + s * (light.y - y)
-    left = c * (light.y - y) - s * (light.x - x)
+    ahead = c * dx + s * dy
+    left = c * dy - s * dx
     front, rear = (ahead - SENSOR_X) ** 2, (ahead + SENSOR_X) ** 2
     port, starboard = (left - SENSOR_Y) ** 2, (left + SENSOR_Y) ** 2
     # I = I(1 m) / d^n, from the squares of the distances
     fl, fr, rl, rr = front + port, front + starboard, rear + port, rear + starboard
     if fl < NEAREST or fr < NEAREST or rl < NEAREST or rr < NEAREST:
         fl, fr, rl, rr = max(fl, NEAREST), max(fr, NEAREST), max(rl, NEAREST), max(rr, NEAREST)
-    intensity, half = light.intensity, 0.5 * light.exponent
-    return Readings(intensity / fl**half, intensity / fr**half, intensity / rl**half, intensity / rr**half)
+    if exponent != 2.0:
+        half = 0.5 * exponent
+        fl, fr, rl, rr = fl**half, fr**half, rl**half, rr**half
+    return Readings(intensity / fl, intensity / fr, intensity / rl, intensity / rr)
 
 
 @cache

@@ -1,0 +1,67 @@
+"""Many vehicles at once move as each of them does alone."""
+
+from __future__ import annotations
+
+from math import cos, exp, pi, sin
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from txt1.sim import fleet
+from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+
+COUNT = 40
+PARAMETERS = st.fixed_dictionaries(
+    {
+        "steering_max": st.floats(0.1, 0.7),
+        "speed_time_constant": st.floats(0.02, 2.0),  # the shortest are beyond the series
+        "servo_rate": st.floats(0.5, 20.0),
+        "scrub": st.floats(0.0, 0.3),
+        "slip": st.floats(0.0, 0.3),
+        "understeer": st.floats(0.0, 1.0),
+    }
+).map(lambda given: VehicleParameters(**given))
+
+
+def some_vehicles(rng: np.random.Generator, p: VehicleParameters) -> NDArray[np.float64]:
+    """Half of them with the wheels straight ahead, some at rest."""
+    return np.array(
+        [
+            *rng.uniform(-5.0, 5.0, (2, COUNT)),
+            rng.uniform(-pi, pi, COUNT),
+            rng.uniform(-2.0, 2.0, COUNT) * (rng.random(COUNT) < 0.9),
+            rng.uniform(-p.steering_max, p.steering_max, COUNT) * (rng.random(COUNT) < 0.5),
+            *rng.uniform(-50.0, 50.0, (2, COUNT)),
+        ]
+    )
+
+
+@settings(deadline=None, max_examples=60)
+@given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
+def test_a_vehicle_moves_in_the_fleet_as_alone(p: VehicleParameters, seed: int, dt: float) -> None:
+    rng = np.random.default_rng(seed)
+    before = some_vehicles(rng, p)
+    motor = np.trunc(rng.uniform(-7500.0, 7500.0, COUNT)) * (rng.random(COUNT) < 0.8)
+    steering = np.trunc(rng.uniform(-20000.0, 20000.0, COUNT))
+    drag = 0.03 * rng.standard_normal(COUNT)
+    after = before.copy()
+    fleet.move(after, motor, steering, drag, dt, p, np.empty(COUNT), np.empty(COUNT))
+    for i in range(COUNT):
+        x, y, theta, v, phi, right, left = before[:, i]
+        alone = advance(
+            VehicleState(x, y, theta, v, phi, -phi, right, left), motor[i], -steering[i], steering[i], dt, drag[i], p
+        )
+        expected = [alone.x, alone.y, alone.theta, alone.v, alone.phi_front, alone.right, alone.left]
+        difference = after[:, i] - expected
+        difference[fleet.THETA] = (difference[fleet.THETA] + 1.0) % (2.0 * pi) - 1.0
+        assert np.abs(difference).max() < 1e-12
+
+
+def test_the_series_are_exact_to_the_last_bits() -> None:
+    angles = np.linspace(-20.0, 20.0, 2001)
+    assert max(abs(fleet.sine_cosine(a)[0] - sin(a)) for a in angles) < 3e-15
+    assert max(abs(fleet.sine_cosine(a)[1] - cos(a)) for a in angles) < 3e-15
+    small = np.linspace(-fleet.EXPONENT_MAX, fleet.EXPONENT_MAX, 501)
+    assert max(abs(fleet.exponential(x) / exp(x) - 1.0) for x in small) < 1e-15

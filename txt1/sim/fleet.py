@@ -1,0 +1,197 @@
+"""Many vehicles at once: `txt1.sim.vehicle.advance` in a form that a compiler makes vector instructions of.
+
+For vehicles that are driven and steer front and rear by opposite angles, as the velocity loops do. One pass over the
+arrays moves each of them by one piece of its tick, with the same equations in the same order; where the functions of
+`math` would break the vectors, series that are exact to the last bits of a double stand for them. Vehicles that coast
+go through `advance` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
+
+numba compiles it (extra `fast`). Without numba it is the same, slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import copysign, pi, sqrt, tan
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.model.kinematics import TWO_PI
+from txt1.model.vehicle import STEERING_MAX
+from txt1.sim.vehicle import SHORT_RAMP, VehicleParameters, VehicleState, advance
+
+Array = NDArray[np.float64]
+
+X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
+"""Rows of a fleet's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
+
+SERIES_MAX: Final = pi / 4.0
+"""Largest angle, rad, for which `sine` and `cosine` are good."""
+EXPONENT_MAX: Final = 0.25
+"""Largest exponent for which `exponential` is good."""
+LOSS_MAX: Final = 2.0
+"""1 + scrub + drag; more does not occur."""
+
+_HALF_PI_REST: Final = 6.123233995736766e-17
+"""What pi / 2 is more than its double."""
+
+
+def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: Any) -> Callable[..., Any]:
+    """The function compiled, where numba is installed.
+
+    Args:
+        function: of numbers and arrays.
+        reorder: whether sums and products may be taken in another order than written, which vector instructions need;
+            NaN and infinity keep their meaning.
+        options: of numba.njit.
+
+    """
+    try:
+        from numba import njit
+    except ImportError:
+        return function
+    liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
+    return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
+
+
+def _sine(x: float) -> float:
+    """The sine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
+    q = x * x
+    return x * (1.0 + q * (-1 / 6 + q * (1 / 120 + q * (-1 / 5040 + q * (1 / 362880 + q * (
+        -1 / 39916800 + q * (1 / 6227020800 + q * (-1 / 1307674368000))))))))  # fmt: skip
+
+
+def _cosine(x: float) -> float:
+    """The cosine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
+    q = x * x
+    return 1.0 + q * (-1 / 2 + q * (1 / 24 + q * (-1 / 720 + q * (1 / 40320 + q * (
+        -1 / 3628800 + q * (1 / 479001600 + q * (-1 / 87178291200 + q * (1 / 20922789888000))))))))  # fmt: skip
+
+
+def _exponential(x: float) -> float:
+    """The exponential of x for abs(x) <= EXPONENT_MAX, by its Taylor series."""
+    return 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (1 / 720 + x * (
+        1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (1 / 3628800 + x * (1 / 39916800)))))))))))  # fmt: skip
+
+
+sine = compiled(_sine, reorder=True, forceinline=True)
+cosine = compiled(_cosine, reorder=True, forceinline=True)
+exponential = compiled(_exponential, reorder=True, forceinline=True)
+
+
+def _sine_cosine(x: float) -> tuple[float, float]:
+    """Sine and cosine of x, any angle of a few turns, without a branch."""
+    quarter = np.floor(x * (2.0 / pi) + 0.5)
+    rest = (x - quarter * (0.5 * pi)) - quarter * _HALF_PI_REST
+    s, c = sine(rest), cosine(rest)
+    half = np.floor(0.5 * quarter)
+    odd = quarter - 2.0 * half  # 1 where the two change places
+    sign = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+    return sign * (s + odd * (c - s)), sign * (1.0 - 2.0 * odd) * (c + odd * (s - c))
+
+
+sine_cosine = compiled(_sine_cosine, reorder=True, forceinline=True)
+
+
+def _drive(
+    x: Array, y: Array, theta: Array, v: Array, phi: Array, right: Array, left: Array, target: Array, remaining: Array,
+    motor: Array, drag: Array, p: VehicleParameters,
+) -> float:  # fmt: skip
+    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `advance`."""
+    (
+        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, _, _,
+        servo_rate, scrub, slip, understeer, ramp_step,
+    ) = p  # fmt: skip
+    scrub_by_tan = scrub / tan(steering_max) ** 2
+    rate = 1.0 / speed_time_constant
+    left_over = 0.0
+    for i in range(len(x)):
+        # -- steering
+        gap, time = target[i] - phi[i], remaining[i]
+        size = abs(gap)
+        turns = size > 0.0
+        h = min(time, min(ramp_step, size / servo_rate)) if turns else time
+        travel = servo_rate * h * (1.0 + 1e-12)
+        arrives = size <= travel
+        angle = target[i] if arrives else phi[i] + copysign(travel, gap)
+        mean = 0.5 * (phi[i] + angle)
+        short = turns and arrives and h < SHORT_RAMP * ramp_step and time > 0.0
+        mean = angle + h / time * (mean - angle) if short else mean
+        h = time if short else h
+        phi[i] = angle
+        remaining[i] = time - h
+        left_over += time - h
+        # -- speed
+        tangent = sine(mean) / cosine(mean)
+        loss = 1.0 + scrub_by_tan * tangent * tangent + drag[i]
+        v_end = speed_gain * (motor[i] - copysign(dead_band, motor[i])) / loss
+        decay = exponential(-h * loss * rate)
+        distance = v_end * h + (v[i] - v_end) * (1.0 - decay) / (loss * rate)
+        v[i] = v_end + (v[i] - v_end) * decay
+        # -- curvature, and the front wheels
+        mean_v = distance / h if h > 0.0 else 0.0
+        curvature = 2.0 * tangent / (wheelbase * (1.0 + understeer * mean_v * mean_v))
+        cos_front = 1.0 / sqrt(1.0 + tangent * tangent)
+        forward = cos_front + 0.5 * curvature * wheelbase * tangent * cos_front
+        apart = 0.5 * curvature * track_width * cos_front
+        rolled = distance * (1.0 + slip)
+        right[i] += rolled * (forward + apart)
+        left[i] += rolled * (forward - apart)
+        # -- the arc
+        half = 0.5 * distance * curvature
+        q = half * half
+        chord = distance * (1.0 - q * (1 / 6) * (1.0 - q * (1 / 20) * (1.0 - q * (1 / 42))))
+        sin_chord, cos_chord = sine_cosine(theta[i] + half)
+        x[i] += chord * cos_chord
+        y[i] += chord * sin_chord
+        heading = theta[i] + 2.0 * half
+        heading = heading - TWO_PI if heading > pi else heading
+        theta[i] = heading + TWO_PI if heading <= -pi else heading
+    return left_over
+
+
+_drive_compiled = compiled(_drive, reorder=True)
+_advance = compiled(advance)
+
+
+def _move(
+    fleet: Array, motor: Array, steering: Array, drag: Array, dt: float, p: VehicleParameters,
+    target: Array, remaining: Array,
+) -> None:  # fmt: skip
+    """Let vehicles move for `dt` seconds.
+
+    Args:
+        fleet: their state, shape (7, n), changed in place.
+        motor: PWM counts, shape (n,).
+        steering: PWM counts of the rear servos, the front ones get the opposite; shape (n,).
+        drag: of the floor, as a share of the speed, shape (n,).
+        dt: s.
+        p: parameters of all of them.
+        target: room for n numbers.
+        remaining: likewise.
+
+    """
+    series_suffice = p.steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * p.speed_time_constant
+    for i in range(fleet.shape[1]):
+        target[i] = p.steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
+        remaining[i] = dt
+        if abs(motor[i]) <= p.dead_band or not series_suffice:
+            before = VehicleState(
+                fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i], fleet[PHI, i], -fleet[PHI, i],
+                fleet[RIGHT, i], fleet[LEFT, i],
+            )  # fmt: skip
+            s = _advance(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
+            fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i] = s.x, s.y, s.theta, s.v
+            fleet[PHI, i], fleet[RIGHT, i], fleet[LEFT, i] = s.phi_front, s.right, s.left
+            remaining[i] = 0.0
+    while (
+        _drive_compiled(
+            fleet[X], fleet[Y], fleet[THETA], fleet[V], fleet[PHI], fleet[RIGHT], fleet[LEFT], target, remaining,
+            motor, drag, p,
+        ) > 0.0
+    ):  # fmt: skip
+        pass
+
+
+move = compiled(_move)
