@@ -17,7 +17,7 @@ from typing import Final
 from numpy.random import SeedSequence
 
 from txt1.config import Config
-from txt1.errors import CommandRefused, EncodeError, LinkLost, NotArmed
+from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import Button, Hal
 from txt1.hal.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
 from txt1.hal.reception import Reception
@@ -39,6 +39,9 @@ BOARD_LINE: Final = 2
 
 LET_GO: Final = 1.0
 """s in which the host has asked for nothing, after which the board obeys again."""
+
+REOPEN: Final = 0.5
+"""s after which a serial device that has gone is tried again."""
 
 ARMING_PERIOD: Final = 0.1
 ARMING_PRIORITY: Final = 2
@@ -93,6 +96,11 @@ class Board:
         if self._link is not None:
             self._link.close()
             self._link = None
+
+    @property
+    def on_line(self) -> bool:
+        """Whether there is a line."""
+        return self._link is not None
 
     # -- the link's end ----------------------------------------------------------------------------------------
 
@@ -210,7 +218,7 @@ class Board:
         self.runtime.state.tell(self.runtime.now, text)
 
 
-Listen = Callable[[Board], Awaitable[Listener | Link]]
+Listen = Callable[[Board], Awaitable[Listener]]
 """What puts a board on a line."""
 
 
@@ -235,10 +243,43 @@ def on_tcp(config: Config, host: str, port: int) -> Listen:
 def on_device(config: Config, device: str) -> Listen:
     """Puts a board on a serial device, which paces the bytes itself."""
 
-    async def listen(board: Board) -> Link:
-        return await open_link(device, _with_faults(board, config), config.serial.baud)
+    async def listen(board: Board) -> Listener:
+        place = _DevicePlace(board, _with_faults(board, config), device, config.serial.baud)
+        await place.open()
+        return place
 
     return listen
+
+
+class _DevicePlace:
+    """A board's place on a serial device, which may be unplugged and come back."""
+
+    def __init__(self, board: Board, end: End, device: str, baud: int) -> None:
+        self.address = device
+        self._board = board
+        self._end = end
+        self._baud = baud
+        self._link: Link | None = None
+        self._keeper: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        """Open the device, and again whenever it was lost; raises HalError if it cannot be opened the first time."""
+        self._link = await open_link(self.address, self._end, self._baud)
+        self._keeper = asyncio.ensure_future(self._keep())
+
+    async def _keep(self) -> None:
+        while True:
+            await asyncio.sleep(REOPEN)
+            if not self._board.on_line:
+                with suppress(HalError):  # not back yet
+                    self._link = await open_link(self.address, self._end, self._baud)
+
+    def close(self) -> None:
+        """Let go of it."""
+        if self._keeper is not None:
+            self._keeper.cancel()
+        if self._link is not None:
+            self._link.close()
 
 
 def _with_faults(board: Board, config: Config) -> End:

@@ -10,6 +10,7 @@ import os
 import select
 import signal
 import sys
+import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -18,10 +19,12 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
-from txt1.board import Board, on_pty
+from txt1.board import Board, on_device, on_pty
 from txt1.config import Config, load
 from txt1.hal.base import Outputs
 from txt1.kernel import Ticks, run
+from txt1.protocol.frame import encode
+from txt1.protocol.messages import Velocity
 from txt1.robot import Robot
 
 TICK = 0.02
@@ -33,7 +36,7 @@ LATE = 0.05
 def what_the_test_itself_does_may_block(blocking_calls_fail: BlockBuster) -> None:
     """Starting processes and looking at files; and a pseudo-terminal is made before the board has power."""
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("tests/e2e/test_processes.py", {"process", "until", "body"})
+        function.can_block_in("tests/e2e/test_processes.py", {"process", "until", "body", "adapter", "answers"})
         function.can_block_in("txt1/hal/link/pty.py", {"listen_pty", "close"})
 
 
@@ -183,5 +186,44 @@ def test_a_host_does_not_open_what_a_killed_board_has_left_behind(tmp_path: Path
                     assert not select.select([pair[0]], [], [], 0.0)[0], "nobody wrote to it"
                     for fd in pair:
                         os.close(fd)
+
+    run(body())
+
+
+def test_a_board_whose_serial_device_is_unplugged_serves_it_again_when_it_is_back(tmp_path: Path) -> None:
+    device = tmp_path / "adapter"
+
+    def adapter() -> int:
+        """Plug one in; the host's side of its cable."""
+        host, board = os.openpty()
+        tty.setraw(board)
+        os.set_blocking(host, False)
+        device.unlink(missing_ok=True)
+        device.symlink_to(os.ttyname(board))
+        os.close(board)
+        return host
+
+    def answers(host: int) -> bool:
+        try:
+            os.write(host, encode(Velocity(0.0, 0.0)))
+            return b"\xfa\xfb" in os.read(host, 1 << 12)
+        except OSError:  # nothing yet, or the board has not opened it
+            return False
+
+    async def body() -> None:
+        config = load(None, []).config
+        board, host = Board(config), adapter()
+        place = await on_device(config, str(device))(board)
+        await board.power_up()
+        try:
+            await until(lambda: answers(host))
+            os.close(host)
+            await until(lambda: not board.on_line)
+            host = adapter()
+            await until(lambda: answers(host))
+            os.close(host)
+        finally:
+            await board.power_down()
+            place.close()
 
     run(body())
