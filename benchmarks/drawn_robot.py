@@ -15,7 +15,7 @@ from typing import Any
 
 from txt1.kernel import run
 from txt1.robot import Robot
-from txt1.ui.terminal import Terminal
+from txt1.ui.terminal import PERIOD, PRIORITY, Terminal
 
 
 def main() -> None:
@@ -39,6 +39,7 @@ async def drawn(duration: float) -> dict[str, Any]:
         robot.runtime.scheduler.end_at(robot.now + duration)
         began, cpu_s = robot.now, _cpu_s(resource.RUSAGE_SELF)
         async with Terminal(robot) as terminal:
+            robot.add_task("screens", PERIOD, terminal.screens, PRIORITY)
             operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
             await asyncio.wait({ended, operator}, return_when=asyncio.FIRST_COMPLETED)
             lost = operator.done()

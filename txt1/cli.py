@@ -104,10 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     run_parser.add_argument("--headless", action="store_true", help="no screens; one status line a second")
     run_parser.add_argument("--json", action="store_true", help="no screens; one JSON object at the end")
     _add_log_argument(run_parser)
-    run_parser.add_argument(
-        "--view", nargs="?", type=_host_and_port, const=("127.0.0.1", 8765), metavar="[HOST:]PORT",
-        help="serve the Foxglove protocol on loopback; 127.0.0.1:8765",
-    )  # fmt: skip
+    _add_view_arguments(run_parser)
     run_parser.add_argument("--view-control", action="store_true", help="let the live view's teleop panel drive")
     script = run_parser.add_mutually_exclusive_group()
     script.add_argument(
@@ -139,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     board_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value")
     board_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds")
     _add_log_argument(board_parser)
+    _add_view_arguments(board_parser)
     board_parser.add_argument("--json", action="store_true", help="no status lines; one JSON object at the end")
     board_parser.set_defaults(command=run_board, headless=True)
 
@@ -197,6 +195,24 @@ def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_log_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", type=Path, metavar="FILE", help="record everything to this MCAP file")
+
+
+def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--view", nargs="?", type=_host_and_port, const=("127.0.0.1", 8765), metavar="[HOST:]PORT",
+        help="serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token only",
+    )  # fmt: skip
+    parser.add_argument(
+        "--view-token", type=Path, metavar="FILE",
+        help="clients have to present the token in FILE, which is made if there is none: ws://HOST:PORT/?token=TOKEN",
+    )  # fmt: skip
+
+
+def _require_view(arguments: argparse.Namespace, *options: str) -> None:
+    """Nothing happens unless an option about the live view is given without one."""
+    for option in options:
+        if arguments.view is None and getattr(arguments, option):
+            raise ConfigError(f"--{option.replace('_', '-')}: there is no live view; add --view")
 
 
 def _number(text: str) -> float:
@@ -315,10 +331,9 @@ def run_robot(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--port {arguments.port}: only --hal serial has a port, not '{config.hal}'; leave one out")
     plan = Plan(
         arguments.speed, arguments.duration, _view(arguments), arguments.arm, arguments.drive, arguments.log,
-        arguments.learn, arguments.policy, arguments.view, arguments.view_control,
+        arguments.learn, arguments.policy, arguments.view, arguments.view_control, arguments.view_token,
     )  # fmt: skip
-    if plan.serve_control and plan.serve is None:
-        raise ConfigError("--view-control: there is no live view to drive from; add --view")
+    _require_view(arguments, "view_control", "view_token")
     return _conclude(session.run_robot(config, plan), arguments)
 
 
@@ -356,7 +371,11 @@ def run_board(arguments: argparse.Namespace) -> int:
         place = on_tcp(config, *arguments.tcp)
     else:
         place = on_device(config, arguments.port)
-    plan = Plan(duration=arguments.duration, view="screens" if arguments.tui else _view(arguments), log=arguments.log)
+    _require_view(arguments, "view_token")
+    plan = Plan(
+        duration=arguments.duration, view="screens" if arguments.tui else _view(arguments), log=arguments.log,
+        serve=arguments.view, serve_token=arguments.view_token,
+    )  # fmt: skip
     return _conclude(session.run_board(config, plan, place, manual=arguments.manual), arguments)
 
 

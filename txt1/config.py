@@ -360,6 +360,8 @@ class LearningConfig(Section):
     """The lowest."""
     filtered: bool = True
     """Whether its readings pass the filter (5.10)."""
+    direction: Literal["summed", "corrected"] = "summed"
+    """How it makes a direction of them: the thesis's sum (5.3), or the same without its compression."""
     training: Annotated[Whole, Field(ge=0)] | None = None
     """Repetitions after which it chooses greedily; null: never."""
     learn_on: bool = True

@@ -23,9 +23,21 @@ it is counted in the state and shown.
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class Txt1Error(Exception):
     """The root: catch this to catch everything txt1 raises on purpose."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How it travels from one process to another, whatever its own `__init__` takes."""
+        return _remade, (type(self), self.args, self.__dict__)
+
+
+def _remade(kind: type[Txt1Error], args: tuple[Any, ...], attributes: dict[str, Any]) -> Txt1Error:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
 
 
 class ConfigError(Txt1Error):

@@ -18,9 +18,12 @@ from txt1.hal.base import Button, Hal, Inputs
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
+from txt1.model.light import Readings
 from txt1.protocol.messages import BoardMessage, Message, PidResponse
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.state import State, TaskReport
+
+OnFault = Callable[[str, BaseException], None]
 
 
 class Witness(Protocol):
@@ -29,14 +32,20 @@ class Witness(Protocol):
     def message(self, message: Message, time: float) -> None:
         """A message was posted; `time` is when its author gave it, s of the run."""
 
-    def action(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
-        """Something was done: arm, disarm (its reason), stop, press (a button), place (x, y, theta), tell (a text)."""
+    def action(self, now: float, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
+        """At `now`, s of the run, this is done: arm, disarm (text), stop, press, place (x, y, theta), look, tell."""
 
     def line(self, direction: str, data: bytes) -> None:
         """Bytes have come ("in") or gone ("out") on the line."""
 
-    def task(self, name: str, priority: int, period: float, task: PeriodicTask) -> PeriodicTask:
-        """A task is added; what is returned runs in its place."""
+    def task(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> PeriodicTask:
+        """A task is added, without a period one that runs on arrival; what is returned runs in its place."""
+
+    def light(self, lux: Readings) -> None:
+        """The light sensors were read."""
+
+    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+        """A learner has decided; see `txt1.learning.task.Observer`."""
 
 
 class Runtime:
@@ -48,6 +57,7 @@ class Runtime:
         hal: the hardware layer.
         limits: of the safety gate; None takes the configured ones.
         name: on the screens; None takes the HAL's.
+        scheduler: makes what runs the tasks, given what is told of a task that raised.
 
     """
 
@@ -59,13 +69,14 @@ class Runtime:
         *,
         limits: Limits | None = None,
         name: str | None = None,
+        scheduler: Callable[[OnFault], Scheduler] = Scheduler,
     ) -> None:
         self.config = config
         self.hal = hal
         self.name = hal.name if name is None else name
         self.state = State()
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
-        self.scheduler = Scheduler(on_fault=self._task_failed)
+        self.scheduler = scheduler(self._task_failed)
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
         self.witness: Witness | None = None
@@ -103,12 +114,12 @@ class Runtime:
             partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry),
         )  # fmt: skip
         self._periods["serial"] = (serial.PRIORITY, None)
+        serving = partial(
+            serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
+        )
         self._notify_serial = self.scheduler.add_sporadic(
-            "serial", serial.PRIORITY,
-            partial(
-                serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
-            ),
-        )  # fmt: skip
+            "serial", serial.PRIORITY, self._witnessed("serial", serial.PRIORITY, None, serving)
+        )
         self.add_task(
             "encoder", encoder.PRIORITY, encoder.PERIOD,
             partial(encoder.encoder, state=state, hal=hal, geometry=geometry),
@@ -146,7 +157,7 @@ class Runtime:
         self.gate.disarm("the run has ended")
         try:
             if not self._failed:  # else it was made safe then, as far as that was possible
-                self.make_safe()
+                self.make_safe(self.now)
         finally:
             try:
                 self.scheduler.stop()
@@ -188,7 +199,7 @@ class Runtime:
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick; the button task takes it at its next tick."""
-        self._tell_witness("press", values=(float(button),))
+        self._begin("press", values=(float(button),))
         self._presses.append(button)
 
     @property
@@ -204,14 +215,14 @@ class Runtime:
             NotArmed: it may not be opened now; the message says why.
 
         """
-        self._tell_witness("arm")
-        reason = self._reason_not_to_arm()
+        now = self._begin("arm")
+        reason = self._reason_not_to_arm(now)
         if reason is not None:
             raise NotArmed(reason)
-        self.gate.arm(self.now)
-        self.state.tell(self.now, "armed")
+        self.gate.arm(now)
+        self.state.tell(now, "armed")
 
-    def _reason_not_to_arm(self) -> str | None:
+    def _reason_not_to_arm(self, now: float) -> str | None:
         state = self.state
         if state.board is not None and not state.board.ready:
             return f"no link to the board yet: {state.board.text}"
@@ -224,7 +235,7 @@ class Runtime:
             )
         if not state.power.atx:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
-        if self.hal.read(self.now).cut_off:
+        if self.hal.read(now).cut_off:
             return "the batteries are cut off: change them first"
         if state.battery.exhausted:
             return "batteries bad: change them first"
@@ -232,45 +243,48 @@ class Runtime:
 
     def emergency_stop(self) -> None:
         """Stop at once and latch."""
-        self._tell_witness("stop")
+        now = self._begin("stop")
         self.gate.stop()
-        self.make_safe()
+        self.make_safe(now)
 
     def disarm(self, reason: str) -> None:
         """Close the safety gate at once, outputs neutral."""
-        self._tell_witness("disarm", reason)
+        now = self._begin("disarm", reason)
         self.gate.disarm(reason)
-        self.make_safe()
+        self.make_safe(now)
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
-        self._tell_witness("place", values=(x, y, theta))
-        self.hal.place(x, y, theta, self.now)
+        now = self._begin("place", values=(x, y, theta))
+        self.hal.place(x, y, theta, now)
 
     def look(self) -> Inputs:
         """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""
-        self._tell_witness("look")
-        return self.hal.read(self.now)
+        return self.hal.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
-        self._tell_witness("tell", text)
-        self.state.tell(self.now, text)
+        now = self._begin("tell", text)
+        self.state.tell(now, text)
 
-    def _tell_witness(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
+    def _begin(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> float:
+        """The time at which something is done from outside; the witness is told of it first."""
+        now = self.now
         if self.witness is not None:
-            self.witness.action(kind, text, values)
+            self.witness.action(now, kind, text, values)
+        return now
 
-    def make_safe(self) -> None:
-        """Put neutral outputs on the hardware now, without waiting for a tick."""
-        self.hal.write(self.gate.neutral(self.state.servos), self.now)
+    def make_safe(self, now: float) -> None:
+        """Put neutral outputs on the hardware at `now`, without waiting for a tick."""
+        self.hal.write(self.gate.neutral(self.state.servos), now)
 
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task (see `Scheduler.add`)."""
-        if self.witness is not None:
-            task = self.witness.task(name, priority, period, task)
-        self.scheduler.add(name, priority, period, task)
+        self.scheduler.add(name, priority, period, self._witnessed(name, priority, period, task))
         self._periods[name] = (priority, period)
+
+    def _witnessed(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> PeriodicTask:
+        return task if self.witness is None else self.witness.task(name, priority, period, task)
 
     @property
     def task_names(self) -> list[str]:
@@ -316,4 +330,4 @@ class Runtime:
         self._failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
         with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts
-            self.make_safe()
+            self.make_safe(self.now)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from txt1.board import Board, Listen
 from txt1.config import Config
@@ -25,7 +25,12 @@ from txt1.learning.agent import Agent
 from txt1.record.session import open_view, recording
 from txt1.robot import REFRESH, Robot
 from txt1.runtime import Runtime
+from txt1.ui.terminal import PERIOD as SCREENS_PERIOD
+from txt1.ui.terminal import PRIORITY as SCREENS_PRIORITY
 from txt1.ui.terminal import Terminal
+
+if TYPE_CHECKING:
+    from txt1.record.live import LiveView
 
 OK, FAULT, USAGE, DISARMED = 0, 1, 2, 3
 """Exit codes: as asked, a fault, a mistake of the user's, stopped by the safety gate."""
@@ -51,6 +56,7 @@ class Plan(NamedTuple):
         log: the file to record to; None: nothing is recorded.
         serve: host and port of the live view; None: there is none.
         serve_control: whether its clients may drive.
+        serve_token: the file with the token that they have to present; None: they need none.
         learn: the learner that is to look for the light.
         policy: the file with the learned table by which to drive to it.
 
@@ -66,6 +72,7 @@ class Plan(NamedTuple):
     policy: Path | None = None
     serve: tuple[str, int] | None = None
     serve_control: bool = False
+    serve_token: Path | None = None
 
 
 class Ending:
@@ -140,16 +147,13 @@ def _conduct(session: Callable[[Ending], Coroutine[Any, Any, None]], plan: Plan)
 
 
 async def _robot(config: Config, plan: Plan, agent: Agent | None, ending: Ending) -> None:
-    view = None
-    if plan.serve is not None:
-        view = await asyncio.to_thread(open_view, *plan.serve, control=plan.serve_control)
-        _say(f"the live view is at {view.address}")
+    view = await _view(plan)
     async with (
         recording(plan.log, config, plan.speed, _told(plan), _say, view) as attach,
         Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
     ):
         if view is not None:
-            view.drive(robot.command)
+            view.drive(robot.command, config.geometry.radius_min)
         ending.watch(robot)
         if plan.duration is not None:
             robot.runtime.scheduler.end_at(plan.duration)
@@ -168,6 +172,16 @@ async def _robot(config: Config, plan: Plan, agent: Agent | None, ending: Ending
             ending.code, ending.reason = DISARMED, f"never armed: {board.text}"
 
 
+async def _view(plan: Plan) -> LiveView | None:
+    """The live view that was asked for, if any was."""
+    if plan.serve is None:
+        return None
+    token = plan.serve_token
+    view = await asyncio.to_thread(open_view, *plan.serve, control=plan.serve_control, token=token)
+    _say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
+    return view
+
+
 def _to_be_armed(robot: Robot, plan: Plan) -> bool:
     """Whether to arm when the link is there: it was asked for, and nobody has stopped the robot meanwhile."""
     return (robot.arms_by_itself if plan.arm is None else plan.arm) and not robot.touched
@@ -175,7 +189,7 @@ def _to_be_armed(robot: Robot, plan: Plan) -> bool:
 
 async def _get_ready(robot: Robot, plan: Plan, agent: Agent | None, ending: Ending) -> None:
     """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
-    source = None if agent is None else learning.light_source_of(robot)
+    source = None if agent is None else await learning.light_source_of(robot)
     await robot.linked()
     if _to_be_armed(robot, plan):
         robot.arm()
@@ -198,7 +212,8 @@ async def _script(ticks: Ticks, robot: Robot, velocity: tuple[float, float]) -> 
 
 def _told(plan: Plan) -> dict[str, object]:
     """What a recording says about what the run was to do."""
-    return {"duration": plan.duration, "arm": plan.arm, "drive": plan.drive}
+    policy = None if plan.policy is None else str(plan.policy)
+    return {"duration": plan.duration, "arm": plan.arm, "drive": plan.drive, "learn": plan.learn, "policy": policy}
 
 
 def _say(text: str) -> None:
@@ -207,7 +222,8 @@ def _say(text: str) -> None:
 
 async def _board(config: Config, plan: Plan, listen: Listen, manual: bool, ending: Ending) -> None:
     board = Board(config, manual=manual)
-    async with recording(plan.log, config, plan.speed, {"board": True, **_told(plan)}, _say) as attach:
+    told = {"board": True, **_told(plan)}
+    async with recording(plan.log, config, plan.speed, told, _say, await _view(plan)) as attach:
         attach(board.runtime)
         await _serve(board, plan, listen, ending)
 
@@ -257,6 +273,7 @@ async def _watch(
     if plan.view == "screens" and plan.speed != "max" and sys.stdin.isatty() and sys.stdout.isatty():
         subject.runtime.watched = True
         async with terminal() as screens:
+            subject.runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
             operator = asyncio.ensure_future(screens.wait())
             await _first_of(ended, operator, failed)
             quit_by_operator = operator.done() and operator.result() == "quit"

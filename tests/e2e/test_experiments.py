@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.experiments import figures, run_folder
 from txt1.experiments.command import ENDLESS, drive
-from txt1.experiments.metrics import measure
+from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
 from txt1.model.battery import pack_voltage
@@ -29,8 +30,8 @@ WEAK_AND_SLOW = (
 )
 
 
-REPEATS = int(os.environ.get("TXT1_TUNE_REPEATS", "3"))
-"""Runs of each test whose mean is judged. 7, as in docs/drive-tests.md, know settling times to a sample; 3 do not."""
+REPEATS = int(os.environ.get("TXT1_TUNE_REPEATS", "4"))
+"""Runs of each test whose mean is judged. 30, as in docs/drive-tests.md, know settling times to some ms; 4 do not."""
 
 
 def configured(*settings: str) -> Config:
@@ -109,6 +110,18 @@ def test_a_wall_is_told_apart_from_the_end() -> None:
     assert driven.code == 3
 
 
+@pytest.mark.parametrize("name", ["linear-steps", "angular-steps", "circle-slow", "circle-fast"])
+def test_behind_the_wire_everything_comes_later_and_is_the_same_within_the_encoders_noise(name: str) -> None:
+    sim, wire = measured(name).recording.without_truth(), measured(name, *SERIAL).recording
+    for channel in ("v", "omega"):
+        apart = difference(sim, wire, channel)
+        if apart is None:  # of the yaw rate in linear-steps
+            continue
+        assert 0.0 <= apart.delay[0] <= apart.delay[1] < 0.1
+        assert apart.rms < 0.25 * QUANTUM[channel], "a quarter of a count in a single reading"
+        assert apart.largest < 2.0 * QUANTUM[channel]
+
+
 def test_a_profile_of_ones_own_is_driven_measured_and_drawn(tmp_path: Path, capsys: Any) -> None:
     profile = tmp_path / "own.yaml"
     profile.write_text("title: Mine\nfigure: velocities\nsteps: [{v: 0.3, omega: 0.2, seconds: 3}]\n")
@@ -151,6 +164,10 @@ def test_runs_with_and_without_truth_are_compared_by_their_encoders(tmp_path: Pa
         (["experiment", "compare", "nowhere"], "takes the folders of two runs, not 1"),
         (["experiment", "compare", "nowhere", "there"], "nowhere/metrics.json"),
         (["experiment", "circle-fast", "folder"], "only 'compare' takes folders"),
+        (["experiment", "circle-fast", "--out", "/proc/nowhere"], "/proc/nowhere: cannot write results there"),
+        (["experiment", "compare", "a", "b", "--out", "/proc/nowhere"], "a/metrics.json"),
+        (["tune", "--out", "/proc/nowhere"], "/proc/nowhere: cannot write results there"),
+        (["tune", "--write", "/proc/nowhere/gains.yaml"], "/proc/nowhere: cannot write results there"),
     ],
 )
 def test_a_mistake_is_told_in_one_line(words: list[str], complaint: str, capsys: Any) -> None:
@@ -166,7 +183,8 @@ def test_without_matplotlib_it_names_the_extra(monkeypatch: pytest.MonkeyPatch, 
     assert "pip install 'txt1[plots]'" in capsys.readouterr().err
 
 
-def test_ctrl_c_stops_the_robot_and_keeps_what_was_measured(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_robot_and_keeps_what_was_measured(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "txt1", "experiment", "linear-steps", "--speed", "20", "--out", str(tmp_path)],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "COLUMNS": "100"},
@@ -174,13 +192,29 @@ def test_ctrl_c_stops_the_robot_and_keeps_what_was_measured(tmp_path: Path) -> N
     assert process.stderr is not None
     assert b"Ctrl-C" in process.stderr.readline()
     time.sleep(1.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, errors = process.communicate(timeout=20)
-    assert process.returncode == 130, errors.decode()
+    assert process.returncode == 128 + number, errors.decode()
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["stopped_by"] == "the operator"
     assert metrics["samples"] > 100
     assert (tmp_path / "figure.svg").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_tuning_and_writes_nothing(tmp_path: Path, number: signal.Signals) -> None:
+    file = tmp_path / "gains.yaml"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "txt1", "tune", "--speed", "20", "--write", str(file)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stderr is not None
+    assert b"trying out the vehicle" in process.stderr.readline()
+    time.sleep(1.0)
+    process.send_signal(number)
+    assert process.wait(timeout=20) == 128 + number, process.stderr.read().decode()
+    process.stderr.close()
+    assert not file.exists()
 
 
 @pytest.mark.parametrize("vehicle", [(), WEAK_AND_SLOW], ids=["nominal", "30 % less gain and twice the lag"])
@@ -195,15 +229,17 @@ def test_tuned_gains_settle_sooner_on_every_step_with_no_more_overshoot(
     assert load(file).config.control != Config().control
     for test in ("linear-steps", "angular-steps"):
         old, new = (run_folder.read(tmp_path / f"{test}-{which}").metrics for which in ("old", "new"))
-        both = [[step["settling"] for step in metrics["steps"]] for metrics in (old, new)]
-        assert sum(both[1]) < sum(both[0])
         for before, after in zip(old["steps"], new["steps"], strict=True):
-            assert after["settling"] < before["settling"] + (0.03 if REPEATS < 7 else 0.0), before
-            # the uneven floor leaves 1 mm/s and 1 mrad/s in such a mean
-            size = abs(before["after"] - before["before"])
-            assert after["overshoot"] * size <= before["overshoot"] * size + 0.001, before
+            assert after["settling"] < before["settling"] + (0.03 if REPEATS < 20 else 0.0), before
+            # the standard error of four runs is itself known to a third only
+            errors = (6.0 if REPEATS < 20 else 2.0) * hypot(before["overshoot_error"], after["overshoot_error"])
+            assert after["overshoot"] <= before["overshoot"] + errors, before
+        assert (tmp_path / f"{test}-steps.svg").exists()
 
 
-def test_tuning_behind_a_board_that_takes_set_points_is_refused(capsys: Any) -> None:
-    assert execute(["tune", "--hal", "serial", "--port", "virtual"]) == 1
-    assert "'pwm'" in capsys.readouterr().err
+@pytest.mark.parametrize("control", [(), ("--set", "serial.control=host", "--set", "serial.allow_host=true")])
+def test_tuning_behind_a_board_is_refused_with_a_way_out(capsys: Any, control: tuple[str, ...]) -> None:
+    assert execute(["tune", "--hal", "serial", "--port", "virtual", *control]) == 1
+    told = capsys.readouterr().err
+    assert "counts encoder ticks" in told
+    assert "--hal sim" in told

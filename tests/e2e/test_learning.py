@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import csv
+import gc
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import execute
-from txt1.config import load
+from txt1.config import Config, load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
@@ -29,6 +31,7 @@ from txt1.learning.conduct import new_trial
 from txt1.learning.experiment import Plan
 from txt1.learning.qtable import TABLE_5_3, StoredTable
 from txt1.learning.running import REPETITIONS
+from txt1.learning.sensors import LightSource, SimulatedSensors
 from txt1.learning.task import LearningTask, simulated_light
 from txt1.learning.trial import Phase, Repetition
 from txt1.navigation import wheel_pose
@@ -45,6 +48,13 @@ def task_on(robot: Robot, repetitions: int = 3, agent: str = "sweeps") -> Learni
     task = LearningTask(robot, trial, simulated_light(CONFIG, np.random.default_rng(2)))
     task.start()
     return task
+
+
+@pytest.fixture
+def clean_processes() -> Iterator[None]:
+    """What several processes shared is let go at once, not by a later test's event loop."""
+    yield
+    gc.collect()
 
 
 async def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
@@ -203,34 +213,38 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "last 10 repetitions" in capsys.readouterr().out
 
 
-def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     plan = Plan("sweeps", 2, 4, 3, CONFIG)
-    whole, whole_complete = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
+    whole, ended = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
+    assert ended is None
 
     def interrupt(trial: int, one: Repetition) -> None:
         if (trial, one.number) == (2, 2):
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
 
-    broken, complete = experiment.conduct(plan, tmp_path / "broken", False, interrupt)
-    assert whole_complete
-    assert not complete
+    broken, ended = experiment.conduct(plan, tmp_path / "broken", False, interrupt)
+    assert ended is number
     assert [len(one.repetitions) for one in broken] == [4, 2], "all that was learned is kept"
-    resumed, complete = experiment.conduct(plan, tmp_path / "broken", True, lambda *_: None)
-    assert complete
+    resumed, ended = experiment.conduct(plan, tmp_path / "broken", True, lambda *_: None)
+    assert ended is None
     for path, outcomes in ((tmp_path / "whole", whole), (tmp_path / "broken", resumed)):
         experiment.write(plan, path, outcomes)
     for name in ("learning.csv", "qtable.json", "metrics.json"):
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "broken" / name).read_bytes()
 
 
+@pytest.mark.usefixtures("clean_processes")
 def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> None:
     plan = Plan("sweeps", 2, 2, 3, CONFIG)
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
-        outcomes, complete = experiment.conduct(
+        outcomes, ended = experiment.conduct(
             plan._replace(jobs=jobs), tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number))
         )
-        assert complete
+        assert ended is None
         experiment.write(plan, tmp_path / str(jobs), outcomes)
     assert sorted(seen[:4]) == sorted(seen[4:]) == [(1, 1), (1, 2), (2, 1), (2, 2)]
     assert (tmp_path / "1" / "learning.csv").read_bytes() == (tmp_path / "2" / "learning.csv").read_bytes()
@@ -241,13 +255,19 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert learn(tmp_path / "file" / "out") == 2
     assert "--out" in capsys.readouterr().err
     done = tmp_path / "done"
-    experiment.prepare(Plan("sweeps", 2, 4, 0, CONFIG), done, False)
+    assert learn(done) == 0
     assert learn(done) == 2
     assert "--resume carries it on" in capsys.readouterr().err
     assert learn(done, "--resume", "--seed", "9") == 2
-    assert "was begun with seed 0" in capsys.readouterr().err
+    assert "was begun with seed=0, not 9" in capsys.readouterr().err
     assert learn(done, "--resume", "--set", "learning.gamma=0.9") == 2
-    assert "another configuration" in capsys.readouterr().err
+    assert "was begun with learning.gamma=0.5, not 0.9" in capsys.readouterr().err
+    (done / "experiment.json").write_text("{}")
+    assert learn(done, "--resume") == 2
+    assert "experiment.json is not this program's" in capsys.readouterr().err
+    (done / "experiment.json").unlink()
+    assert learn(done, "--resume") == 2
+    assert "no experiment.json to say of what" in capsys.readouterr().err
     assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
     assert "there is no learner 'genius', only thesis and sweeps" in capsys.readouterr().err
 
@@ -271,8 +291,13 @@ def test_without_light_sensors_it_says_what_is_missing(
 
 
 def test_phidgets_without_their_driver_name_the_extra(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    blocking_calls_fail: BlockBuster,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
+        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
     assert learn(tmp_path, "--set", "learning.sensors=phidgets") == 1
     assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
@@ -363,23 +388,123 @@ def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.Cap
     assert json.loads(capsys.readouterr().out)["armed"]
 
 
-def test_ctrl_c_in_the_terminal_ends_several_processes_while_they_start_and_loses_nothing(tmp_path: Path) -> None:
-    words = ["learn", "--agent", "sweeps", "--trials", "3", "--reps", "6", "--seed", "3", "--jobs", "2"]
-    out = tmp_path / "late"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "txt1", *words, "--out", str(out)],
+# -- how it ends -------------------------------------------------------------------------------------------------
+
+
+def process(out: Path, *more: str) -> subprocess.Popen[str]:
+    """`txt1 learn` as a process in a group of its own, as a terminal starts it."""
+    words = ["learn", "--agent", "sweeps", "--trials", "3", "--reps", "6", "--seed", "3", "--out", str(out), *more]
+    return subprocess.Popen(
+        [sys.executable, "-m", "txt1", *words],
         stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, text=True,
     )  # fmt: skip
-    while not (out / "experiment.json").exists():  # so its handler is about to be, or is, in place
-        time.sleep(0.05)
-    time.sleep(0.5)  # its processes are being born
-    os.killpg(process.pid, signal.SIGINT)  # to all of them, as the terminal does
-    _, said = process.communicate(timeout=60)
+
+
+PROCESS = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
+"""What it does."""
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[list[Repetition]]:
+    """What comes of it when nobody interrupts it."""
+    outcomes, _ = experiment.conduct(PROCESS, tmp_path_factory.mktemp("whole"), False, lambda *_: None)
+    return [one.repetitions for one in outcomes]
+
+
+def resumed(out: Path) -> list[list[Repetition]]:
+    """What comes of it when it is carried on."""
+    outcomes, ended = experiment.conduct(PROCESS, out, True, lambda *_: None)
+    assert ended is None
+    return [one.repetitions for one in outcomes]
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    while not condition():
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost(
+    number: signal.Signals, jobs: str, tmp_path: Path, uninterrupted: list[list[Repetition]]
+) -> None:
+    out = tmp_path / "out"
+    learner = process(out, "--jobs", jobs)
+    if jobs == "1":
+        wait_for((out / "trials" / "0001.json").exists)
+    else:
+        wait_for((out / "experiment.json").exists)
+        time.sleep(0.5)  # its processes are being born
+    os.killpg(learner.pid, number)  # to all of them, as the terminal and `timeout` do
+    _, said = learner.communicate(timeout=60)
     assert "Traceback" not in said, said
-    assert process.returncode == 128 + signal.SIGINT
+    assert learner.returncode == 128 + number
     assert "--resume carries on" in said
-    plan = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
-    whole, _ = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
-    resumed, complete = experiment.conduct(plan, tmp_path / "late", True, lambda *_: None)
-    assert complete
-    assert [one.repetitions for one in resumed] == [one.repetitions for one in whole]
+    assert resumed(out) == uninterrupted
+
+
+def test_trials_that_were_completed_survive_the_death_of_the_program_and_its_processes_end_with_it(
+    tmp_path: Path, uninterrupted: list[list[Repetition]]
+) -> None:
+    out = tmp_path / "out"
+    learner = process(out, "--jobs", "2")
+    wait_for(lambda: list((out / "trials").glob("*.json")))
+    learner.kill()
+    learner.communicate(timeout=20)  # returns when the last process has closed standard error
+    wait_for(lambda: not alive(learner.pid))
+    assert resumed(out) == uninterrupted
+
+
+def alive(group: int) -> bool:
+    """Whether there is a process of this group."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.usefixtures("clean_processes")
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_disarm_ends_it_as_nobody_is_there_to_arm_again(
+    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert learn(tmp_path, "--jobs", jobs, "--set", "sim.faults.left_encoder=true") == 3
+    assert "the robot was stopped: runaway" in capsys.readouterr().err
+
+
+def test_a_robot_that_does_not_arm_by_itself_is_to_be_armed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    never = ("--trials", "1", "--reps", "1", "--set", "safety.auto_arm=never")
+    assert learn(tmp_path, *never) == 2
+    assert "add --arm" in capsys.readouterr().err
+    assert learn(tmp_path, *never, "--arm") == 0
+
+
+def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fitful(config: Config, rng: np.random.Generator) -> LightSource:
+        source = simulated_light(config, rng)
+        assert isinstance(source, SimulatedSensors)
+        began.append(source)
+        return source
+
+    def fail(trial: int, one: Repetition) -> None:
+        if len(began) == 1 and one.number == 2:
+            began[0]._sensors.faults = [Fault.NAN] * 4
+
+    began: list[SimulatedSensors] = []
+    monkeypatch.setattr("txt1.learning.task.simulated_light", fitful)
+    real = load(overrides=["learning.sensors=sim"]).config
+    plan = Plan("thesis", 1, 4, 3, real)
+    monkeypatch.setattr(Plan, "simulated", False)  # as on a real robot: what was done cannot be done again
+    broken, ended = experiment.conduct(plan, tmp_path, False, fail)
+    assert isinstance(ended, TaskFault)
+    assert [len(one.repetitions) for one in broken] == [2]
+    resumed, ended = experiment.conduct(plan, tmp_path, True, lambda *_: None)
+    assert ended is None
+    assert resumed[0].repetitions[:2] == broken[0].repetitions
+    assert len(resumed[0].repetitions) == 4
+    assert resumed[0].memory["repetition"] == 4
+    assert resumed[0].paths[1] == broken[0].paths[1]
+    assert resumed[0].voided == 1

@@ -20,16 +20,12 @@ from rosbags.highlevel import AnyReader
 
 from txt1.cli import execute
 from txt1.errors import MissingExtra
-from txt1.kernel.loop import run
 from txt1.record import file as record_file
 from txt1.record import recorder
-from txt1.record.files import FileSink, Rotation
 from txt1.record.reading import Reading
 from txt1.record.recover import recover
 from txt1.record.session import need
 from txt1.record.topics import TOPICS
-from txt1.robot import Robot
-from txt1.runtime import Runtime
 
 Capture = pytest.CaptureFixture[str]
 
@@ -127,7 +123,8 @@ def test_a_minute_is_read_by_rosbags(minute: Path) -> None:
 def test_the_metadata_says_what_ran(minute: Path) -> None:
     about = metadata(minute)["txt1"]
     assert (about["seed"], about["hal"], about["clock"], about["epoch"]) == ("1", "sim", "virtual", "0.0")
-    assert json.loads(about["plan"]) == {"duration": 60.0, "arm": None, "drive": [0.4, 0.4]}
+    plan = {"duration": 60.0, "arm": None, "drive": [0.4, 0.4], "learn": None, "policy": None}
+    assert json.loads(about["plan"]) == plan
     assert json.loads(about["config"])["control"]["linear"]["kp"] == 11.0
     assert {"txt1", "python", "numpy", "mcap", "wall_start"} <= set(about)
     assert metadata(minute)["txt1.end"] == {"dropped": "0", "duration": "60.0", "cycles": "3000", "received": "1202"}
@@ -320,6 +317,10 @@ def test_log_cat_prints_messages_as_json(minute: Path, capsys: Capture) -> None:
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["time"] for line in lines] == [30.0, 30.02, 30.04, 30.06, 30.08, 30.1]
     assert lines[0]["message"]["twist"]["twist"]["linear"]["x"] == pytest.approx(0.4, abs=0.05)
+    assert execute(["log", "cat", str(minute), "--topic", "/battery1"]) == 0
+    out = capsys.readouterr().out
+    assert "NaN" not in out, "that is no JSON"
+    assert json.loads(out.splitlines()[0])["message"]["temperature"] is None
 
 
 def test_log_export_writes_csv(minute: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -343,33 +344,6 @@ def test_log_recover_makes_a_complete_file(minute: Path, tmp_path: Path, capsys:
     assert capsys.readouterr().out.splitlines()[0].endswith("complete")
     assert execute(["log", "recover", str(tmp_path / "cut.mcap")]) == 1
     assert "choose another name with -o" in capsys.readouterr().err
-
-
-# -- what others have to add -----------------------------------------------------------------------------------
-
-
-def test_light_and_learning_steps_are_recorded_for_who_hands_them_over(tmp_path: Path) -> None:
-    sink = FileSink(tmp_path / "run.mcap", {}, Rotation(), "zstd", strict=True)
-
-    async def main() -> None:
-        recorders: list[recorder.Recorder] = []
-
-        def attach(runtime: Runtime) -> None:
-            recorders.append(recorder.Recorder(runtime, [sink], 0.0))
-            recorders[0].attach()
-
-        async with Robot.open("sim", attach=attach) as robot:
-            recorders[0].light((100.0, 90.0, 80.0, 70.0))
-            recorders[0].learning_step(3, 4, 1, 5, -1.0, (0.1, 0.2, 0.3))
-            await robot.drive(0.2, 0.0, 0.1)
-        await recorders[0].close()
-
-    run(main(), speed="max")
-    messages = last(tmp_path / "run.mcap")
-    assert list(messages["/light"].lux) == [100.0, 90.0, 80.0, 70.0]
-    step = messages["/learning/step"]
-    assert (step.repetition, step.state, step.action, step.next_state, step.reward) == (3, 4, 1, 5, -1.0)
-    assert list(step.values) == [0.1, 0.2, 0.3]
 
 
 def test_a_missing_extra_is_one_line_that_names_it() -> None:

@@ -83,7 +83,7 @@ def test_space_pauses_and_goes_on(circle: Path) -> None:
     play.stop()
     clock.now += 50.0
     assert play.position == pytest.approx(3.0)
-    assert play.snapshot is not None and play.snapshot.hal == "replay x1, paused"
+    assert play.snapshot is not None and play.snapshot.hal == "paused x1"
     play.stop()
     clock.now += 1.0
     assert play.position == pytest.approx(4.0)

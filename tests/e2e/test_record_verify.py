@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,10 @@ from mcap_ros2.decoder import DecoderFactory
 from txt1.cli import execute
 from txt1.config import load
 from txt1.control.pid import Gains
+from txt1.errors import TaskFault
 from txt1.hal.base import Button
-from txt1.kernel.loop import run
+from txt1.kernel.loop import Speed, run
+from txt1.kernel.scheduler import Ticks
 from txt1.protocol.messages import PidSet, PowerControl, PwmTest, Switch, Velocity
 from txt1.record.layout import Layout
 from txt1.record.recorder import numbers
@@ -35,23 +38,23 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
     for function in blocking_calls_fail.functions.values():
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/record/verify.py", {"_replay", "_end", "write", "close"})
+        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_ticks", "_end", "write", "close"})
         function.can_block_in("txt1/record/recorder.py", {"_write", "_close_sinks"})
 
 
-def recorded(path: Path, program: Callable[[Robot], Any], *settings: str) -> Path:
+def recorded(path: Path, program: Callable[[Robot], Any], *settings: str, speed: Speed = "max") -> Path:
     """A recording of a user's program."""
 
     async def main() -> None:
         config = load(None, settings).config
         async with (
-            recording(path, config, "max", {}, print) as attach,
+            recording(path, config, speed, {}, print) as attach,
             Robot.open(config=config, attach=attach) as robot,
         ):
             await robot.load_gains()
             await program(robot)
 
-    run(main(), speed="max")
+    run(main(), speed=speed)
     return path
 
 
@@ -188,11 +191,108 @@ def test_an_altered_output_is_found_at_its_tick(tmp_path: Path) -> None:
     assert (difference.cycle, difference.topic, difference.field, difference.recorded) == (123, "/pwm", "motor", 1)
 
 
-def test_what_cannot_be_verified_says_why(tmp_path: Path, capsys: Any) -> None:
+def test_a_program_that_does_everything_on_the_real_clock_replays_exactly(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", drive_about, "seed=3", "record.epoch=1763700000.25", speed=None)
+    verdict = verify(path)
+    assert verdict.difference is None
+    assert verdict.compared > 2000
+
+
+def test_a_late_run_on_the_real_clock_replays_exactly(tmp_path: Path) -> None:
+    async def program(robot: Robot) -> None:
+        async def stall(ticks: Ticks) -> None:
+            async for _ in ticks:
+                until = time.perf_counter() + 0.07  # three cycles of the controller pass
+                while time.perf_counter() < until:
+                    pass
+
+        robot.add_task("stall", 0.4, stall)
+        await robot.drive(0.5, 0.3, 2.0)
+        assert robot.runtime.statistics()["controller"].misses > 3
+
+    path = recorded(tmp_path / "run.mcap", program, speed=None)
+    assert verify(path).difference is None
+
+
+def test_a_recording_on_the_real_clock_that_breaks_off_replays_as_far_as_it_goes(tmp_path: Path) -> None:
+    async def program(robot: Robot) -> None:
+        await robot.drive(0.4, 0.4, 3.0)
+
+    path = recorded(tmp_path / "run.mcap", program, speed=None)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    verdict = verify(path)
+    assert verdict.difference is None
+    assert verdict.compared > 500
+
+
+def test_one_altered_gain_on_the_real_clock_is_found_at_its_tick(tmp_path: Path) -> None:
+    async def program(robot: Robot) -> None:
+        await robot.drive(0.5, 0.3, 1.5)
+        await robot.load_gains(linear=Gains(9.0, 15.0, 0.2))
+        await robot.drive(0.5, 0.3, 0.5)
+
+    path = recorded(tmp_path / "run.mcap", program, speed=None)
+    assert verify(path).difference is None
+    loaded = [item for item in inputs(path) if item.kind == "PidSet"][-1]
+    time = loaded.header.stamp.sec + loaded.header.stamp.nanosec / 1e9
+    layout = Layout("txt1_msgs/Input", {"kind": "PidSet", "values": [0.0] * len(loaded.values)})
+    change = with_number(layout, "values.0", 9.001)
+    bad = altered(path, tmp_path / "bad.mcap", "/input", int(time / 0.02), change, b"PidSet")
+    difference = verify(bad).difference
+    assert difference is not None
+    assert difference.cycle - int(time / 0.02) in (0, 1)
+    assert (difference.topic, difference.field) == ("/gains", "linear_kp")
+    assert (difference.recorded, difference.replayed) == (9.0, 9.001)
+
+
+@pytest.mark.parametrize("clock", ["max", None])
+def test_a_run_that_an_error_of_the_users_ended_replays_exactly(clock: Speed, tmp_path: Path) -> None:
+    async def program(robot: Robot) -> None:
+        async def fail(ticks: Ticks) -> None:
+            async for now in ticks:
+                if now > 1.0:
+                    raise ArithmeticError("a mistake in the program")
+
+        robot.add_task("mine", 0.05, fail)
+        await robot.drive(0.5, 0.3, 2.0)
+
+    with pytest.raises(TaskFault, match="a mistake in the program"):
+        recorded(tmp_path / "run.mcap", program, speed=clock)
+    assert verify(tmp_path / "run.mcap").difference is None
+
+
+@pytest.mark.parametrize("words", [("run", "--hal", "serial", "--port", "virtual"), ("board", "--tcp", "0")])
+def test_on_the_real_clock_a_line_cannot_be_verified(words: tuple[str, ...], tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "run.mcap"
-    assert execute(["run", "--headless", "--json", "--duration", "0.3", "--log", str(path)]) == 0
+    assert execute([*words, "--json", "--duration", "0.3", "--log", str(path)]) in (0, 3)
     assert execute(["replay", "--verify", str(path)]) == 1
-    assert "recorded on the real clock" in capsys.readouterr().err
+    assert "on the real clock only a simulation without a line can be repeated" in capsys.readouterr().err
+
+
+def test_of_a_recording_in_parts_the_first_is_verified(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / "run.mcap"
+    words = ["--duration", "20", "--drive", "0.4,0.4", "--set", "record.rotate_time=10"]
+    assert execute([*RUN, *words, "--log", str(path)]) == 0
+    assert verify(path).difference is None
+    assert execute(["replay", "--verify", str(tmp_path / "run.1.mcap")]) == 1
+    assert "a later part of a recording; only the first begins where the run does" in capsys.readouterr().err
+
+
+def test_a_recording_with_a_gap_is_not_verified(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / "run.mcap"
+    assert execute([*RUN, "--duration", "20", "--log", str(path)]) == 0
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[1]
+    data = bytearray(path.read_bytes())
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
+    path.write_bytes(data)
+    assert execute(["replay", "--verify", str(path)]) == 1
+    assert "messages are missing in the middle" in capsys.readouterr().err
+
+
+def test_what_is_no_recording_of_a_run_cannot_be_verified(tmp_path: Path, capsys: Any) -> None:
     with (tmp_path / "other.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()

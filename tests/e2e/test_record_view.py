@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
+import socket
 import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import pytest
+from foxglove import layouts
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from txt1.cli import execute
+from txt1.record.definitions import fields
 from txt1.record.live import velocity
 from txt1.record.topics import TOPICS
 
@@ -28,23 +33,33 @@ MESSAGE_DATA = 1
 
 
 @contextmanager
-def served(*words: str) -> Iterator[ClientConnection]:
-    """A client of a robot that runs in real time."""
-    command = [sys.executable, "-m", "txt1", "run", "--headless", "--duration", "60", "--view", "0", *words]
+def running(*words: str, start: tuple[str, ...] = ("run", "--headless")) -> Iterator[str]:
+    """The address of the live view of a robot that runs in real time."""
+    command = [sys.executable, "-m", "txt1", *start, "--duration", "60", *words]
     process = subprocess.Popen(
         command, cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
     try:
         assert process.stderr is not None
-        address = process.stderr.readline().rpartition(" ")[2].strip()
-        assert address.startswith("ws://127.0.0.1:")
-        with connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as client:
-            yield client
+        found = re.search(r"the live view is at (ws://[0-9.]+:[0-9]+)", process.stderr.readline())
+        assert found is not None
+        yield found[1]
     finally:
         process.terminate()
         assert process.wait(20.0) == 143
         assert process.stderr is not None
         process.stderr.close()
+
+
+def client_at(address: str, **options: Any) -> ClientConnection:
+    return connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None, **options)
+
+
+@contextmanager
+def served(*words: str) -> Iterator[ClientConnection]:
+    """A client of a robot that runs in real time."""
+    with running("--view", "0", *words) as address, client_at(address) as client:
+        yield client
 
 
 def text(client: ClientConnection, operation: str) -> dict[str, Any]:
@@ -75,8 +90,8 @@ def messages(client: ClientConnection, decode: Any) -> Iterator[tuple[float, Any
             yield time / 1e9, decode(data[13:])
 
 
-def drive(client: ClientConnection, v: float) -> None:
-    twist = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
+def drive(client: ClientConnection, v: float, omega: float = 0.0) -> None:
+    twist = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": omega}}
     client.send(b"\x01" + struct.pack("<I", 3) + json.dumps(twist).encode())
 
 
@@ -98,6 +113,12 @@ def test_a_client_receives_live_odometry() -> None:
         assert odometry.header.frame_id == "odom"
         steps = [later - earlier for earlier, later in pairwise(times)]
         assert min(steps) > 0.0 and median(steps) == pytest.approx(0.02, abs=0.005)
+
+
+def test_a_virtual_board_is_seen_live() -> None:
+    with running("--view", "0", start=("board", "--tcp", "0")) as address, client_at(address) as client:
+        _, snapshot = next(messages(client, subscribed(client, "/snapshot")))
+        assert "board" in json.loads(snapshot.data)
 
 
 def test_a_command_is_refused_without_view_control() -> None:
@@ -123,15 +144,122 @@ def test_a_command_drives_with_view_control() -> None:
             assert time < 15.0
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "robot.example"])
-def test_other_addresses_than_loopback_are_refused(host: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(["run", "--headless", "--duration", "1", "--view", f"{host}:8765"]) == 2
-    assert f"--view {host}: not a loopback address" in capsys.readouterr().err
+def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_one_at_a_time() -> None:
+    with served("--view-control") as client:
+        stream = messages(client, subscribed(client, "/odom"))
+        advertise(client)
+        for time, odometry in stream:
+            drive(client, 0.0, 0.5)
+            twist = odometry.twist.twist
+            if twist.angular.z > 0.4:
+                break
+            assert time < 15.0
+        assert twist.linear.x / twist.angular.z == pytest.approx(0.56, abs=0.15)
 
 
-def test_control_without_a_view_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(["run", "--headless", "--duration", "1", "--view-control"]) == 2
-    assert "--view-control: there is no live view to drive from; add --view" in capsys.readouterr().err
+# -- the token ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "robot.example", "::"])
+def test_other_addresses_than_loopback_are_refused_without_a_token(
+    host: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["run", "--headless", "--duration", "1", "--view", f"[{host}]:8765"]) == 2
+    err = capsys.readouterr().err
+    assert f"--view {host}: not a loopback address" in err and "add --view-token FILE" in err
+
+
+def test_only_who_presents_the_token_looks_and_drives(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    with running("--view", "0.0.0.0:0", "--view-control", "--view-token", str(file)) as address:
+        token = file.read_text().strip()
+        assert len(token) >= 40 and file.stat().st_mode & 0o777 == 0o600
+        local = address.replace("0.0.0.0", "127.0.0.1")
+        for stranger in ("", "?token=", "?token=wrong", f"?token={token[:-1]}", f"?token={token}x", f"?tok={token}"):
+            with pytest.raises(InvalidStatus) as refused:
+                client_at(f"{local}/{stranger}")
+            assert refused.value.response.status_code == 401
+        with pytest.raises(InvalidStatus):
+            client_at(local, additional_headers={"Authorization": f"Basic {token}"})
+        with client_at(local, additional_headers={"Authorization": f"Bearer {token}"}) as client:
+            assert text(client, "serverInfo")["name"] == "txt1"
+        with client_at(f"{local}/?token={token}") as client:
+            stream = messages(client, subscribed(client, "/odom"))
+            advertise(client)
+            for time, odometry in stream:
+                drive(client, 0.5)
+                if odometry.twist.twist.linear.x > 0.2:
+                    break
+                assert time < 15.0
+
+
+def test_who_talks_something_else_at_the_door_costs_nothing(tmp_path: Path) -> None:
+    with running("--view", "0", "--view-token", str(tmp_path / "token")) as address:
+        port = int(address.rpartition(":")[2])
+        for said in (b"", b"\xff" * 100 + b"\r\n\r\n", b"GET /?token=%zz HTTP/1.1\r\n\r\n", b"x" * 100_000):
+            # it may hang up before all is said
+            with socket.create_connection(("127.0.0.1", port), timeout=20.0) as stranger, suppress(OSError):
+                stranger.sendall(said)
+                stranger.shutdown(socket.SHUT_WR)
+                heard = stranger.recv(100)
+                assert not heard or heard.startswith(b"HTTP/1.1 401 ")
+        token = (tmp_path / "token").read_text().strip()
+        with client_at(f"{address}/?token={token}") as client:
+            assert text(client, "serverInfo")["name"] == "txt1"
+
+
+def test_the_token_is_not_among_the_words_of_the_process(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("a-word-that-nobody-guesses\n")
+    (tmp_path / "token").chmod(0o600)
+    with running("--view", "0", "--view-token", str(tmp_path / "token")) as address:
+        words = b"".join(path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if readable(path))
+        assert str(tmp_path).encode() in words and b"nobody-guesses" not in words
+        with client_at(f"{address}/?token=a-word-that-nobody-guesses") as client:
+            assert text(client, "serverInfo")["name"] == "txt1"
+
+
+def readable(path: Path) -> bool:
+    try:
+        path.read_bytes()
+    except OSError:  # that process has ended
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "problem"),
+    [
+        ("a-word-that-nobody-guesses", 0o644, "others may read it; chmod 600"),
+        ("short", 0o600, "a word of at least 16 characters"),
+        ("", 0o600, "a word of at least 16 characters"),
+        ("two words that nobody guesses", 0o600, "a word of at least 16 characters"),
+        ("ein-Wort-das-niemand-errät", 0o600, "a word of at least 16 characters"),
+    ],
+)
+def test_a_token_that_is_none_or_no_secret_is_refused(
+    content: str, mode: int, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "token"
+    file.write_text(content, encoding="utf-8")
+    file.chmod(mode)
+    assert execute(["run", "--headless", "--duration", "1", "--view", "0.0.0.0:0", "--view-token", str(file)]) == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_an_address_that_is_taken_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        for token in ([], ["--view-token", str(tmp_path / "token")]):
+            assert execute(["run", "--headless", "--duration", "1", "--view", address, *token]) == 2
+            assert f"--view {address}: cannot listen there" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--view-control"], ["--view-token", "FILE"]])
+def test_what_is_about_the_view_without_a_view_is_a_mistake(
+    option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["run", "--headless", "--duration", "1", *option]) == 2
+    assert f"{option[0]}: there is no live view; add --view" in capsys.readouterr().err
 
 
 def test_what_is_no_twist_is_no_command() -> None:
@@ -141,9 +269,62 @@ def test_what_is_no_twist_is_no_command() -> None:
         assert velocity(data) is None
 
 
-def test_the_layout_shows_topics_that_there_are() -> None:
-    layout = json.loads((ROOT / "docs" / "txt1.foxglove-layout.json").read_text())
-    shown = json.dumps(layout["configById"])
-    named = set(re.findall(r'"(/[a-z_]+)', shown))
-    assert named and named <= {topic.name for topic in TOPICS}
-    assert set(re.findall(r'"([A-Za-z0-9]+![a-z]+)"', json.dumps(layout["layout"]))) == set(layout["configById"])
+# -- the layout --------------------------------------------------------------------------------------------------
+
+LAYOUT = json.loads((ROOT / "docs" / "txt1.foxglove-layout.json").read_text())
+PANELS: dict[str, type] = {
+    "3D": layouts.ThreeDeeConfig,
+    "Plot": layouts.PlotConfig,
+    "DiagnosticSummary": layouts.DiagnosticsSummaryConfig,
+    "RosOut": layouts.LogConfig,
+    "Teleop": layouts.TeleopConfig,
+}
+"""The kinds of panels by the names that they have in an exported layout, and what Foxglove's library says of them."""
+
+
+def keys(config: type) -> set[str]:
+    """The names of a configuration's values, as they stand in a file."""
+    words = (field.name.split("_") for field in dataclasses.fields(config))
+    return {first + "".join(map(str.capitalize, rest)) for first, *rest in words}
+
+
+def leaves(node: Any) -> Iterator[str]:
+    """The panels of a tree of panels."""
+    if isinstance(node, str):
+        yield node
+    else:
+        assert node["direction"] in ("row", "column")
+        yield from leaves(node["first"])
+        yield from leaves(node["second"])
+
+
+def test_the_layout_arranges_the_panels_that_it_configures() -> None:
+    assert set(LAYOUT) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    assert sorted(leaves(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
+
+
+@pytest.mark.parametrize("panel", LAYOUT["configById"])
+def test_a_panel_of_the_layout_is_configured_as_foxglove_does(panel: str) -> None:
+    config = LAYOUT["configById"][panel]
+    assert set(config) - {"foxglovePanelTitle"} <= keys(PANELS[panel.partition("!")[0]])
+    for series in config.get("paths", []):
+        assert set(series) <= keys(layouts.PlotSeries)
+    for name, button in config.items():
+        assert not name.endswith("Button") or set(button) == keys(layouts.TeleopButton)
+    for grid in config.get("layers", {}).values():
+        assert set(grid) <= keys(layouts.BaseRendererGridLayerSettings) | {"frameLocked"}
+    assert set(config.get("cameraState", {})) <= keys(layouts.ThreeDeeCameraState)
+
+
+def test_the_layout_shows_values_that_there_are() -> None:
+    messages = {topic.name: topic.message for topic in TOPICS}
+    named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
+    assert {path.partition(".")[0] for path in named} == {
+        "/odom", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
+    }  # fmt: skip
+    for path in named:
+        topic, *names = path.split(".")
+        kind = messages[topic]
+        for name in names:
+            (kind,) = (field.type for field in fields(kind) if field.name == name)
+        assert not names or kind in ("float64", "int32"), path

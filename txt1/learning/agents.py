@@ -28,18 +28,20 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
     """
     exponent = float(config.sim.light.exponent)
     if name == ThesisAgent.name:
-        return ThesisAgent(rng, COMMANDS, _thesis(config))
+        return ThesisAgent(rng, COMMANDS, thesis_settings(config))
     if name == SweepsAgent.name:
         return SweepsAgent(rng, sweeps.Settings(exponent=exponent))
-    raise ConfigError(f"--agent: there is no learner '{name}', only {' and '.join(NAMES)}")
+    raise ConfigError(f"there is no learner '{name}', only {' and '.join(NAMES)}")
 
 
-def _thesis(config: Config) -> thesis.Settings:
+def thesis_settings(config: Config) -> thesis.Settings:
+    """The thesis's learner, as configured."""
     one = config.learning
     return thesis.Settings(
         one.period, one.remedy, one.policy, one.alpha, one.gamma, one.rate,
         temperature=one.temperature, decay=one.temperature_decay, floor=one.temperature_floor, filtered=one.filtered,
-        exponent=float(config.sim.light.exponent), training=one.training, learn_on=one.learn_on,
+        direction=one.direction, exponent=float(config.sim.light.exponent), training=one.training,
+        learn_on=one.learn_on,
     )  # fmt: skip
 
 
@@ -53,7 +55,9 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
     name = load(path, actions=len(ACTIONS)).about.get("agent")
     if name == ThesisAgent.name:
         stored = load(path, STATES, len(ACTIONS))
-        driver = ThesisAgent(rng, COMMANDS, _thesis(config)._replace(policy="greedy", training=0, learn_on=False))
+        driver = ThesisAgent(
+            rng, COMMANDS, thesis_settings(config)._replace(policy="greedy", training=0, learn_on=False)
+        )
         driver.q = np.array(stored.values)
         return driver
     if name == SweepsAgent.name:

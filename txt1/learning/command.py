@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,14 +14,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from txt1.config import load
-from txt1.errors import ConfigError, MissingExtra
+from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.learning import agents, experiment, plots
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
 from txt1.learning.trial import Repetition
 
-INTERRUPTED: Final = 128 + signal.SIGINT
+DISARMED: Final = 3
+"""Exit code: the safety gate disarmed the robot."""
 
 
 def add_command(
@@ -32,7 +32,8 @@ def add_command(
     parser: argparse.ArgumentParser = commands.add_parser(
         "learn", help="let the robot learn to find the light (thesis 5)",
         epilog="Ctrl-C keeps all that was learned; --resume carries on. What is learned, and how: learning in the "
-        "configuration, e.g. --set learning.remedy=hold.",
+        "configuration, e.g. --set learning.remedy=hold. A disarm ends it, as nobody is there to arm again: "
+        "--resume --arm carries on. Exit codes as with run.",
     )  # fmt: skip
     parser.add_argument(
         "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(agents.NAMES)}; thesis by default"
@@ -42,6 +43,10 @@ def add_command(
     parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="repeats every random value of a simulation")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where tables, figures and pictures go")
     parser.add_argument("--resume", action="store_true", help="carry on what was begun in DIR")
+    parser.add_argument(
+        "--log", type=Path, metavar="FILE", help="record everything to this MCAP file; several trials to one each, "
+        "FILE-trial-0001.mcap and so on",
+    )  # fmt: skip
     parser.add_argument("--hal", metavar="NAME", help="hardware layer: sim, serial, or one from another package")
     parser.add_argument("--port", metavar="PORT", help="as with run")
     parser.add_argument(
@@ -58,15 +63,20 @@ def learn(arguments: argparse.Namespace) -> int:
     """Do the trials and write what came of them; the exit code."""
     options: dict[str, Any] = {"seed": arguments.seed}
     options |= {} if arguments.hal is None else {"hal": arguments.hal}
-    options |= {} if arguments.port is None else {"serial.port": arguments.port}
+    options |= {} if arguments.port is None else {"hal": arguments.hal or "serial", "serial.port": arguments.port}
     config = load(arguments.config, arguments.set, os.environ, options).config
+    if arguments.port is not None and config.hal != "serial":
+        raise ConfigError(f"--port {arguments.port}: only --hal serial has a port, not '{config.hal}'; leave one out")
     if arguments.agent not in agents.NAMES:
         raise ConfigError(f"--agent: there is no learner '{arguments.agent}', only {' and '.join(agents.NAMES)}")
     speed: Speed = arguments.speed
     if speed is None and config.hal == "sim":
         speed = "max"
     jobs = arguments.jobs or (len(os.sched_getaffinity(0)) if speed == "max" else 1)
-    plan = Plan(arguments.agent, arguments.trials, arguments.reps, arguments.seed, config, speed, jobs, arguments.arm)
+    plan = Plan(
+        arguments.agent, arguments.trials, arguments.reps, arguments.seed, config, speed, jobs, arguments.arm,
+        arguments.log,
+    )  # fmt: skip
 
     console = Console(stderr=True)
     with _progress(console) as progress:
@@ -76,18 +86,22 @@ def learn(arguments: argparse.Namespace) -> int:
             how = "reached the light" if one.success else "lost it"
             progress.update(bar, advance=1, now=f"trial {trial}, repetition {one.number}: {how} after {one.time:.1f} s")
 
-        outcomes, complete = experiment.conduct(plan, arguments.out, arguments.resume, watch)
-    metrics = experiment.write(plan, arguments.out, outcomes)
-    if any(one.repetitions for one in outcomes):
-        try:
-            plots.draw(arguments.out, outcomes, experiment.best(outcomes), task_of(config))
-        except MissingExtra as error:
-            print(f"txt1: no pictures: {error}", file=sys.stderr)
-    _tell(metrics)
-    if not complete:
-        print(f"txt1: interrupted; what was learned is in {arguments.out}, --resume carries on", file=sys.stderr)
-        return INTERRUPTED
-    return 0
+        outcomes, ended = experiment.conduct(plan, arguments.out, arguments.resume, watch)
+    if outcomes:
+        _tell(experiment.write(plan, arguments.out, outcomes))
+        if any(one.repetitions for one in outcomes):
+            try:
+                plots.draw(arguments.out, outcomes, experiment.best(outcomes), task_of(config))
+            except MissingExtra as error:
+                print(f"txt1: no pictures: {error}", file=sys.stderr)
+    if ended is not None and (outcomes or not isinstance(ended, Txt1Error)):
+        print(f"txt1: ended early; what was learned is in {arguments.out}, --resume carries on", file=sys.stderr)
+    if isinstance(ended, NotArmed):
+        print(f"txt1: the robot was stopped: {ended.reason}", file=sys.stderr)
+        return DISARMED
+    if isinstance(ended, Txt1Error):
+        raise ended
+    return 0 if ended is None else 128 + ended
 
 
 def _progress(console: Console) -> Progress:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection, Sequence
+import sys
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from txt1.config import Config
-from txt1.errors import HalError
+from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
@@ -20,6 +22,7 @@ from txt1.learning.agents import make
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import LearningTask, light_source, simulated_light, task_of
 from txt1.learning.trial import COMMANDS, Repetition, Trial, starts
+from txt1.record.session import recording
 from txt1.robot import Robot
 
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, 3, 4
@@ -94,6 +97,11 @@ def new_trial(
     return Trial(agent, task_of(config), starts(seed, number, repetitions), commands, done, keep_paths)
 
 
+def recorded_plan(name: str, seed: int, number: int, repetitions: int) -> dict[str, object]:
+    """What the recording of a trial says that it is."""
+    return {"learn": name, "seed": seed, "trial": number, "repetitions": repetitions}
+
+
 def on_robot(
     name: str,
     config: Config,
@@ -106,10 +114,13 @@ def on_robot(
     done: Callable[[Repetition], None] = lambda _: None,
     keep_paths: Collection[int] = (),
     stopped: Callable[[], bool] = lambda: False,
-    earlier: Sequence[Repetition] = (),
-    memory: dict[str, Any] | None = None,
+    before: Outcome | None = None,
+    keep: Callable[[Outcome], None] = lambda _: None,
+    log: Path | None = None,
 ) -> Outcome:
     """A trial through the robot's real tasks.
+
+    Where nobody is there to arm the robot again, a disarm ends it.
 
     Args:
         name: the agent's.
@@ -122,37 +133,58 @@ def on_robot(
         done: told each repetition as it ends.
         keep_paths: numbers of the repetitions whose paths are to be kept.
         stopped: asked all the time; once it says yes the trial ends.
-        earlier: repetitions of this trial that were done before.
-        memory: with which the agent carries on; None: from scratch.
+        before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
+        keep: given what has come of it when it ends; with an error, too, if a repetition was completed.
+        log: the file to record it to.
 
     Raises:
         HalError: the hardware cannot be used, or there are no light sensors.
+        NotArmed: the robot was disarmed.
         TaskFault: a task failed; the robot was stopped first.
 
     """
     agent = make(name, config, stream(seed, number, AGENT))
-    if memory is not None:
-        agent.recall(memory)
     trial = new_trial(agent, config, seed, number, repetitions, done, keep_paths)
-    trial.carry_on(earlier)
+    if before is not None:
+        agent.recall(before.memory)
+        trial.carry_on(before.repetitions, before.paths, before.voided)
+
+    own, told = robot_config(config, seed, number), recorded_plan(name, seed, number, repetitions)
 
     async def conduct() -> None:
-        async with Robot.open(config=robot_config(config, seed, number), patience=0.0) as robot:
-            source = light_source(robot.config, robot, stream(seed, number, SENSORS))
+        async with (
+            recording(log, own, speed, told, lambda text: print(f"txt1: {text}", file=sys.stderr)) as attach,
+            Robot.open(config=own, patience=0.0, attach=attach) as robot,
+        ):
+            source = await light_source(robot.config, robot, stream(seed, number, SENSORS))
             await robot.linked(10.0)
-            if arm or robot.arms_by_itself:
-                robot.arm()
+            if not (arm or robot.arms_by_itself):
+                raise ConfigError("nobody is there to arm the robot while it learns: add --arm")
+            robot.arm()
             if not await robot.load_gains():
                 raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
             if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
                 await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
-            learning = LearningTask(robot, trial, source, stopped=stopped)
+            learning = LearningTask(
+                robot, trial, source, stopped=lambda: stopped() or not (robot.armed or robot.config.serial.rearm),
+                observer=robot.runtime.witness,
+            )  # fmt: skip
             learning.start()
             await learning.ended.wait()
             robot.command(0.0, 0.0)
+            if len(trial.repetitions) < repetitions and not stopped():
+                raise NotArmed(robot.reason)
 
-    run(conduct(), speed=speed)
-    return outcome(trial, number, repetitions)
+    try:
+        run(conduct(), speed=speed)
+    except Txt1Error:
+        trial.void()
+        if trial.repetitions:
+            keep(outcome(trial, number, repetitions))
+        raise
+    came = outcome(trial, number, repetitions)
+    keep(came)
+    return came
 
 
 def on_bench(

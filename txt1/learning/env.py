@@ -1,4 +1,7 @@
-"""The learning task as Gymnasium environments (extra `gym`): ``gymnasium.make("txt1/LightSeeking-v0")``.
+"""The learning task as Gymnasium environments (extra `gym`).
+
+    import gymnasium, txt1.learning.env               # importing it registers them
+    gymnasium.make("txt1/LightSeeking-v0")
 
 Vehicle, loops, odometry, sensors, filter and reward are those of the learning task. One step is one decision of the
 thesis's learner, 0.5 s.
@@ -224,11 +227,9 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
 REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in range(8)], float)
 
 
-def register() -> None:
-    """Tell Gymnasium about the environments; it calls this itself, by the package's entry point."""
-    if "txt1/LightSeeking-v0" not in gymnasium.registry:
-        gymnasium.register(
-            "txt1/LightSeeking-v0",
-            entry_point=f"{__name__}:LightSeekingEnv",
-            vector_entry_point=f"{__name__}:LightSeekingVectorEnv",
-        )
+if "txt1/LightSeeking-v0" not in gymnasium.registry:
+    gymnasium.register(
+        "txt1/LightSeeking-v0",
+        entry_point=f"{__name__}:LightSeekingEnv",
+        vector_entry_point=f"{__name__}:LightSeekingVectorEnv",
+    )

@@ -17,28 +17,34 @@ what it had learned.
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import multiprocessing
+import os
 import queue
 import signal
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.config import Config
-from txt1.errors import ConfigError, QTableError
+from txt1.errors import ConfigError, QTableError, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
-from txt1.learning.conduct import Outcome, on_robot
+from txt1.learning.conduct import Outcome, on_robot, recorded_plan, robot_config
 from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Repetition, Start
+from txt1.record.session import discard, need
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = ("trial", "repetition", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 POLL: Final = 0.1
 """s of real time between two looks at what the processes have to tell."""
 
@@ -55,6 +61,7 @@ class Plan(NamedTuple):
         speed: of the robot's time.
         jobs: processes.
         arm: whether to arm a robot that does not arm by itself.
+        log: the file to record to; with several trials, what the names of their files begin with.
 
     """
 
@@ -66,6 +73,7 @@ class Plan(NamedTuple):
     speed: Speed = "max"
     jobs: int = 1
     arm: bool = False
+    log: Path | None = None
 
     @property
     def simulated(self) -> bool:
@@ -85,71 +93,119 @@ class Plan(NamedTuple):
 Watch = Callable[[int, Repetition], None]
 """Told each repetition as it ends, with the number of its trial."""
 
+Ended = signal.Signals | Txt1Error | None
+"""Why there are no more trials: a signal or an error ended them, or, None, all are complete."""
+
 
 # -- running -----------------------------------------------------------------------------------------------------
 
 
-def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Outcome], bool]:
-    """What came of the trials, in their order, and whether all are complete; Ctrl-C ends it early, nothing is lost.
+def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Outcome], Ended]:
+    """What came of the trials, in their order, and why there are no more; a signal ends it early, nothing is lost.
 
     Raises:
         ConfigError: the directory cannot be used, or holds another experiment.
 
     """
     done = prepare(plan, out, resume)
-    complete = {one.trial: one for one in done if one.complete}
-    for outcome in complete.values():
+    outcomes = {one.trial: one for one in done if one.complete}
+    for outcome in outcomes.values():
         for repetition in outcome.repetitions:
             watch(outcome.trial, repetition)
-    missing = [number for number in range(1, plan.trials + 1) if number not in complete]
+    missing = [number for number in range(1, plan.trials + 1) if number not in outcomes]
     begun = {} if plan.simulated else {one.trial: one for one in done if not one.complete}
-    if plan.jobs > 1 and plan.simulated and len(missing) > 1:
-        made = _side_by_side(plan, missing, out, watch)
-    else:
-        made = _one_by_one(plan, missing, begun, out, watch)
-    outcomes = sorted([*complete.values(), *made], key=lambda one: one.trial)
-    return outcomes, len(outcomes) >= plan.trials and all(one.complete for one in outcomes)
+    logs = recordings(plan, missing, begun, resume)
+
+    def keep(outcome: Outcome) -> None:
+        outcomes[outcome.trial] = outcome
+
+    ended: Ended = None
+    with _signals() as came:
+        try:
+            if plan.jobs > 1 and plan.simulated and len(missing) > 1:
+                _side_by_side(plan, missing, logs, out, watch, keep, came)
+            else:
+                _one_by_one(plan, missing, logs, begun, out, watch, keep, came)
+        except Txt1Error as error:
+            ended = error
+    complete = len(outcomes) >= plan.trials and all(one.complete for one in outcomes.values())
+    if came and not complete:
+        ended = came[0]
+    return [outcomes[number] for number in sorted(outcomes)], ended
 
 
 @contextmanager
-def _stop_on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C, and a request to end, call `stop` within the block."""
-    before = {each: signal.signal(each, lambda *_: stop()) for each in (signal.SIGINT, signal.SIGTERM)}
+def _signals() -> Iterator[list[signal.Signals]]:
+    """Within the block, Ctrl-C and other requests to end only add to the list that it yields."""
+    came: list[signal.Signals] = []
+    before = {each: signal.signal(each, lambda number, _: came.append(signal.Signals(number))) for each in SIGNALS}
     try:
-        yield
+        yield came
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes born within the block are deaf to signals, which are their parent's business."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resume: bool) -> dict[int, Path]:
+    """The files to which these trials are to be recorded, and nothing stands in their way; none without `plan.log`.
+
+    A trial that is done again from its start is recorded anew; one that carries on, to a file of its own.
+
+    Raises:
+        ConfigError: there is such a file already, and it is no recording of that trial.
+        MissingExtra: the extra `record` is not installed.
+
+    """
+    log = plan.log
+    if log is None:
+        return {}
+    need("--log", "record", "mcap", "zstandard", "lz4")
+    files = {}
+    for number in numbers:
+        file = log if plan.trials == 1 else log.with_name(f"{log.stem}-trial-{number:04d}{log.suffix}")
+        if number in begun:
+            again = (file.with_name(f"{file.stem}-again-{k}{file.suffix}") for k in itertools.count(1))
+            file = next(each for each in again if not each.exists())
+        elif file.exists():
+            own = robot_config(plan.config, plan.seed, number)
+            told = recorded_plan(plan.agent, plan.seed, number, plan.repetitions)
+            if not (resume and discard(file, own, told)):
+                raise ConfigError(f"--log: there is a file {file} already; choose another name")
+        files[number] = file
+    return files
+
+
 def _one_by_one(
-    plan: Plan, numbers: Sequence[int], begun: dict[int, Outcome], out: Path, watch: Watch
-) -> list[Outcome]:
+    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], begun: dict[int, Outcome], out: Path, watch: Watch,
+    keep: Callable[[Outcome], None], came: Sequence[signal.Signals],
+) -> None:  # fmt: skip
     """The trials in this process."""
-    stopped = False
-    outcomes: list[Outcome] = []
 
-    def stop() -> None:
-        nonlocal stopped
-        stopped = True
+    def save(outcome: Outcome) -> None:
+        save_outcome(out, outcome)
+        keep(outcome)
 
-    with _stop_on_interrupt(stop):
-        for number in numbers:
-            before = begun.get(number)
-            earlier = before.repetitions if before else []
-            for repetition in earlier:
-                watch(number, repetition)
-            outcome = on_robot(
-                plan.agent, plan.config, plan.seed, number, plan.repetitions, speed=plan.speed, arm=plan.arm,
-                done=lambda repetition, number=number: watch(number, repetition),  # type: ignore[misc]
-                keep_paths=plan.keep_paths(), stopped=lambda: stopped, earlier=earlier,
-                memory=before.memory if before else None,
-            )  # fmt: skip
-            save_outcome(out, outcome)
-            outcomes.append(outcome)
-            if stopped:
-                break
-    return outcomes
+    for number in numbers:
+        if came:
+            return
+        before = begun.get(number)
+        for repetition in before.repetitions if before else []:
+            watch(number, repetition)
+        on_robot(
+            plan.agent, plan.config, plan.seed, number, plan.repetitions, speed=plan.speed, arm=plan.arm,
+            done=lambda repetition, number=number: watch(number, repetition),  # type: ignore[misc]
+            keep_paths=plan.keep_paths(), stopped=lambda: bool(came), before=before, keep=save, log=logs.get(number),
+        )  # fmt: skip
 
 
 _stop: Any = None
@@ -157,27 +213,38 @@ _news: Any = None
 
 
 def _enter(stop: Any, news: Any) -> None:
-    """Make a process ready to work."""
+    """Make a process ready to work; it ends with its parent."""
     global _stop, _news
     _stop, _news = stop, news
 
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
 
-def _work(plan: Plan, number: int, out: Path) -> Outcome | None:
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def _work(plan: Plan, number: int, log: Path | None, out: Path) -> Outcome | None:
     """One trial in a process of its own; None when it was not begun."""
     if _stop.is_set():
         return None
-    outcome = on_robot(
+    return on_robot(
         plan.agent, plan.config, plan.seed, number, plan.repetitions, keep_paths=plan.keep_paths(),
         done=lambda repetition: _news.put((number, repetition)), stopped=_stop.is_set,
+        keep=lambda outcome: save_outcome(out, outcome), log=log,
     )  # fmt: skip
-    save_outcome(out, outcome)
-    return outcome
 
 
-def _side_by_side(plan: Plan, numbers: Sequence[int], out: Path, watch: Watch) -> list[Outcome]:
+def _side_by_side(
+    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch,
+    keep: Callable[[Outcome], None], came: Sequence[signal.Signals],
+) -> None:  # fmt: skip
     """The trials in several processes."""
     context = multiprocessing.get_context("spawn")
-    stop, news = context.Event(), context.Queue()
+    with _deaf():  # here the process is born that tidies up after the others
+        stop, news = context.Event(), context.Queue()
 
     def listen(timeout: float) -> None:
         try:
@@ -187,22 +254,31 @@ def _side_by_side(plan: Plan, numbers: Sequence[int], out: Path, watch: Watch) -
         except queue.Empty:
             pass
 
-    with _stop_on_interrupt(stop.set), ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
-        # Ctrl-C is the parent's business: the processes are born deaf to it, as they inherit what is blocked here
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            futures: list[Future[Outcome | None]] = [pool.submit(_work, plan, number, out) for number in numbers]
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
+        with _deaf():
+            futures: list[Future[Outcome | None]] = [
+                pool.submit(_work, plan, number, logs.get(number), out) for number in numbers
+            ]
         try:
             while wait(futures, timeout=0.0).not_done:
+                if came or any(future.done() and future.exception() for future in futures):
+                    stop.set()
                 listen(POLL)
             listen(POLL)
-            return [outcome for future in futures if (outcome := future.result()) is not None]
         except BaseException:
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+        for future in futures:
+            if future.exception() is None and (outcome := future.result()) is not None:
+                keep(outcome)
+        try:
+            for future in futures:
+                future.result()
+        except BrokenProcessPool:
+            for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
+                child.kill()
+            raise Txt1Error("a process that did a trial was killed from outside, perhaps for lack of memory") from None
 
 
 # -- files -------------------------------------------------------------------------------------------------------
@@ -216,29 +292,51 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[Outcome]:
 
     """
     mark = out / "experiment.json"
+    identity = plan.identity()
     try:
         (out / "trials").mkdir(parents=True, exist_ok=True)
+        trials = sorted((out / "trials").glob("*.json"))
         before = json.loads(mark.read_text(encoding="utf-8")) if mark.exists() else None
-        if before is None:
-            content = {"format": FORMAT, "version": VERSION, **plan.identity()}
+        if before is not None and not _is_ours(before):
+            raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
+        if not trials:  # nothing came of what was begun here, if anything was
+            content = {"format": FORMAT, "version": VERSION, **identity}
             mark.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            return []
     except OSError as error:
         raise ConfigError(f"--out {out}: {error.strerror}; give a directory that can be made or written to") from None
     except ValueError as error:
         raise ConfigError(f"--out {out}: experiment.json is damaged ({error}); give another directory") from None
     if before is None:
-        return []
+        raise ConfigError(
+            f"--out {out}: there are trials, but no experiment.json to say of what; give another directory"
+        )
     if not resume:
         raise ConfigError(
             f"--out {out}: holds an experiment already; --resume carries it on, or give another directory"
         )
-    if not isinstance(before, dict) or before.get("format") != FORMAT or before.get("version") != VERSION:
-        raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
-    for key, value in plan.identity().items():
-        if before.get(key) != value:
-            what = f"{key} {before.get(key)!r}" if key != "config" else "another configuration"
-            raise ConfigError(f"--resume: {out} was begun with {what}; repeat that, or give another directory")
-    return [load_outcome(path) for path in sorted((out / "trials").glob("*.json"))]
+    was, now = (dict(_flat({key: tree.get(key) for key in identity})) for tree in (before, identity))
+    for key in now | was:
+        if was.get(key) != now.get(key):
+            raise ConfigError(
+                f"--resume: {out} was begun with {key.removeprefix('config.')}={was.get(key)}, not {now.get(key)}; "
+                "repeat that, or give another directory"
+            )
+    return [load_outcome(path) for path in trials]
+
+
+def _is_ours(before: Any) -> bool:
+    """Whether this is what `prepare` writes."""
+    return isinstance(before, dict) and before.get("format") == FORMAT and before.get("version") == VERSION
+
+
+def _flat(tree: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of nested dictionaries, with the keys that lead to it."""
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{above}{key}.")
+        else:
+            yield above + key, value
 
 
 def save_outcome(out: Path, outcome: Outcome) -> None:
@@ -262,7 +360,11 @@ def load_outcome(path: Path) -> Outcome:
         QTableError: it was cut off or altered, or is no trial.
 
     """
-    stored = qtable.load(path)
+    again = "delete it, and it is done again"
+    try:
+        stored = qtable.load(path)
+    except QTableError as error:
+        raise QTableError(str(path), error.problem, again) from error
     about = dict(stored.about)
     try:
         repetitions = [
@@ -273,7 +375,7 @@ def load_outcome(path: Path) -> Outcome:
         trial, complete, voided = about.pop("trial"), about.pop("complete"), about.pop("voided")
         memory = about.pop("memory")
     except (KeyError, TypeError, ValueError) as error:
-        raise QTableError(str(path), f"is no trial: {error}", "delete it, and it is done again") from error
+        raise QTableError(str(path), f"is no trial: {error}", again) from error
     return Outcome(trial, repetitions, complete, StoredTable(stored.values, about), memory, paths, voided)
 
 

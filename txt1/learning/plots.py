@@ -34,13 +34,14 @@ def draw(out: Path, outcomes: Sequence[Outcome], chosen: Outcome, task: Task) ->
 
     """
     try:
+        from matplotlib import colormaps, ticker
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtra("drawing pictures", "plots") from None
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
-        ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes)),
+        ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes, ticker)),
         ("paths.png", (4.5 * max(1, len(chosen.paths)), 4.8), lambda figure: _paths(figure, chosen, task)),
-        ("qtable.png", (6.0, 4.5), lambda figure: _table(figure, chosen.table)),
+        ("qtable.png", (6.0, 4.5), lambda figure: _table(figure, chosen.table, colormaps)),
     )
     pictures = []
     for name, size, paint in paintings:
@@ -52,13 +53,14 @@ def draw(out: Path, outcomes: Sequence[Outcome], chosen: Outcome, task: Task) ->
     return pictures
 
 
-def _curve(figure: Any, outcomes: Sequence[Outcome]) -> None:
+def _curve(figure: Any, outcomes: Sequence[Outcome], ticker: Any) -> None:
     """Time of each repetition: every trial, their mean and median, the optimum (figure 5.10)."""
     axes = figure.subplots()
     length = max((len(one.repetitions) for one in outcomes), default=0)
-    for one in outcomes:
+    for k, one in enumerate(outcomes):
         times = [repetition.time for repetition in one.repetitions]
-        axes.plot(range(1, len(times) + 1), times, color=BLUE, alpha=max(0.05, min(0.6, 4.0 / len(outcomes))), lw=0.8)
+        alpha = max(0.05, min(0.6, 4.0 / len(outcomes)))
+        axes.plot(range(1, len(times) + 1), times, color=BLUE, alpha=alpha, lw=0.8, label="" if k else "each trial")
     rows = [[one.repetitions[k] for one in outcomes if len(one.repetitions) > k] for k in range(length)]
     numbers = range(1, length + 1)
     axes.plot(numbers, [np.mean([one.time for one in row]) for row in rows], color=RED, lw=2.5, label="mean")
@@ -68,8 +70,14 @@ def _curve(figure: Any, outcomes: Sequence[Outcome]) -> None:
     axes.plot(
         numbers, [np.mean([one.optimal_time for one in row]) for row in rows], color=GREEN, lw=2.0, label="optimum"
     )
-    axes.set(xlabel="repetition", ylabel="time, s", yscale="log", title=f"{len(outcomes)} trials")
-    axes.grid(alpha=0.3, which="both")
+    agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
+    title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
+    axes.set(xlabel="repetition", ylabel="time, s", yscale="log", title=title, xlim=(0.5, length + 0.5))
+    axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 3.0, 5.0, 7.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(ticker.NullLocator())
+    axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
+    axes.grid(alpha=0.3)
     axes.legend()
 
 
@@ -82,10 +90,12 @@ def _paths(figure: Any, chosen: Outcome, task: Task) -> None:
         x, y = np.array(chosen.paths[number]).T
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
-        heading = chosen.repetitions[number - 1].start.heading if len(chosen.repetitions) >= number else 0.0
-        axes.annotate(
-            "", (x[0] + 0.4 * cos(heading), y[0] + 0.4 * sin(heading)), (x[0], y[0]), arrowprops={"arrowstyle": "->"}
-        )
+        title = f"trial {chosen.trial}, repetition {number}"
+        if len(chosen.repetitions) >= number:  # else it was broken off
+            one = chosen.repetitions[number - 1]
+            tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
+            axes.annotate("", tip, (x[0], y[0]), arrowprops={"arrowstyle": "->"})
+            title += f": {'reached' if one.success else 'lost'} after {one.time:.1f} s"
         axes.plot(*task.light, "*", color="gold", markersize=18, markeredgecolor=GREY)
         angle = np.linspace(0.0, 2.0 * np.pi, 100)
         for radius, style in ((task.goal_radius, "-"), (task.start_radius, ":")):
@@ -96,23 +106,25 @@ def _paths(figure: Any, chosen: Outcome, task: Task) -> None:
                 color=GREY,
                 lw=1.0,
             )
+        corners = task.boundary * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+        axes.plot(*corners.T, "--", color=GREY, lw=1.0)
         reach = max(1.6, float(np.abs(np.concatenate([x, y])).max()) + 0.2)
-        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m",
-                 title=f"trial {chosen.trial}, repetition {number}")  # fmt: skip
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m", title=title)
 
 
-def _table(figure: Any, table: StoredTable) -> None:
+def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
     """The Q-table as a heat map."""
     axes = figure.subplots()
     if table.about.get("agent") == sweeps.SweepsAgent.name:
         q = np.asarray(table.values).reshape(sweeps.BEARINGS, sweeps.YAW_RATES, -1)
         best = q.argmax(axis=2).T
         extent = (-180.0, 180.0, -sweeps.YAW_MAX, sweeps.YAW_MAX)
+        colours = colormaps["viridis"].resampled(len(ACTIONS))
         image = axes.imshow(
-            best, aspect="auto", origin="lower", extent=extent, cmap="viridis", vmin=0, vmax=q.shape[2] - 1
+            best, aspect="auto", origin="lower", extent=extent, cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
         )
         axes.set(xlabel="bearing of the light, degrees", ylabel="yaw rate, rad/s", title="best action")
-        figure.colorbar(image, ticks=range(q.shape[2]), label="action")
+        figure.colorbar(image, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
     image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn")
     axes.set_xticks(range(len(ACTIONS)), ACTIONS)

@@ -184,7 +184,7 @@ def _parse(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
-        ends_early = error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string")
+        ends_early = error.pos >= len(text.rstrip()) or (text[0] == "{" and not text.rstrip().endswith("}"))
         problem = "ends in the middle" if text.strip() else "is empty"
         if not ends_early:
             problem = f"is no JSON: {error.msg}, line {error.lineno}, column {error.colno}"

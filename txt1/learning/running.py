@@ -36,7 +36,7 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
     return None if learn is None else make(learn, config, rng)
 
 
-def light_source_of(robot: Robot) -> LightSource:
+async def light_source_of(robot: Robot) -> LightSource:
     """The robot's configured light sensors.
 
     Raises:
@@ -44,10 +44,12 @@ def light_source_of(robot: Robot) -> LightSource:
         MissingExtra: Phidgets are asked for and their driver is not installed.
 
     """
-    return light_source(robot.config, robot, stream(robot.config.seed, 1, SENSORS))
+    return await light_source(robot.config, robot, stream(robot.config.seed, 1, SENSORS))
 
 
-def start(robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | None = None) -> LearningTask:
+def start(
+    robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | None = None, repetitions: int = REPETITIONS
+) -> LearningTask:
     """The learning task, at work beside the robot's others.
 
     Args:
@@ -55,6 +57,7 @@ def start(robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | No
         agent: who learns or drives.
         source: its light sensors.
         pose: where the robot is; None: as configured.
+        repetitions: how many.
 
     """
     config = robot.config
@@ -67,6 +70,7 @@ def start(robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | No
         how = "reached the light" if one.success else "lost the light"
         robot.tell(f"repetition {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
-    task = LearningTask(robot, new_trial(agent, config, config.seed, 1, REPETITIONS, tell), source, pose)
+    trial = new_trial(agent, config, config.seed, 1, repetitions, tell)
+    task = LearningTask(robot, trial, source, pose, observer=robot.runtime.witness)
     task.start()
     return task

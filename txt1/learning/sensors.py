@@ -71,7 +71,7 @@ class PhidgetSensors:
 
     Raises:
         MissingExtra: Phidget22 is not installed.
-        HalError: there is no such kit.
+        HalError: there is no such kit, or Phidgets' library cannot be loaded.
 
     """
 
@@ -88,6 +88,7 @@ class PhidgetSensors:
         self._inputs: list[Any] = []
         try:
             for k, channel in enumerate(channels):
+                sensor = f"light sensor {SENSORS[k]} on analog input {channel}"
                 one = VoltageRatioInput()
                 self._inputs.append(one)
                 one.setChannel(channel)
@@ -100,10 +101,13 @@ class PhidgetSensors:
                 one.setVoltageRatioChangeTrigger(0.0)
         except PhidgetException as error:
             self.close()
+            why = " ".join(f"{error.description}: {error.details}".split()).rstrip(":.")
             raise HalError(
-                f"light sensor {SENSORS[len(self._inputs) - 1]}: {error.details or error}; is the Interface Kit "
-                "plugged in, and are its sensors on analog inputs 0 to 3 (FL FR RL RR)?"
+                f"{sensor}: {why}; is the Interface Kit plugged in, may you open it (udev), and are its sensors on "
+                "inputs 0 to 3 (FL FR RL RR)?"
             ) from error
+        except OSError as error:
+            raise HalError(f"Phidgets' library cannot be loaded: {error}; Debian has libusb in libusb-1.0-0") from error
 
     def _take(self, k: int, ratio: float) -> None:
         self._ratios[k] = ratio

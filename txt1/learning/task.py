@@ -8,20 +8,49 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from math import cos, degrees, nan, pi
+from typing import Any, Final, Protocol, cast
 
 import numpy as np
 
 from txt1.config import Config
 from txt1.errors import HalError, NotArmed
 from txt1.kernel.scheduler import Ticks
+from txt1.learning.agent import Agent
+from txt1.learning.light import reward
 from txt1.learning.sensors import Compass, LightSource, PhidgetSensors, SimulatedSensors
+from txt1.learning.sweeps import BEARINGS, YAW_MAX, YAW_RATES, SweepsAgent
+from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import TICK, Phase, Task, Trial
-from txt1.model.light import SAMPLE_PERIOD
-from txt1.navigation import PoseSource, go_to, true_pose, wheel_pose
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import SAMPLE_PERIOD, Readings
+from txt1.model.odometry import Odometry
+from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
 from txt1.sim.light import LightSensors, PointLight, noise_for_jitter
 
 PRIORITY = 0
+TO_START: Final = 0.4
+"""m/s, the fastest on the way to a start."""
+
+
+class Observer(Protocol):
+    """Who is told what the learner senses and decides: a recorder."""
+
+    def light(self, lux: Readings) -> None:
+        """The light sensors were read."""
+
+    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+        """The learner has decided, or a repetition is over.
+
+        Args:
+            repetition: its number, from 1.
+            state: the row of the learner's table that it is in; -1: in none.
+            action: the one that it takes; -1: the repetition is over.
+            reward: for what came of the action before; NaN when nothing was learned from it.
+            values: of the actions in this state, after learning.
+
+        """
 
 
 class LearningTask:
@@ -36,6 +65,7 @@ class LearningTask:
         pose: where the robot is in the room, for the goal and the boundary. None: the simulation's truth; or, where
             there is none or `learning.pose` says so, odometry.
         stopped: asked 20 times a second; once it says yes the trial is over.
+        observer: told what the agent senses and decides.
 
     """
 
@@ -46,10 +76,13 @@ class LearningTask:
         source: LightSource,
         pose: PoseSource | None = None,
         stopped: Callable[[], bool] = lambda: False,
+        observer: Observer | None = None,
     ) -> None:
         self.trial = trial
+        if observer is not None:
+            trial.agent = cast(Agent, _Observed(trial, observer))
         self.ended = asyncio.Event()
-        """Set when the last repetition is over, or somebody stopped the trial."""
+        """Set when the last repetition is over, or somebody stopped the trial; from then on it commands nothing."""
         self._robot = robot
         self._source = source
         self._given = pose
@@ -57,7 +90,7 @@ class LearningTask:
         self._truth = robot.config.learning.pose == "truth" and robot.hal.capabilities.pose
         self._pose = pose or (true_pose(robot) if self._truth else wheel_pose(robot))
         self._places = robot.hal.capabilities.place
-        self._drive: asyncio.Task[object] | None = None
+        self._drive: asyncio.Task[Arrival] | None = None
 
     def start(self) -> None:
         """Add the two tasks to the robot's."""
@@ -81,7 +114,12 @@ class LearningTask:
         robot, trial = self._robot, self.trial
         try:
             async for now in ticks:
+                if self.ended.is_set():
+                    continue
                 if self._stopped():
+                    self._let_go()
+                    if not robot.armed:
+                        trial.void()
                     trial.phase = Phase.DONE
                 pose = self._pose.read()
                 if trial.phase is Phase.MOVE:
@@ -99,8 +137,13 @@ class LearningTask:
                 elif trial.phase is not before:
                     robot.tell(f"repetition {len(trial.repetitions) + 1} {trial.phase.value}")
         finally:
-            if self._drive is not None:
-                self._drive.cancel()
+            self._let_go()
+
+    def _let_go(self) -> None:
+        """Drive no farther towards the start."""
+        if self._drive is not None:
+            self._drive.cancel()
+            self._drive = None
 
     def _moved(self, now: float) -> bool:
         """Whether the robot is at its start now; sees to it that it will be."""
@@ -116,15 +159,20 @@ class LearningTask:
                 self._pose = wheel_pose(robot, trial.start)
         else:
             if self._drive is None:
-                self._drive = asyncio.ensure_future(go_to(robot, trial.start, pose_source=self._pose))
+                if self._pose.read() is None:
+                    return False
+                speed = min(TO_START, robot.config.safety.v_max)
+                self._drive = asyncio.ensure_future(go_to(robot, trial.start, pose_source=self._pose, speed=speed))
             if not self._drive.done():
                 return False
             drive, self._drive = self._drive, None
             error = drive.exception()
-            if isinstance(error, NotArmed):  # on the way; it drives on after the arm
+            if isinstance(error, NotArmed) or self._pose.read() is None:  # on the way; it will drive on
                 return False
             if error is not None:
                 raise error
+            if not (arrival := drive.result()).arrived:
+                robot.tell(f"the start was missed by {arrival.distance:.2f} m, {degrees(arrival.turn):.0f} degrees")
         trial.placed(now)
         return True
 
@@ -135,8 +183,8 @@ def task_of(config: Config) -> Task:
     return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
 
 
-def light_source(config: Config, robot: Robot, rng: np.random.Generator) -> LightSource:
-    """The configured light sensors.
+async def light_source(config: Config, robot: Robot, rng: np.random.Generator) -> LightSource:
+    """The configured light sensors; real ones are waited for beside the event loop.
 
     Raises:
         HalError: there are none.
@@ -144,7 +192,7 @@ def light_source(config: Config, robot: Robot, rng: np.random.Generator) -> Ligh
 
     """
     if config.learning.sensors == "phidgets":
-        return PhidgetSensors()
+        return await asyncio.to_thread(PhidgetSensors)
     if config.learning.sensors == "none" or not robot.hal.capabilities.pose:
         raise HalError(
             f"learning needs four light sensors, and with the HAL '{robot.hal.name}' there are none: plug in a "
@@ -161,3 +209,76 @@ def simulated_light(config: Config, rng: np.random.Generator) -> LightSource:
     exponent = float(light.exponent)
     noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
     return SimulatedSensors(LightSensors(PointLight(x, y, light.intensity, exponent), noise, rng))
+
+
+# -- who looks on ------------------------------------------------------------------------------------------------
+
+NO_STATE: Final = -1
+OVER: Final = -1
+
+
+class _Observed:
+    """An agent with an observer; to the trial it is that agent."""
+
+    def __init__(self, trial: Trial, observer: Observer) -> None:
+        self._trial, self._observer = trial, observer
+        self._agent = trial.agent
+        self._heading: float | None = None  # at the decision before
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._agent, name)
+
+    def begin(self) -> None:
+        """A repetition begins."""
+        self._agent.begin()
+        self._heading = None
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        self._observer.light(readings)
+        self._agent.see(readings, odometry)
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """The index of the next action."""
+        known = _experience(self._agent)
+        action = self._agent.act(now, odometry)
+        self._tell(action, odometry, known)
+        return action
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The repetition is over."""
+        known = _experience(self._agent)
+        self._agent.end(success, odometry)
+        self._tell(OVER, odometry, known)
+
+    def _tell(self, action: int, odometry: Odometry, known: Any) -> None:
+        agent, state, earned, values = self._agent, NO_STATE, nan, ()
+        if isinstance(agent, ThesisAgent):
+            sector = agent.state()
+            if sector is not None:
+                state, values = sector, tuple(agent.q[sector].tolist())
+                for learned in np.flatnonzero(agent.visits != known):
+                    earned = float(reward(int(learned), sector))
+        elif isinstance(agent, SweepsAgent):
+            turned = 0.0 if self._heading is None else wrap_angle(odometry.theta - self._heading)
+            bearing = agent.bearing(odometry)
+            state = _cell(bearing, turned / agent.settings.period)
+            values = tuple(agent.q.reshape(-1, agent.q.shape[-1])[state].tolist())
+            if (agent.model.count != known).any():
+                earned = cos(bearing)
+        self._heading = odometry.theta
+        self._observer.learning_step(len(self._trial.repetitions) + 1, state, action, earned, values)
+
+
+def _experience(agent: Agent) -> Any:
+    """What grows when the agent learns."""
+    if isinstance(agent, ThesisAgent):
+        return agent.visits.copy()
+    return agent.model.count.copy() if isinstance(agent, SweepsAgent) else None
+
+
+def _cell(bearing: float, yaw_rate: float) -> int:
+    """The row of the sweeping learner's table next to a bearing (rad) and a yaw rate (rad/s)."""
+    i = round((bearing + pi) / (2.0 * pi) * BEARINGS) % BEARINGS
+    j = round((min(max(yaw_rate / YAW_MAX, -1.0), 1.0) + 1.0) / 2.0 * (YAW_RATES - 1))
+    return i * YAW_RATES + j

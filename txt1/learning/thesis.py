@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from txt1.errors import NoDirection
-from txt1.learning.light import FILTER_WEIGHT, LightFilter, direction, reward, sector, spread_limit
+from txt1.learning.light import FILTER_WEIGHT, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.policy import (
     boltzmann_action,
     greedy_action,
@@ -23,6 +23,7 @@ from txt1.model.odometry import Odometry
 Remedy = Literal["none", "hold", "sensed"]
 Policy = Literal["boltzmann", "greedy", "random"]
 Rate = Literal["constant", "fading", "per_state"]
+Direction = Literal["summed", "corrected"]
 
 REACHED: Final = 0.15
 """Remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)."""
@@ -47,6 +48,7 @@ class Settings(NamedTuple):
         decay: of T, per repetition (5.4).
         floor: lowest T (O).
         filtered: whether the readings pass the filter (5.10).
+        direction: "summed" as in (5.3), or "corrected" for the compression of that sum, see `txt1.learning.light`.
         exponent: of the light's fall, for the watch over the sensors.
         training: repetitions after which it stops to explore and to learn; None: never.
         learn_on: go on learning after the training.
@@ -64,6 +66,7 @@ class Settings(NamedTuple):
     decay: float = 0.65
     floor: float = 0.05
     filtered: bool = True
+    direction: Direction = "summed"
     exponent: float = 2.0
     training: int | None = None
     learn_on: bool = True
@@ -94,6 +97,7 @@ class ThesisAgent:
         self.visits = np.zeros(STATES, int)
         self._rng = rng
         self._commands = commands
+        self._direction = direction if settings.direction == "summed" else corrected_direction
         self._filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
         self._sample: Readings | None = None
         self._before = (self.q.copy(), self.visits.copy())
@@ -125,7 +129,7 @@ class ThesisAgent:
         """The sector the light is in now; None where the sensors tell no direction."""
         assert self._sample is not None
         try:
-            return sector(direction(self._sample))
+            return sector(self._direction(self._sample))
         except NoDirection:
             return None
 

@@ -6,7 +6,7 @@ on the bare simulation, and both get the same result.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
 from math import cos, hypot, pi, sin
 from typing import Final, NamedTuple
@@ -141,9 +141,13 @@ class Trial:
         self._action = 0
         self.phase = Phase.MOVE if starts else Phase.DONE
 
-    def carry_on(self, earlier: Sequence[Repetition]) -> None:
-        """Count repetitions that were done before."""
+    def carry_on(
+        self, earlier: Sequence[Repetition], paths: Mapping[int, list[tuple[float, float]]], voided: int
+    ) -> None:
+        """Count repetitions that were done before, and keep their paths."""
         self.repetitions.extend(earlier)
+        self.paths.update({number: path for number, path in paths.items() if number <= len(earlier)})
+        self.voided += voided
         self.phase = Phase.MOVE if len(self.repetitions) < len(self._starts) else Phase.DONE
 
     @property

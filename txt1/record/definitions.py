@@ -56,15 +56,15 @@ DEFINITIONS: Final = {
         "bool esc\nuint8 screen\nstring reason"
     ),
     "txt1_msgs/Input": (
-        "std_msgs/Header header\nuint32 cycle\nuint32 received\n"
+        "std_msgs/Header header\nuint32 cycle\nuint32 tick\nuint32 received\n"
         "string source\nstring kind\nstring text\nfloat64 given\nfloat64[] values"
     ),
     "txt1_msgs/LinkBytes": "std_msgs/Header header\nstring direction\nuint8[] data",
     "txt1_msgs/Light": "std_msgs/Header header\nfloat64[4] lux",
     "txt1_msgs/LearningStep": (
-        "std_msgs/Header header\nint32 repetition\nint32 state\nint32 action\nint32 next_state\nfloat64 reward\n"
-        "float64[] values"
+        "std_msgs/Header header\nint32 repetition\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values"
     ),
+    "txt1_msgs/Ticks": "std_msgs/Header header\nuint8[] task\nfloat64[] time\nuint32[] missed",
 }
 """By package and name. ``byte`` is ROS's word for an octet."""
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from txt1.control.pid import Gains
 from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.model.light import SENSORS, Readings
 from txt1.model.odometry import Odometry
 from txt1.record import topics
 from txt1.record.layout import Layout, encode, record_type
@@ -76,11 +77,16 @@ class Extra(NamedTuple):
     content: Any
 
 
+Tick = tuple[int, float, int]
+"""A cycle of one of the robot's tasks: the task's number, when, s of the run, and cycles missed just before."""
+
+
 class Input(NamedTuple):
     """Something given to the tasks from outside.
 
     Attributes:
         cycle: cycles of the recorder before it: they tell its place among the ticks of the same instant.
+        tick: recorded ticks before it, which tell its place on the real clock.
         received: messages that the serial task had taken before it, which tells its place among those.
         source: the task of the user's or the driver's that gave it, empty for none.
         kind: the message's or the action's name.
@@ -91,6 +97,7 @@ class Input(NamedTuple):
     """
 
     cycle: int
+    tick: int
     received: int
     source: str
     kind: str
@@ -159,6 +166,7 @@ class Encoder:
             topics.INPUT: _input,
             topics.LIGHT: _light,
             topics.LEARNING: _learning,
+            topics.TICKS: _ticks,
             topics.SNAPSHOT: _snapshot,
         }
 
@@ -236,11 +244,11 @@ class _Row:
     def __init__(self, ticks: bool, pose: bool) -> None:
         base = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
         on_robot = {"header": {"frame_id": "base_footprint"}}
-        layouts = {
+        layouts = {  # causes before effects, as a verification names the first that differs
             topics.ODOMETRY: Layout("nav_msgs/Odometry", base),
             topics.SETPOINT: Layout("geometry_msgs/TwistStamped", on_robot),
-            topics.PWM: Layout("txt1_msgs/Pwm", on_robot),
             topics.GAINS: Layout("txt1_msgs/Gains", on_robot),
+            topics.PWM: Layout("txt1_msgs/Pwm", on_robot),
             topics.TRANSFORM: Layout("tf2_msgs/TFMessage", {"transforms": [base]}),
         }
         if ticks:
@@ -337,12 +345,27 @@ def _twist(sec: int, nanosec: int, velocity: tuple[float, float]) -> bytes:
 @lru_cache(256)
 def _input_filler(source: str, kind: str, text: str, length: int) -> Callable[..., bytes]:
     layout = Layout("txt1_msgs/Input", {"source": source, "kind": kind, "text": text, "values": [0.0] * length})
-    return layout.filler(*_STAMP, "cycle", "received", "given", *(f"values.{index}" for index in range(length)))
+    return layout.filler(*_STAMP, "cycle", "tick", "received", "given", *_elements("values", length))
 
 
 def _input(sec: int, nanosec: int, given: Input) -> bytes:
     fill = _input_filler(given.source, given.kind, given.text, len(given.values))
-    return fill(sec, nanosec, given.cycle, given.received, given.given, *given.values)
+    return fill(sec, nanosec, given.cycle, given.tick, given.received, given.given, *given.values)
+
+
+def _elements(field: str, length: int) -> Iterator[str]:
+    return (f"{field}.{index}" for index in range(length))
+
+
+def _ticks(sec: int, nanosec: int, ticks: Sequence[Tick]) -> bytes:
+    tasks, times, missed = zip(*ticks, strict=True)
+    return encode(
+        "txt1_msgs/Ticks",
+        {
+            "header": _stamped(sec, nanosec),
+            "task": bytes(tasks), "time": np.array(times), "missed": np.array(missed, np.uint32),
+        },
+    )  # fmt: skip
 
 
 def _stamped(sec: int, nanosec: int, frame: str = "") -> dict[str, Any]:
@@ -425,12 +448,25 @@ def _link(sec: int, nanosec: int, piece: tuple[str, bytes]) -> bytes:
     return encode("txt1_msgs/LinkBytes", {"header": _stamped(sec, nanosec), "direction": direction, "data": data})
 
 
-def _light(sec: int, nanosec: int, lux: Sequence[float]) -> bytes:
-    return encode("txt1_msgs/Light", {"header": _stamped(sec, nanosec, "base_footprint"), "lux": list(lux)})
+@cache
+def _light_filler() -> Callable[..., bytes]:
+    layout = Layout("txt1_msgs/Light", {"header": {"frame_id": "base_footprint"}})
+    return layout.filler(*_STAMP, *_elements("lux", len(SENSORS)))
 
 
-def _learning(sec: int, nanosec: int, step: dict[str, Any]) -> bytes:
-    return encode("txt1_msgs/LearningStep", {"header": _stamped(sec, nanosec), **step})
+def _light(sec: int, nanosec: int, lux: Readings) -> bytes:
+    return _light_filler()(sec, nanosec, *lux)
+
+
+@lru_cache(256)
+def _learning_filler(actions: int) -> Callable[..., bytes]:
+    layout = Layout("txt1_msgs/LearningStep", {"values": [0.0] * actions})
+    return layout.filler(*_STAMP, "repetition", "state", "action", "reward", *_elements("values", actions))
+
+
+def _learning(sec: int, nanosec: int, step: tuple[int, int, int, float, tuple[float, ...]]) -> bytes:
+    *numbers, values = step
+    return _learning_filler(len(values))(sec, nanosec, *numbers, *values)
 
 
 def _snapshot(sec: int, nanosec: int, snapshot: Snapshot) -> bytes:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -20,6 +21,16 @@ class Rotation(NamedTuple):
 
     size: int = 0
     time_ns: int = 0
+
+
+def part(path: Path, number: int) -> Path:
+    """The file with a recording's part of that number, the first being 0: FILE.mcap, FILE.1.mcap and so on."""
+    return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path
+
+
+def parts(path: Path) -> Iterator[Path]:
+    """The files that there are of a recording."""
+    return takewhile(Path.exists, (part(path, number) for number in count()))
 
 
 class FileSink:
@@ -102,7 +113,7 @@ class FileSink:
         return bool((size and self._file.size >= size) or (time_ns and block.first - self._began >= time_ns))
 
     def _next_file(self) -> None:
-        path = self._path.with_name(f"{self._path.stem}.{self._parts}{self._path.suffix}")
+        path = part(self._path, self._parts)
         following = McapFile(path, self._metadata | {"part": str(self._parts)}, self._compression)
         self._finish(self._lost, {})
         self._file, self._parts, self._began = following, self._parts + 1, None

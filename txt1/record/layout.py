@@ -28,7 +28,7 @@ class Layout:
     Args:
         message: ``package/Name``.
         values: what is known of it, nested like the message: strings, lists as long as its sequences, and numbers
-            that differ from 0.
+            that differ from 0. Bytes and numpy's arrays, of numbers of the very size, go in as they are.
 
     Attributes:
         template: the message as bytes, with these values.
@@ -48,13 +48,17 @@ class Layout:
             if not field.array:
                 self._one(field.type, value, here)
                 continue
-            elements: Sequence[Any] = [None] * (field.length or 0) if value is None else value
+            elements: Sequence[Any] | np.ndarray[Any, Any] = [None] * (field.length or 0) if value is None else value
             if field.length is None:
                 self._number("I", len(elements))
             elif len(elements) != field.length:
                 raise ValueError(f"{message}.{field.name} takes {field.length} values, not {len(elements)}")
             if isinstance(elements, bytes):
                 self._bytes += elements
+                continue
+            if isinstance(elements, np.ndarray):
+                self._align(elements.itemsize)
+                self._bytes += elements.astype(f"<{CODES[field.type]}").tobytes()
                 continue
             for index, element in enumerate(elements):
                 self._one(field.type, element, f"{here}.{index}")
@@ -70,9 +74,12 @@ class Layout:
             code = CODES[kind]
             self.places[path] = self._number(code, 0 if value is None else value), code
 
+    def _align(self, size: int) -> None:
+        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size)
+
     def _number(self, code: str, value: Any) -> int:
         size = struct.calcsize(code)
-        self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size)
+        self._align(size)
         self._bytes += struct.pack(f"<{code}", value)
         return len(self._bytes) - size
 

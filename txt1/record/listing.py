@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -99,11 +100,19 @@ def chosen(items: Iterable[Item], topics: frozenset[str], start: float | None, e
 
 
 def lines(items: Iterable[Item]) -> Iterator[str]:
-    """Each message as one line of JSON."""
+    """Each message as one line of JSON; what is no finite number in it is null."""
     decoding = Decoding()
     for item in items:
-        record = {"time": item.time, "topic": item.topic, "message": decoding.values(item)}
-        yield json.dumps(record)
+        record = {"time": item.time, "topic": item.topic, "message": _finite(decoding.values(item))}
+        yield json.dumps(record, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def export(items: Iterable[Item], directory: Path) -> dict[Path, int]:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from ipaddress import ip_address
-from typing import Any
+from typing import Any, Final
 
 import foxglove
 from foxglove.websocket import Capability, Client, ClientChannel, ServerListener
@@ -16,26 +16,31 @@ from txt1.errors import CommandRefused, ConfigError
 from txt1.record import topics
 from txt1.record.definitions import schema_text
 from txt1.record.encoder import Block
+from txt1.record.front import Front
 from txt1.record.topics import CHANNELS, TOPICS
 
 Drive = Callable[[float, float], None]
+
+LOOPBACK: Final = "127.0.0.1"
 
 
 class LiveView:
     """A sink that serves every block to whoever is connected.
 
     Args:
-        host: address to listen on; a loopback one.
+        host: address to listen on; without a token a loopback one.
         port: 0 for any that is free.
         control: whether a client may drive.
+        token: that a client has to present; None: none.
 
     Raises:
         ConfigError: the address is not a loopback one, or cannot be listened on.
 
     """
 
-    def __init__(self, host: str, port: int, *, control: bool) -> None:
-        require_loopback(host)
+    def __init__(self, host: str, port: int, *, control: bool, token: str | None = None) -> None:
+        if token is None:
+            require_loopback(host)
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
         self._channels = {
             CHANNELS[topic.name]: foxglove.Channel(
@@ -50,8 +55,8 @@ class LiveView:
         try:
             self._server = foxglove.start_server(
                 name="txt1",
-                host=host,
-                port=port,
+                host=host if token is None else LOOPBACK,
+                port=port if token is None else 0,
                 capabilities=[Capability.ClientPublish] if control else [],
                 supported_encodings=["json"] if control else None,
                 server_listener=self._listener if control else None,
@@ -59,11 +64,24 @@ class LiveView:
             )
         except RuntimeError as error:
             raise ConfigError(f"--view {host}:{port}: cannot listen there: {error}; choose another port") from None
-        self.address = f"ws://{host}:{self._server.port}"
+        try:
+            self._front = None if token is None else Front(host, port, self._server.port, token)
+        except ConfigError:
+            self._server.stop()
+            raise
+        port = self._server.port if self._front is None else self._front.port
+        self.address = f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
 
-    def drive(self, drive: Drive) -> None:
-        """Hand the velocities that clients ask for to `drive`, in the loop that is running now."""
-        self._listener.drive_in(asyncio.get_running_loop(), drive)
+    def drive(self, drive: Drive, radius_min: float) -> None:
+        """Hand the velocities that clients ask for to `drive`, in the loop that is running now.
+
+        A car does not turn on the spot: a turn alone is driven forward on the smallest circle, of `radius_min` m.
+        """
+
+        def turn_or_drive(v: float, omega: float) -> None:
+            drive(v or radius_min * abs(omega), omega)
+
+        self._listener.drive_in(asyncio.get_running_loop(), turn_or_drive)
 
     def write(self, block: Block) -> int:
         """Send a block; a client that is too slow loses the oldest, which is its own affair."""
@@ -75,6 +93,8 @@ class LiveView:
         """Let go of the clients."""
         del dropped, end
         self._listener.drive_in(None, None)
+        if self._front is not None:
+            self._front.close()
         self._server.stop()
 
 
@@ -125,7 +145,7 @@ def require_loopback(host: str) -> None:
     """Nothing happens for a loopback address.
 
     Raises:
-        ConfigError: it is another one; the protocol has no token, so anybody there could look and drive.
+        ConfigError: it is another one.
 
     """
     try:
@@ -135,5 +155,5 @@ def require_loopback(host: str) -> None:
     if not loopback:
         raise ConfigError(
             f"--view {host}: not a loopback address, and without a token the whole network could watch and drive; "
-            "use 127.0.0.1, and from elsewhere 'ssh -L 8765:127.0.0.1:8765'"
+            "add --view-token FILE, or use 127.0.0.1, and from elsewhere 'ssh -L 8765:127.0.0.1:8765'"
         )

@@ -150,6 +150,18 @@ def _ends_well(file: IO[bytes], size: int) -> bool:
     return bool(footer.summary_start <= size)
 
 
+def metadata_of(path: Path, name: str) -> dict[str, str]:
+    """The first metadata record of this name; empty when there is none, or the file is no recording."""
+    try:
+        return next(
+            record.metadata
+            for record in Reading(path).records()
+            if isinstance(record, Metadata) and record.name == name
+        )
+    except (StopIteration, RecordingError):
+        return {}
+
+
 class Decoding:
     """Turns items into their messages, and those into plain values."""
 

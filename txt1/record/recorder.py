@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import types
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from functools import partial
@@ -19,9 +19,10 @@ from typing import Any, Final, NamedTuple, Protocol
 from txt1.errors import RecordingError
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Ticks
+from txt1.model.light import Readings
 from txt1.protocol.messages import Message, PidSet, Velocity
 from txt1.record import topics
-from txt1.record.encoder import INFO, WARN, Block, Encoder, Extra, Input, Sample
+from txt1.record.encoder import INFO, WARN, Block, Encoder, Extra, Input, Sample, Tick
 from txt1.runtime import Runtime
 from txt1.tasks import controller
 
@@ -43,9 +44,10 @@ SECOND: Final = round(1.0 / controller.PERIOD)
 TURNS: Final = 20
 """Cycles in which the tasks' statistics may be looked at, one task in each, and what has a turn besides."""
 
-ROBOT_TASKS: Final = frozenset(
-    ("controller", "serial", "encoder", "mode", "display", "odometry", "battery", "button", "recorder")
-)
+ROBOT_TASKS: Final = (
+    "controller", "serial", "encoder", "mode", "display", "odometry", "battery", "button", "recorder",
+)  # fmt: skip
+"""The robot's own; their places here are their numbers in the messages about ticks."""
 
 
 class Sink(Protocol):
@@ -73,10 +75,19 @@ class Recorder:
         sinks: what takes the blocks.
         epoch: added to the run's time in every time stamp, s.
         batch: s between batches; None: as the clock asks for.
+        keep_ticks: whether to record which of the robot's tasks ran when; None: on the real clock, where a simulation
+            can be run again when that is known. What has a line cannot: that has a time of its own.
 
     """
 
-    def __init__(self, runtime: Runtime, sinks: Sequence[Sink], epoch: float, batch: float | None = None) -> None:
+    def __init__(
+        self,
+        runtime: Runtime,
+        sinks: Sequence[Sink],
+        epoch: float,
+        batch: float | None = None,
+        keep_ticks: bool | None = None,
+    ) -> None:
         self._overflowed = 0  # messages lost because the writer was behind; counted in the loop
         self._not_written = 0  # ... and because the disk did not take them; counted in the writer's thread
         self._runtime = runtime
@@ -88,6 +99,14 @@ class Recorder:
             batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
         self._batch_samples = max(1, round(batch / controller.PERIOD))
         self._cycle = 0
+        if keep_ticks is None:
+            lone = runtime.name == runtime.hal.name and not hasattr(
+                runtime.hal, "tap_line"
+            )  # no board, no board's host
+            keep_ticks = lone and runtime.hal.capabilities.simulated and not self._virtual
+        self._keeps_ticks = keep_ticks
+        self._ticks: list[Tick] = []
+        self._ticks_before = 0
         self.source = ""
         """The user's or the driver's task that is at work."""
         self._samples: list[Sample] = []
@@ -104,8 +123,8 @@ class Recorder:
         self._queue: SimpleQueue[_Batch | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self._job: asyncio.Future[None] | None = None
-        # all the tasks' statistics, one a cycle: every second, or less often where a second is soon over
-        self._statistics_period = SECOND * (1 if not self._virtual else 10)
+        # all the tasks' statistics, one a cycle, and not too often: a histogram's percentiles take their time
+        self._statistics_period = SECOND * (2 if not self._virtual else 10)
 
     @property
     def dropped(self) -> int:
@@ -134,9 +153,7 @@ class Recorder:
         self._runtime.witness = None
         self._take_events()
         if self._virtual:
-            if self._job is not None:
-                with suppress(RecordingError):
-                    await self._job
+            await self.written()
             if self._failure is None:
                 await self._loop.run_in_executor(None, self._write, self._take_batch())
         else:
@@ -147,6 +164,12 @@ class Recorder:
         await self._loop.run_in_executor(None, self._close_sinks)
         if self._failure is not None:
             raise self._failure
+
+    async def written(self) -> None:
+        """Wait until the sinks have what was handed over; in virtual time, where nothing else goes on meanwhile."""
+        if self._job is not None:
+            with suppress(RecordingError):
+                await self._job
 
     def _close_sinks(self) -> None:
         for sink in self._sinks:
@@ -236,6 +259,10 @@ class Recorder:
         self._extras.append(Extra(len(self._samples), now, topic, content))
 
     def _take_batch(self) -> _Batch:
+        if self._ticks:
+            self._extra(self._ticks[-1][1], topics.TICKS, self._ticks.copy())
+            self._ticks_before += len(self._ticks)
+            self._ticks.clear()
         batch = _Batch(self._samples, self._extras, self._skipped)
         self._samples, self._extras, self._skipped = [], [], 0
         return batch
@@ -266,40 +293,46 @@ class Recorder:
         if isinstance(message, Velocity):
             self._extra(now, topics.COMMAND, (message.v, message.omega))
 
-    def action(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
+    def action(self, now: float, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
         """Something else was done: arm, disarm, stop, press, place."""
-        now = self._runtime.now
         self._input(now, kind, text, now, values)
 
-    def task(self, name: str, priority: int, period: float, task: PeriodicTask) -> PeriodicTask:
+    def task(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> PeriodicTask:
         """The task itself, or one in its place that says when it is at work."""
-        if name in ROBOT_TASKS:
-            return task
-        self._input(self._runtime.now, "task", name, 0.0, (float(priority), period))
-        return partial(self._named, name, task)
+        if name not in ROBOT_TASKS:
+            self._input(self._runtime.now, "task", name, 0.0, (float(priority), period or 0.0))
+            return partial(self._named, name, task)
+        number, keep = ROBOT_TASKS.index(name), self._ticks.append
+        return (lambda ticks: task(_KeptTicks(ticks, keep, number))) if self._keeps_ticks else task
 
     async def _named(self, name: str, task: PeriodicTask, ticks: Ticks) -> None:
-        await task(_NamedTicks(ticks, self, name))
+        try:
+            await task(_NamedTicks(ticks, self, name))
+        except Exception as error:
+            self.failed(error)
+            raise
+
+    def failed(self, error: Exception) -> None:
+        """The task of the user's that is at work has raised."""
+        now = self._runtime.now
+        self._input(now, "failure", str(error), now, ())
 
     def _input(self, now: float, kind: str, text: str, given: float, values: tuple[float, ...]) -> None:
-        self._extra(
-            now, topics.INPUT, Input(self._cycle, self._runtime.state.received, self.source, kind, text, given, values)
-        )
+        tick = self._ticks_before + len(self._ticks)
+        received = self._runtime.state.received
+        self._extra(now, topics.INPUT, Input(self._cycle, tick, received, self.source, kind, text, given, values))
 
     def line(self, direction: str, data: bytes) -> None:
         """Bytes have come ("in") or gone ("out") on the line."""
         self._extra(self._runtime.now, topics.LINK, (direction, data))
 
-    def light(self, lux: Sequence[float]) -> None:
-        """Record a reading of the four light sensors FL, FR, RL, RR."""
-        self._extra(self._runtime.now, topics.LIGHT, tuple(lux))
+    def light(self, lux: Readings) -> None:
+        """The light sensors were read."""
+        self._extra(self._runtime.now, topics.LIGHT, lux)
 
-    def learning_step(
-        self, repetition: int, state: int, action: int, next_state: int, reward: float, values: Sequence[float] = ()
-    ) -> None:
-        """Record a decision of the learner, what came of it, and the values of the state's actions afterwards."""
-        step = {"repetition": repetition, "state": state, "action": action, "next_state": next_state}
-        self._extra(self._runtime.now, topics.LEARNING, {**step, "reward": reward, "values": list(values)})
+    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+        """A learner has decided."""
+        self._extra(self._runtime.now, topics.LEARNING, (repetition, state, action, reward, values))
 
     # -- in the writer's thread --------------------------------------------------------------------------------
 
@@ -323,22 +356,44 @@ class Recorder:
                     self._failure.__cause__ = error
 
 
-class _NamedTicks(Ticks):
-    """The ticks of a task, which tell when its step begins and ends."""
+class _RelayedTicks(Ticks):
+    """The ticks of a task, which pass through here."""
 
-    def __init__(self, ticks: Ticks, recorder: Recorder, name: str) -> None:
-        self._ticks, self._recorder, self._name = ticks, recorder, name
+    def __init__(self, ticks: Ticks) -> None:
+        self._ticks = ticks
         self.period = ticks.period
 
     @property
     def missed(self) -> int:  # type: ignore[override]
         return self._ticks.missed
 
+
+class _NamedTicks(_RelayedTicks):
+    """They tell when the task's step begins and ends."""
+
+    def __init__(self, ticks: Ticks, recorder: Recorder, name: str) -> None:
+        super().__init__(ticks)
+        self._recorder, self._name = recorder, name
+
     @types.coroutine
     def __anext__(self) -> Generator[object, float, float]:
         self._recorder.source = ""
         now = yield from self._ticks.__anext__()
         self._recorder.source = self._name
+        return now
+
+
+class _KeptTicks(_RelayedTicks):
+    """They are kept."""
+
+    def __init__(self, ticks: Ticks, keep: Callable[[Tick], None], number: int) -> None:
+        super().__init__(ticks)
+        self._keep, self._number = keep, number
+
+    @types.coroutine
+    def __anext__(self) -> Generator[object, float, float]:
+        now = yield from self._ticks.__anext__()
+        self._keep((self._number, now, self._ticks.missed))
         return now
 
 

@@ -93,13 +93,13 @@ class Player:
     def snapshot(self) -> Snapshot | None:
         """The picture that is due, the same object as long as it does not change."""
         position = self.position
-        state = f"x{self.speed:g}{', paused' if self.paused else ''}{', loop' if self.loop else ''}"
+        state = f"{'paused' if self.paused else 'replay'}{' loop' if self.loop else ''} x{self.speed:.3g}"
         picture = self.film.at(position)
         shown = picture.time, self._panel, state
         if shown != self._shown:
             self._shown = shown
             self._snapshot = picture._replace(
-                hal=f"replay {state}",
+                hal=state,
                 panel=self._panel._replace(manual=picture.panel.manual),
                 events=(*picture.events, Event(picture.time, KEYS))[-20:],
             )

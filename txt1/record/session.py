@@ -128,9 +128,24 @@ def _prepare(
     return sinks, Recorder
 
 
-def open_view(host: str, port: int, *, control: bool) -> LiveView:
-    """A live view that listens; raises MissingExtra, ConfigError."""
+def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
+    """Whether a file is the recording of this very run, made before; if so it is deleted, later parts and all."""
+    from txt1.record.files import parts
+    from txt1.record.reading import metadata_of
+
+    told = metadata(config, None, plan)
+    for part in parts(file):
+        about = metadata_of(part, "txt1")
+        if any(about.get(name) != told[name] for name in ("plan", "config")):
+            return False
+        part.unlink()
+    return True
+
+
+def open_view(host: str, port: int, *, control: bool, token: Path | None) -> LiveView:
+    """A live view that listens, with the token in that file if there is one; raises MissingExtra, ConfigError."""
     need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
+    from txt1.record.front import token_in
     from txt1.record.live import LiveView
 
-    return LiveView(host, port, control=control)
+    return LiveView(host, port, control=control, token=None if token is None else token_in(token))

@@ -38,6 +38,7 @@ INPUT: Final = "/input"
 LIGHT: Final = "/light"
 LEARNING: Final = "/learning/step"
 SNAPSHOT: Final = "/snapshot"
+TICKS: Final = "/ticks"
 
 TOPICS: Final = tuple(
     Topic(*row)
@@ -59,8 +60,13 @@ TOPICS: Final = tuple(
         (LINK, "txt1_msgs/LinkBytes", "the bytes on the line to the board, with their direction"),
         (INPUT, "txt1_msgs/Input", "everything given to the tasks from outside, exact: what a replay needs"),
         (LIGHT, "txt1_msgs/Light", "the four light sensors"),
-        (LEARNING, "txt1_msgs/LearningStep", "one decision of the learner and what came of it"),
+        (LEARNING, "txt1_msgs/LearningStep", "each decision of the learner, and the end of each repetition: action -1"),
         (SNAPSHOT, "std_msgs/String", "all of the state as one line of JSON, once a second: what the screens show"),
+        (
+            TICKS,
+            "txt1_msgs/Ticks",
+            "which of the robot's tasks ran when, exact; in simulation on the real clock, in batches",
+        ),
     )
 )
 

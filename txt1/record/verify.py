@@ -10,11 +10,11 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, NoReturn
 
 from pydantic import ValidationError
 
@@ -24,7 +24,8 @@ from txt1.errors import NotArmed, RecordingError, TaskFault
 from txt1.hal.base import Button
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.kernel.loop import run
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.scheduler import PeriodicTask, Scheduler, Ticks
+from txt1.kernel.statistics import TaskStatistics
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,
@@ -39,11 +40,11 @@ from txt1.protocol.messages import (
     Velocity,
 )
 from txt1.record import topics
-from txt1.record.encoder import Block, Input
+from txt1.record.encoder import Block, Input, Tick
 from txt1.record.reading import Decoding, Item, Reading, flat
-from txt1.record.recorder import Recorder
+from txt1.record.recorder import ROBOT_TASKS, Recorder
 from txt1.record.topics import TOPICS
-from txt1.runtime import Runtime
+from txt1.runtime import OnFault, Runtime
 from txt1.tasks.controller import PERIOD
 
 PATIENCE: Final = 100
@@ -94,46 +95,94 @@ def verify(path: Path) -> Verdict:
     """The verdict on a recorded simulation.
 
     Raises:
-        RecordingError: the file cannot be read, is no recording of txt1's, or was not made in virtual time.
+        RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
 
     """
-    reading = Reading(path)
-    inputs = [(item.message.log_time, _input(decoded)) for item, decoded in _decoded(reading, topics.INPUT)]
+    recorded = _recorded(path)
+    return run(_replay(recorded) if recorded.ticks is None else _replay_ticks(recorded, recorded.ticks), speed="max")
+
+
+class _Recorded(NamedTuple):
+    """What is run again.
+
+    Attributes:
+        path: of the recording.
+        config: of its robot.
+        inputs: what was given from outside, and when, s of the run.
+        ticks: which of the robot's tasks ran when; None where virtual time says that.
+
+    """
+
+    path: Path
+    config: Config
+    inputs: list[tuple[float, Input]]
+    ticks: list[Tick] | None
+
+    @property
+    def epoch_ns(self) -> int:
+        """What was added to the time of the run, ns."""
+        return nanoseconds(self.config.record.epoch)
+
+
+def _recorded(path: Path) -> _Recorded:
+    reading, decoding = Reading(path), Decoding()
+    inputs: list[tuple[int, Input]] = []
+    ticks: list[Tick] = []
+    cycles: list[int] = []
+    for item in reading:
+        if item.topic == topics.INPUT:
+            inputs.append((item.message.log_time, _input(decoding.message(item))))
+        elif item.topic == topics.TICKS:
+            message = decoding.message(item)
+            ticks += zip(message.task, map(float, message.time), message.missed, strict=True)
+        elif item.topic == topics.SETPOINT:
+            cycles.append(item.message.sequence)
     about = reading.metadata.get("txt1")
     if about is None or "config" not in about:
         raise RecordingError(f"{path}: no configuration in it, so there is nothing to run; was it made by txt1?")
-    if about.get("clock") != "virtual":
+    if "part" in about:
+        raise RecordingError(f"{path}: a later part of a recording; only the first begins where the run does")
+    if cycles != list(range(len(cycles))):
         raise RecordingError(
-            f"{path}: recorded on the real clock, whose ticks come late by amounts that are not recorded; "
-            "only a run in virtual time (--speed) replays exactly"
+            f"{path}: messages are missing in the middle, so it cannot be repeated; see 'txt1 log info'"
         )
     try:
         config = Config.model_validate(json.loads(about["config"]))
     except (ValueError, ValidationError) as error:
         raise RecordingError(f"{path}: its configuration is not one of this version's: {error}") from None
+    virtual = about.get("clock") == "virtual"
+    if not virtual and not ticks:
+        raise RecordingError(
+            f"{path}: on the real clock only a simulation without a line can be repeated, as hardware and lines have "
+            "a time of their own; a line repeats in virtual time: 'txt1 run --hal serial --port virtual --speed max'"
+        )
     epoch_ns = nanoseconds(config.record.epoch)
     timed = [((time_ns - epoch_ns) / NS_PER_S, given) for time_ns, given in inputs]
-    return run(_replay(path, config, timed), speed="max")
-
-
-def _decoded(reading: Reading, topic: str) -> Iterator[tuple[Item, Any]]:
-    decoding = Decoding()
-    for item in reading:
-        if item.topic == topic:
-            yield item, decoding.message(item)
+    return _Recorded(path, config, timed, None if virtual else ticks)
 
 
 def _input(message: Any) -> Input:
     values = tuple(float(value) for value in message.values)
-    return Input(message.cycle, message.received, message.source, message.kind, message.text, message.given, values)
+    return Input(
+        message.cycle, message.tick, message.received, message.source, message.kind, message.text, message.given, values
+    )
+
+
+OUTSIDE: Final = frozenset((topics.LIGHT, topics.LEARNING))
+"""Of who commands the robot, such as the learning task, and not of its own tasks: its commands are inputs here."""
+
+MEASURED: Final = frozenset((topics.DIAGNOSTICS, topics.SNAPSHOT, topics.TICKS))
+"""On the real clock they hold times of the processor's, or say them."""
 
 
 class _Comparison:
     """A sink that compares what comes with a recording."""
 
-    def __init__(self, path: Path, epoch_ns: int) -> None:
-        self.epoch_ns = epoch_ns
-        self._recorded = iter(Reading(path))
+    def __init__(self, recorded: _Recorded) -> None:
+        self._epoch_ns = recorded.epoch_ns
+        self._real = recorded.ticks is not None
+        self._left_out = OUTSIDE | MEASURED if self._real else OUTSIDE
+        self._recorded = (item for item in Reading(recorded.path) if item.topic not in self._left_out)
         self._decoding = Decoding()
         self.compared = 0
         self.difference: Difference | None = None
@@ -141,9 +190,11 @@ class _Comparison:
     def write(self, block: Block) -> int:
         """Compare a block with as many messages of the recording."""
         for channel, time, data in block.messages():
+            topic = TOPICS[channel - 1].name
+            if topic in self._left_out:
+                continue
             if self.difference is not None:
                 return 0
-            topic = TOPICS[channel - 1].name
             item = next(self._recorded, None)
             if item is None:
                 return 0  # what the recording lacks at its end is no difference: it may break off
@@ -160,9 +211,9 @@ class _Comparison:
             self.difference = Difference(_cycle(at), at, item.topic, "", "a message", "none")
 
     def _run_time(self, stamp: int) -> float:
-        return (stamp - self.epoch_ns) / NS_PER_S
+        return (stamp - self._epoch_ns) / NS_PER_S
 
-    def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference:
+    def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference | None:
         at = self._run_time(min(item.message.log_time, time))
         if item.topic != topic:
             return Difference(_cycle(at), at, item.topic, "", "a message", f"one on {topic}")
@@ -171,8 +222,10 @@ class _Comparison:
         before, after = dict(flat(self._decoding.values(item))), dict(flat(self._decoding.values(now)))
         for name in dict.fromkeys((*before, *after)):
             old, new = before.get(name), after.get(name)
-            if repr(old) != repr(new):
+            if repr(old) != repr(new) and not (self._real and topic == topics.LOG and name.startswith("stamp.")):
                 return Difference(_cycle(at), at, topic, name, old, new)
+        if self._real and topic == topics.LOG:
+            return None  # a line of the log is as late as the processor was
         return Difference(_cycle(at), at, topic, "", "so many bytes", "other ones")
 
 
@@ -180,13 +233,14 @@ def _cycle(time: float) -> int:
     return int(time / PERIOD + 1e-6)
 
 
-async def _replay(path: Path, config: Config, inputs: list[tuple[float, Input]]) -> Verdict:
-    comparison = _Comparison(path, nanoseconds(config.record.epoch))
+async def _replay(recorded: _Recorded) -> Verdict:
+    """The verdict on a run in virtual time: the scheduler runs the tasks at the very times of then."""
+    comparison, config = _Comparison(recorded), recorded.config
     runtime = Runtime(config, lambda message: None, create_hal(config))
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
     recorder.attach()
-    end = _end(path, comparison.epoch_ns)
-    script = _Script(runtime, inputs, end)
+    end = _end(recorded)
+    script = _Script(runtime, recorded.inputs, end)
     await runtime.start()
     if end.before_tick:
         runtime.scheduler.end_at(end.time)
@@ -201,30 +255,134 @@ async def _replay(path: Path, config: Config, inputs: list[tuple[float, Input]])
     return Verdict(comparison.compared, comparison.difference)
 
 
+async def _replay_ticks(recorded: _Recorded, ticks: list[Tick]) -> Verdict:
+    """The verdict on a run on the real clock: every cycle and every input in the recorded order, at its time."""
+    comparison, config = _Comparison(recorded), recorded.config
+    runtime = Runtime(config, lambda message: None, create_hal(config), scheduler=_TickByTick)
+    scheduler = runtime.scheduler
+    assert isinstance(scheduler, _TickByTick)
+    recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0, keep_ticks=True)
+    recorder.attach()
+    inputs = deque(recorded.inputs)
+
+    def give_up_to(tick: int) -> None:
+        while inputs and inputs[0][1].tick <= tick:
+            scheduler.time, given = inputs.popleft()
+            recorder.source = given.source
+            if given.kind == "failure":
+                recorder.failed(error := _Failure(given.text))
+                scheduler.fail(given.source, error)
+            give(runtime, given)
+
+    await runtime.start()
+    try:
+        with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
+            for number, (task, time, missed) in enumerate(ticks):
+                give_up_to(number)
+                scheduler.cycle(ROBOT_TASKS[task], time, missed)
+                await recorder.written()
+            give_up_to(len(ticks))
+    finally:
+        await runtime.stop()
+    await recorder.close()
+    return Verdict(comparison.compared, comparison.difference)
+
+
+class _TickByTick(Scheduler):
+    """Runs a task's cycle when it is told to, at the time that it is told; no other clock plays a part."""
+
+    def __init__(self, on_fault: OnFault) -> None:
+        super().__init__(on_fault)
+        self.time = 0.0
+        """s of the run."""
+        self._failed = on_fault
+        self._tasks: dict[str, tuple[Ticks, Coroutine[Any, Any, None], TaskStatistics]] = {}
+        self._started = False
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self.time
+
+    def add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
+        """Add a task."""
+        del priority
+        ticks = Ticks(period)
+        self._tasks[name] = ticks, task(ticks), TaskStatistics()
+        if self._started:
+            self._tasks[name][1].send(None)
+
+    def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
+        """Add a task; that it is due is for the recording to say."""
+        self.add(name, priority, None, task)
+        return lambda: None
+
+    def start(self) -> None:
+        """Run every task up to its first tick."""
+        self._started = True
+        for _, coroutine, _ in self._tasks.values():
+            coroutine.send(None)
+
+    def cycle(self, name: str, now: float, missed: int) -> None:
+        """Run a task's cycle at `now`, so many having been missed before it.
+
+        Raises:
+            TaskFault: it raised.
+
+        """
+        ticks, coroutine, _ = self._tasks[name]
+        self.time, ticks.missed = now, missed
+        try:
+            coroutine.send(now)
+        except Exception as error:
+            self.fail(name, error)
+
+    def fail(self, name: str, error: Exception) -> NoReturn:
+        """End the run, as that task has raised this."""
+        self._failed(name, error)
+        raise TaskFault(name, error) from error
+
+    def stop(self) -> None:
+        """Close every task."""
+        for _, coroutine, _ in self._tasks.values():
+            coroutine.close()
+
+    def statistics(self) -> dict[str, TaskStatistics]:
+        """Nothing: nobody is late here."""
+        return {name: statistics for name, (_, _, statistics) in self._tasks.items()}
+
+
 class _End(NamedTuple):
     """How a recorded run ended.
 
     Attributes:
         time: s of the run.
         before_tick: no task ran any more at that very instant.
+        cycle: cycles of the recorder.
         received: messages that the serial task had taken.
 
     """
 
     time: float
     before_tick: bool
-    received: int
+    cycle: int = 0
+    received: int = 0
 
 
-def _end(path: Path, epoch_ns: int) -> _End:
+def _end(recorded: _Recorded) -> _End:
     """How a recorded run ended: as it says itself, or, where it breaks off, behind its last cycle."""
-    reading = Reading(path)
+    reading, epoch_ns = Reading(recorded.path), recorded.epoch_ns
     last_ns = max((item.message.log_time for item in reading if item.topic == topics.SETPOINT), default=epoch_ns)
     said = reading.metadata.get("txt1.end", {})
     if not {"duration", "cycles", "received"} <= set(said):
-        return _End((last_ns - epoch_ns + 1) / NS_PER_S, True, 0)
-    time = float(said["duration"])
-    return _End(time, nanoseconds(time) <= int(said["cycles"]) * nanoseconds(PERIOD), int(said["received"]))
+        return _End((last_ns - epoch_ns + 1) / NS_PER_S, True)
+    time, cycle = float(said["duration"]), int(said["cycles"])
+    ran = any(given.source and when == time for when, given in recorded.inputs)
+    return _End(time, not ran and nanoseconds(time) <= cycle * nanoseconds(PERIOD), cycle, int(said["received"]))
+
+
+class _Failure(Exception):
+    """What a task of the user's raised then."""
 
 
 class _Script:
@@ -242,7 +400,7 @@ class _Script:
             else:
                 self._outside.append((time, given))
         if not end.before_tick:
-            self._outside.append((end.time, Input(0, end.received, "", "end", "", 0.0, ())))
+            self._outside.append((end.time, Input(end.cycle, 0, end.received, "", "end", "", 0.0, ())))
         self._turns = 0
         self.ended: asyncio.Future[None] = self._loop.create_future()
 
@@ -291,30 +449,44 @@ class _Script:
                 position += 1
 
     def _give(self, given: Input) -> None:
-        runtime, values = self._runtime, given.values
-        match given.kind:
-            case "end":
-                if not self.ended.done():
-                    self.ended.set_result(None)
-            case "look":
-                runtime.look()
-            case "tell":
-                runtime.tell(given.text)
-            case "task":
-                self._add_source(given.text, values[0], values[1])
-            case "arm":
-                with suppress(NotArmed):
-                    runtime.arm()
-            case "disarm":
-                runtime.disarm(given.text)
-            case "stop":
-                runtime.emergency_stop()
-            case "press":
-                runtime.press(Button(round(values[0])))
-            case "place":
-                runtime.place(values[0], values[1], values[2])
-            case _:
-                runtime.post(message(given.kind, values), given.given)
+        if given.kind == "task":
+            self._add_source(given.text, given.values[0], given.values[1])
+        elif given.kind != "end":
+            give(self._runtime, given)
+        elif not self.ended.done():
+            self.ended.set_result(None)
+
+
+def give(runtime: Runtime, given: Input) -> None:
+    """Give an input again; of a task of the user's there is only what it gave."""
+    values = given.values
+    match given.kind:
+        case "task":
+            runtime.add_task(given.text, round(values[0]), values[1], _idle)
+        case "failure":
+            raise _Failure(given.text)
+        case "look":
+            runtime.look()
+        case "tell":
+            runtime.tell(given.text)
+        case "arm":
+            with suppress(NotArmed):
+                runtime.arm()
+        case "disarm":
+            runtime.disarm(given.text)
+        case "stop":
+            runtime.emergency_stop()
+        case "press":
+            runtime.press(Button(round(values[0])))
+        case "place":
+            runtime.place(values[0], values[1], values[2])
+        case _:
+            runtime.post(message(given.kind, values), given.given)
+
+
+async def _idle(ticks: Ticks) -> None:
+    async for _ in ticks:
+        pass
 
 
 def message(kind: str, values: tuple[float, ...]) -> Message:

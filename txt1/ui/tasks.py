@@ -13,7 +13,7 @@ from txt1.kernel.statistics import Percentiles
 from txt1.tasks.state import Snapshot
 from txt1.ui.text import BAD, DASH, DIM, LABEL, clean, count, duration
 
-WIDE: Final = 110
+WIDE: Final = 133
 """Columns from which there is room for p99.9 and the share of the processor."""
 
 

@@ -20,6 +20,7 @@ from typing import Final, Literal, Protocol, Self
 
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
+from txt1.kernel.scheduler import Ticks
 from txt1.tasks.state import Snapshot
 from txt1.ui import frames, modes
 from txt1.ui.teleop import Teleop
@@ -34,6 +35,10 @@ PATIENCE: Final = 1.0
 
 NICENESS: Final = 10
 """Of the drawing process: on a processor they share, the robot's process is woken at once, not when a slice ends."""
+
+PERIOD: Final = 0.1
+PRIORITY: Final = -50
+"""Of the task `Terminal.screens`: with the display task's period, behind all the robot's and the user's."""
 
 BACKLOG: Final = 0.5
 """s of heartbeats: keys older than that, found after this process was held up, no longer drive or arm."""
@@ -105,7 +110,11 @@ class Terminal:
         self._tail = b""
         self._shown: Snapshot | None = None
         self._sent = 0
+        self._received = 0
+        self._ticking = False
         self._unsent = b""
+
+        self._finishing: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         try:
@@ -114,7 +123,6 @@ class Terminal:
             raise TerminalLost(f"standard input and output are no terminal ({error}): run it --headless") from error
         self._loop = asyncio.get_running_loop()
         self._ended: asyncio.Future[Reason] = self._loop.create_future()
-        self._finishing: asyncio.Task[None] | None = None
         self._link, theirs = socket.socketpair()
         self._link.setblocking(False)
         try:
@@ -167,8 +175,9 @@ class Terminal:
             for key in heartbeat["keys"]:
                 if age >= -fresh or key in _ALWAYS:
                     self._obey(key)
-            if age == -1:
-                self._send_snapshot(heartbeat["drawn"])
+            self._received = heartbeat["drawn"]
+        if not self._ticking:
+            self._send_snapshot()
         if lines and alive and not self._ended.done():
             command = self._teleop.command(self._robot.now)
             if command is not None:
@@ -200,18 +209,29 @@ class Terminal:
             self._teleop.release()  # or the refusal would be repeated at every heartbeat
             self._robot.tell(str(refusal))
 
-    def _send_snapshot(self, drawn: int) -> None:
+    async def screens(self, ticks: Ticks) -> None:
+        """A task for the robot's scheduler, of the lowest priority: there the snapshots are sent from now on.
+
+        To make bytes of one takes a quarter of a millisecond. With the heartbeats, which come at any time, one tick of
+        the controller in two hundred would have to wait for it; among the tasks it waits for the controller.
+        """
+        self._ticking = True
+        async for _ in ticks:
+            if self._finishing is None:
+                self._send_snapshot()
+
+    def _send_snapshot(self) -> None:
         """Send the newest snapshot if the last one has been received: never more than one is on its way."""
         if not self._unsent:
             snapshot = self._robot.snapshot
-            if drawn != self._sent or snapshot is None or snapshot is self._shown:
+            if self._received != self._sent or snapshot is None or snapshot is self._shown:
                 return
             self._shown, self._sent = snapshot, self._sent + 1
             self._unsent = frames.encode(snapshot)
         try:
             self._unsent = self._unsent[self._link.send(self._unsent) :]
         except (BlockingIOError, ConnectionError):
-            return  # at the next heartbeat, if there is one
+            return  # next time, if there is one
 
     def _end(self, reason: Reason) -> None:
         """Let `wait` return."""

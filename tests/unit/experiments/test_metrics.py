@@ -1,6 +1,6 @@
 """The metrics of responses whose answers are known."""
 
-from math import exp, log, pi
+from math import exp, inf, log, pi
 
 import numpy as np
 import pytest
@@ -10,9 +10,14 @@ from txt1.experiments.metrics import (
     battery,
     circle,
     cross_track,
+    difference,
     droops,
     judge,
     leg_metrics,
+    paths_apart,
+    repeated_steps,
+    response,
+    settled_after,
     smooth,
     steps,
     stops,
@@ -29,13 +34,17 @@ TAU = 0.5
 def step_response(truth: bool, after: float = 0.5, overshoot: float = 0.0) -> Recording:
     """1 s of rest, then a response of first order with TAU, with a bump that decays; by truth or by the encoders."""
     samples = []
+    way = 0.0
     for k in range(600):
         t = k * DT - 1.0
         s = max(t, 0.0)
         v = after * (1.0 - exp(-s / TAU) + overshoot * 2.0 * s / TAU * exp(-s / TAU)) if t > 0.0 else 0.0
         set_v = after if t >= 0.0 else 0.0
+        way += v * DT
         samples.append(
-            Sample(k * DT, set_v, true_v=v, true_omega=0.0, true_x=0.0) if truth else Sample(k * DT, set_v, v=v)
+            Sample(k * DT, set_v, true_v=v, true_omega=0.0, true_x=0.0)
+            if truth
+            else Sample(k * DT, set_v, v=v, read=k * DT, way=way)
         )
     return Recording(samples)
 
@@ -53,6 +62,80 @@ def test_an_overshoot_is_found() -> None:
     [step] = steps(step_response(True, overshoot=1.0))
     # 1 + (2 s - 1) exp(-s) with s in time constants is largest at s = 1.5
     assert step.overshoot == pytest.approx(2.0 * exp(-1.5), abs=0.01)
+
+
+def test_a_response_that_creeps_up_to_its_end_has_not_overshot() -> None:
+    samples = [Sample(k * DT, 0.5, true_v=0.5 - 0.1 * exp(-k * DT / 3.0), true_x=0.0) for k in range(300)]
+    [step] = steps(Recording(samples))
+    assert step.overshoot == 0.0
+
+
+def test_settling_is_timed_between_samples() -> None:
+    deviation = np.array([1.0, 0.3, -0.1, 0.05])
+    assert settled_after(deviation, 0.2, np.arange(4.0)) == pytest.approx(1.25)
+    assert settled_after(-deviation, 0.2, np.arange(4.0)) == pytest.approx(1.25)
+    assert settled_after(deviation, 2.0, np.arange(4.0)) == 0.0
+    assert settled_after(deviation, 0.01, np.arange(4.0)) == inf
+
+
+def noisy(seed: int, bump: float, runs: int) -> list[Recording]:
+    """Steps of 0.5 m/s that overshoot by a bump at 1 s, over a floor that makes each other speed 2 % off."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, 6.0, DT)
+    return [
+        Recording(
+            Sample(t, 0.5, true_v=0.5 * (1.0 + bump * exp(-(((t - 1.0) / 0.3) ** 2)) + noise), true_x=0.0)
+            for t, noise in zip(times, 0.02 * rng.standard_normal(len(times)), strict=True)
+        )
+        for _ in range(runs)
+    ]
+
+
+def test_of_repeated_runs_noise_is_no_overshoot() -> None:
+    found = [repeated_steps(noisy(seed, 0.0, 10))[0] for seed in range(20)]
+    highest = [steps(mean_of(noisy(seed, 0.0, 10)))[0].overshoot for seed in range(20)]
+    assert min(highest) > 0.002, "the highest of the mean would call it one"
+    mean = np.mean([step.overshoot for step in found])
+    assert mean < 0.002
+    assert all(step.overshoot_error is not None and step.overshoot < 3.0 * step.overshoot_error for step in found)
+
+
+def test_of_repeated_runs_an_overshoot_is_found_within_its_standard_error() -> None:
+    found = [repeated_steps(noisy(seed, 0.03, 10))[0] for seed in range(20)]
+    off = [(step.overshoot - 0.03) / (step.overshoot_error or 0.0) for step in found]
+    assert abs(np.mean(off)) < 1.0
+    assert np.std(off) < 2.0
+    assert repeated_steps(noisy(1, 0.03, 1))[0].overshoot_error is None
+
+
+def behind_a_line(late: float, jitter: float, rounded: float) -> Recording:
+    """A step and what a host hears of it: odometry every 50 ms, later than it was read, in whole mm."""
+    rng = np.random.default_rng(3)
+    arrives = [(0.05 * n + late + jitter * rng.random(), 0.05 * n) for n in range(200)]
+    samples = []
+    for k in range(450):
+        heard = [pair for pair in arrives if pair[0] <= k * DT] or [(0.0, 0.0)]
+        arrived, read = heard[-1]
+        s = max(read - 1.0, 0.0)
+        way = 0.5 * (s - TAU * (1.0 - exp(-s / TAU)))
+        samples.append(
+            Sample(k * DT, 0.5 if k * DT >= 1.0 else 0.0, v=0.5 * (1.0 - exp(-s / TAU)), read=arrived,
+                   way=rounded * round(way / rounded))
+        )  # fmt: skip
+    return Recording(samples)
+
+
+def test_means_behind_a_line_are_taken_from_the_way_and_not_upset_by_when_readings_arrive() -> None:
+    plain = behind_a_line(0.0, 0.0, 1e-9)
+    later = behind_a_line(0.04, 0.02, 0.001)
+    found = difference(plain, later, "v")
+    assert found is not None
+    assert 0.04 <= found.delay[0] == found.delay[1] <= 0.06
+    assert found.rms < 0.003
+    assert found.largest < 0.01
+    assert difference(plain, later, "omega") is None
+    jitter = response(later, "v")[300:] - 0.5
+    assert np.abs(jitter).max() < 0.01, "20 ms of 0.2 s would be 50 mm/s"
 
 
 def test_on_hardware_no_band_is_narrower_than_an_encoder_count() -> None:
@@ -101,6 +184,12 @@ def test_a_circle_has_its_radius_and_the_distance_of_its_laps(drift: float) -> N
     assert found.asked == 1.0
     assert found.radius == pytest.approx(1.0, abs=1e-3 + drift)
     assert found.lap_to_lap == pytest.approx(2.0 * pi * drift, abs=2e-3)
+
+
+def test_paths_apart_is_the_distance_of_places_from_the_line() -> None:
+    straight = Recording([Sample(k * DT, 0.5, x=0.01 * k) for k in range(200)])
+    beside = Recording([Sample(k * DT, 0.5, x=0.013 * k, y=0.02) for k in range(150)])
+    assert paths_apart(straight, beside) == pytest.approx((0.02, 0.02))
 
 
 def test_cross_track_is_left_positive_and_counted_round_the_corner_only() -> None:

@@ -1,5 +1,6 @@
 """Profiles are checked, and their mistakes told in one line."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -27,8 +28,14 @@ def test_the_linear_test_takes_81_seconds() -> None:
         ("title: t\nfigure: path\nsteps: [{v: .nan, omega: 0, seconds: 1}]\n", r"steps\.0\.v"),
         ("title: t\nfigure: path\nsteps: [{v: 0, omega: 0, second: 1}]\n", "second"),
         ("title: t\nfigure: battery\nsteps: [{v: 0, omega: 0, seconds: 1}]\n", "needs waypoints"),
-        ("title: [", "is no YAML"),
-        ("- 1\n", "the profile"),
+        ("title: waypoints\nfigure: [", r":2:10: is no YAML"),
+        ("- 1\n", "holds no profile"),
+        ("", "holds no profile"),
+        ("title: t\nfigure: waypoints\nwaypoints: {points: [[0, 0], [1]]}\n", r"waypoints\.points\.1\.1"),
+        (
+            "title: t\nfigure: waypoints\nwaypoints: {points: [[0, 0], [1, 0], [1, 0]]}\n",
+            r"points\.1 ends where it begins",
+        ),
     ],
 )
 def test_a_mistake_is_told_with_its_place(tmp_path: Path, text: str, complaint: str) -> None:
@@ -37,6 +44,14 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, text: str, complaint: 
     with pytest.raises(ConfigError, match=complaint) as told:
         load_profile(str(file))
     assert "\n" not in str(told.value)
+
+
+def test_a_wheel_takes_the_thesis_experiments_along() -> None:
+    root = Path(__file__).parents[3]
+    globs = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    taken = {file.resolve() for glob in globs["txt1.experiments"] for file in (root / "txt1/experiments").glob(glob)}
+    assert taken == {file.resolve() for file in (root / "config/experiments").glob("*.yaml")}
+    assert len(taken) == len(names())
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:

@@ -13,8 +13,6 @@ from txt1.learning import env
 from txt1.learning.light import direction, sector
 from txt1.model.light import Readings
 
-env.register()
-
 
 def test_the_environment_passes_gymnasiums_own_check() -> None:
     with warnings.catch_warnings():

@@ -137,9 +137,7 @@ def test_a_table_truncated_anywhere_is_refused(file: Path) -> None:
     text = file.read_text()
     for length in range(0, len(text.rstrip()), 5):
         file.write_text(text[:length])
-        refused(file, "ends in the middle|is empty|is no JSON" if length else "is empty")
-    file.write_text(text[:200])
-    refused(file, "ends in the middle")
+        refused(file, "ends in the middle" if length else "is empty")
 
 
 @pytest.mark.parametrize(

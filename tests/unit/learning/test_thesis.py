@@ -16,6 +16,7 @@ from txt1.learning.thesis import Settings, ThesisAgent
 from txt1.learning.trial import COMMANDS, TURN
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
+from txt1.sim.light import LightSensors, PointLight
 
 LEFT, RIGHT, STRAIGHT = (Odometry(v=0.3, omega=omega) for omega in (TURN, -TURN, 0.0))
 REAR_LEFT, FRONT_LEFT, AHEAD = radians(135.0), radians(45.0), 0.0
@@ -96,6 +97,17 @@ def test_remedy_1_holds_until_the_command_is_reached_then_reads_the_state_and_le
     show(one, AHEAD)
     one.act(1.25, LEFT)
     assert np.argwhere(one.q != before).tolist() == [[sector(FRONT_LEFT), 2]], "the state it read when it turned"
+
+
+@pytest.mark.parametrize(("way", "seen"), [("summed", 4), ("corrected", 5)])
+def test_a_light_at_45_degrees_is_ahead_by_the_sum_and_front_left_by_the_corrected_direction(
+    way: str, seen: int
+) -> None:
+    one = agent(direction=way)
+    sensors = LightSensors(PointLight(), 0.0, np.random.default_rng(1))
+    for _ in range(22):
+        one.see(sensors.read(-1.25, 0.0, -FRONT_LEFT), STRAIGHT)
+    assert one.state() == seen
 
 
 def test_without_a_direction_nothing_is_learned_and_any_action_may_come() -> None:

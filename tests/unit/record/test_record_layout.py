@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -81,3 +82,14 @@ def test_an_array_takes_as_many_values_as_it_has() -> None:
 def test_topics_have_names_and_numbers_of_their_own() -> None:
     assert len(CHANNELS) == len(TOPICS)
     assert sorted(CHANNELS.values()) == list(range(1, len(TOPICS) + 1))
+
+
+@given(st.lists(st.tuples(st.integers(0, 255), finite, st.integers(0, 2**32 - 1)), min_size=1, max_size=300))
+def test_arrays_of_numbers_go_in_as_they_are(ros: Any, ticks: list[tuple[int, float, int]]) -> None:
+    tasks, times, missed = zip(*ticks, strict=True)
+    data = encode(
+        "txt1_msgs/Ticks", {"task": bytes(tasks), "time": np.array(times), "missed": np.array(missed, np.uint32)}
+    )
+    assert data == encode("txt1_msgs/Ticks", {"task": list(tasks), "time": list(times), "missed": list(missed)})
+    read = ros.deserialize_cdr(data, "txt1_msgs/msg/Ticks")
+    assert (list(read.task), list(read.time), list(read.missed)) == (list(tasks), list(times), list(missed))

@@ -16,7 +16,7 @@ from txt1.ui.screens import render
 from txt1.ui.text import count, duration, minutes, number, run_time
 from txt1.ui.view import View
 
-SIZES = [(80, 24), (200, 50)]
+SIZES = [(80, 24), (110, 30), (133, 40), (200, 50)]
 
 FIELDS = {
     "STATUS": """

@@ -1,0 +1,375 @@
+"""Learning where nobody puts the robot down at a start: behind a wire, and with light sensors that seem real.
+
+The virtual board's vehicle is the only one that knows where it is. A tracking system under the ceiling and light
+sensors that see from there stand in for what a laboratory has.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Iterator
+from math import hypot, pi
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import txt1
+from tests.e2e.conftest import ENDLESS
+from txt1.board import Board
+from txt1.cli import execute
+from txt1.config import load
+from txt1.errors import HalError, LightFault, TaskFault
+from txt1.learning import qtable, running
+from txt1.learning.agents import make
+from txt1.learning.conduct import new_trial
+from txt1.learning.sensors import LightSource, PhidgetSensors
+from txt1.learning.task import LearningTask, simulated_light
+from txt1.learning.trial import Phase, Pose, Trial
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import LUX_MAX, Readings
+from txt1.navigation import PoseSource
+from txt1.robot import Robot
+
+BOUNDARY = 2.0
+SETTINGS = (*ENDLESS, "serial.port=virtual", f"learning.boundary={BOUNDARY}")
+CONFIG = load(overrides=SETTINGS).config
+
+
+def vehicle_of(robot: Robot) -> Callable[[], Pose]:
+    """The true pose of the vehicle behind the wire."""
+    board: Board = robot.hal.port.board  # type: ignore[attr-defined]
+
+    def read() -> Pose:
+        state = board.runtime.hal.simulator.state  # type: ignore[attr-defined]
+        return state.x, state.y, state.theta
+
+    return read
+
+
+class Ceiling:
+    """Light sensors that see the light from where the vehicle behind the wire is."""
+
+    def __init__(self, where: Callable[[], Pose]) -> None:
+        self._where = where
+        self._sensors = simulated_light(CONFIG, np.random.default_rng(2))
+        self.closed = False
+
+    def read(self, pose: Pose | None) -> Readings:
+        assert pose is None, "a HAL behind a wire knows no true pose"
+        return self._sensors.read(self._where())
+
+    def close(self) -> None:
+        self.closed = True
+
+
+async def until(condition: Callable[[], bool], timeout: float = 200.0) -> None:
+    async with asyncio.timeout(timeout):
+        while not condition():
+            await asyncio.sleep(0.05)
+
+
+def trial_of(agent: str, repetitions: int) -> Trial:
+    return new_trial(make(agent, CONFIG, np.random.default_rng(1)), CONFIG, 1, 1, repetitions)
+
+
+def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
+    """How far a pose is from the trial's present start, m and rad."""
+    x, y, theta = trial.start
+    return hypot(pose[0] - x, pose[1] - y), abs(wrap_angle(pose[2] - theta))
+
+
+# -- over the wire -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("agent", ["sweeps", "thesis"])
+async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent: str) -> None:
+    async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
+        assert await robot.load_gains()
+        where = vehicle_of(robot)
+        trial, source = trial_of(agent, 3), Ceiling(where)
+        task = LearningTask(robot, trial, source, PoseSource("ceiling", where))
+        task.start()
+        began: list[tuple[float, float]] = []
+        phase = trial.phase
+        farthest = 0.0
+        while not task.ended.is_set():
+            await asyncio.sleep(0.05)
+            if trial.phase is not phase:
+                phase = trial.phase
+                if phase is Phase.REST:
+                    began.append(from_start(trial, where()))
+            if phase is Phase.MOVE:
+                farthest = max(farthest, *map(abs, where()[:2]))
+        assert [one.number for one in trial.repetitions] == [1, 2, 3]
+        assert len(began) == 3
+        assert max(distance for distance, _ in began) < 0.05
+        assert max(turn for _, turn in began) < 5.0 * pi / 180.0
+        if agent == "sweeps":
+            assert all(one.success for one in trial.repetitions)
+            assert farthest < BOUNDARY
+        else:  # it begins outside, where its first repetitions end
+            assert farthest < BOUNDARY + 0.5
+        assert robot.faults["command_stale"] == robot.faults["missed_ticks"] == 0
+    assert source.closed
+
+
+async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_is_done_again() -> None:
+    async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
+        assert await robot.load_gains()
+        where = vehicle_of(robot)
+        trial = trial_of("thesis", 2)
+        task = LearningTask(robot, trial, Ceiling(where), PoseSource("ceiling", where))
+        task.start()
+        await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.REST)
+        known, start = trial.agent.memory()["q"], trial.start
+        await until(lambda: trial.phase is Phase.DRIVE)
+        await asyncio.sleep(3.0)
+        assert trial.agent.memory()["q"] != known
+        robot.disarm("somebody was in the way")
+        await asyncio.sleep(5.0)
+        assert trial.phase is Phase.MOVE
+        assert trial.agent.memory()["q"] == known, "what the broken repetition taught is forgotten"
+        assert len(trial.repetitions) == 1
+        rests = where()
+        await asyncio.sleep(5.0)
+        assert where() == rests, "it waits for the arm"
+        assert from_start(trial, rests)[0] > 0.3
+        robot.arm()
+        await until(lambda: trial.phase is Phase.REST)
+        assert trial.start == start
+        assert from_start(trial, where())[0] < 0.05
+        await until(task.ended.is_set)
+        assert [one.number for one in trial.repetitions] == [1, 2]
+        assert trial.voided == 1
+
+
+async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_when_the_robot_is_seen_again() -> None:
+    async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
+        assert await robot.load_gains()
+        where = vehicle_of(robot)
+        seen = True
+        trial = trial_of("sweeps", 2)
+        source = PoseSource("ceiling", lambda: where() if seen else None)
+        task = LearningTask(robot, trial, Ceiling(where), source)
+        task.start()
+        for phase in (Phase.MOVE, Phase.DRIVE):
+            await until(lambda phase=phase: trial.phase is phase and robot.odometry.v > 0.2)  # type: ignore[misc]
+            seen = False
+            await asyncio.sleep(3.0)
+            assert robot.odometry.v == 0.0
+            seen = True
+        await until(task.ended.is_set)
+        assert [one.success for one in trial.repetitions] == [True, True]
+        assert trial.voided == 1
+
+
+async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys() -> None:
+    async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
+        assert await robot.load_gains()
+        where = vehicle_of(robot)
+        enough = False
+        task = LearningTask(robot, trial_of("sweeps", 2), Ceiling(where), PoseSource("ceiling", where),
+                            stopped=lambda: enough)  # fmt: skip
+        task.start()
+        await until(lambda: robot.odometry.v > 0.2)  # on the way to the first start
+        enough = True
+        await until(task.ended.is_set, 1.0)
+        await asyncio.sleep(2.0)
+        rests = where()
+        await asyncio.sleep(2.0)
+        assert where() == rests
+        await robot.drive(0.3, 0.0, 2.0)
+        assert hypot(where()[0] - rests[0], where()[1] - rests[1]) > 0.4
+
+
+def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(tmp_path: Path) -> None:
+    agent = running.agent_of(CONFIG, "sweeps", None)
+    assert agent is not None
+
+    async def learn() -> None:
+        async with Robot.open("serial", settings=SETTINGS, seed=1, arm=True) as robot:
+            assert await robot.load_gains()
+            where = vehicle_of(robot)
+            task = running.start(robot, agent, Ceiling(where), PoseSource("ceiling", where), repetitions=2)
+            await task.ended.wait()
+            assert [one.success for one in task.trial.repetitions] == [True, True]
+
+    txt1.run(learn(), speed="max")
+    file = tmp_path / "qtable.json"
+    qtable.save(file, agent.table())
+    driver = running.agent_of(CONFIG, None, file)
+    assert driver is not None
+    assert np.array_equal(driver.table().values, agent.table().values)
+
+
+def test_learn_over_the_wire_says_what_is_missing_and_leaves_no_experiment_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["learn", "--agent", "sweeps", "--trials", "1", "--reps", "1", "--out", str(tmp_path)]
+    wire = ["--port", "virtual", "--speed", "max"]
+    assert execute([*words, *wire]) == 1
+    assert "needs four light sensors" in capsys.readouterr().err
+    assert execute([*words, *wire, "--set", "board.link_timeout=0.3"]) == 1
+    assert "needs four light sensors" in capsys.readouterr().err, (
+        "another try with another setting is no other experiment"
+    )
+    assert execute([*words, "--hal", "sim", "--port", "virtual"]) == 2
+    assert "only --hal serial has a port" in capsys.readouterr().err
+    assert execute(words) == 0
+
+
+# -- Phidgets ----------------------------------------------------------------------------------------------------
+
+
+class PhidgetError(Exception):
+    """`PhidgetException` as version 1.26 of Phidget22 has it."""
+
+    def __init__(self, code: int, description: str, details: str = "") -> None:
+        self.code, self.description, self.details = code, description, details
+
+
+class Channel:
+    """`VoltageRatioInput` of an Interface Kit: the calls of Phidget22 1.26, and when it refuses them."""
+
+    kit: list[Channel]
+    """Those that are open, in the order in which they were opened."""
+    fitted = range(8)
+
+    def __init__(self) -> None:
+        self.channel = 0
+        self.attached = False
+        self.interval, self.trigger = 256, 0.001
+        self.changed: Callable[[Channel, float], None] | None = None
+        self.detached: Callable[[Channel], None] | None = None
+
+    def setChannel(self, Channel: int) -> None:
+        self.channel = Channel
+
+    def setDeviceSerialNumber(self, DeviceSerialNumber: int) -> None:
+        raise AssertionError("nobody has asked for a serial number")
+
+    def setOnVoltageRatioChangeHandler(self, handler: Callable[[Channel, float], None] | None) -> None:
+        self.changed = handler
+
+    def setOnDetachHandler(self, handler: Callable[[Channel], None] | None) -> None:
+        self.detached = handler
+
+    def openWaitForAttachment(self, timeout: int) -> None:
+        assert timeout == 5000
+        if self.channel not in self.fitted:
+            raise PhidgetError(3, "Timed Out", "No Phidgets were detected at all. Make sure your device is attached.")
+        self.attached = True
+        self.kit.append(self)
+
+    def _need_kit(self) -> None:
+        if not self.attached:
+            raise PhidgetError(0x34, "Device not Attached")
+
+    def getMinDataInterval(self) -> int:
+        self._need_kit()
+        return 1
+
+    def setDataInterval(self, DataInterval: int) -> None:
+        self._need_kit()
+        assert isinstance(DataInterval, int)
+        self.interval = DataInterval
+
+    def setVoltageRatioChangeTrigger(self, VoltageRatioChangeTrigger: float) -> None:
+        self._need_kit()
+        self.trigger = VoltageRatioChangeTrigger
+
+    def close(self) -> None:
+        self.attached = False
+
+    def report(self, ratio: float) -> None:
+        """What the driver's thread does with a sample."""
+        assert self.changed is not None
+        if self.attached:
+            self.changed(self, ratio)
+
+    def unplug(self) -> None:
+        """What the driver's thread does when the kit is gone."""
+        assert self.detached is not None
+        self.attached = False
+        self.detached(self)
+
+
+@pytest.fixture
+def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
+    """The channels of an Interface Kit, as they are opened."""
+    ours = type("VoltageRatioInput", (Channel,), {"kit": []})
+    contents: dict[str, dict[str, Any]] = {
+        "Phidget22": {}, "Phidget22.Devices": {},
+        "Phidget22.Devices.VoltageRatioInput": {"VoltageRatioInput": ours},
+        "Phidget22.PhidgetException": {"PhidgetException": PhidgetError},
+    }  # fmt: skip
+    for name, content in contents.items():
+        module = ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    yield ours.kit  # type: ignore[attr-defined]
+
+
+def test_a_phidgets_kit_is_read_in_lux_from_its_four_inputs(kit: list[Channel]) -> None:
+    source: LightSource = PhidgetSensors()
+    assert [one.channel for one in kit] == [0, 1, 2, 3]
+    assert all(one.interval == 16 and one.trigger == 0.0 for one in kit), "every sample, 62.5 times a second"
+    assert all(np.isnan(source.read(None))), "nothing has been measured yet"
+    for ratio, one in zip((0.1, 0.25, 0.0, 1.02), kit, strict=True):
+        one.report(ratio)
+    assert source.read(None) == pytest.approx((100.0, 250.0, 1.0, LUX_MAX))
+    kit[2].unplug()
+    assert np.isnan(source.read(None)[2])
+    source.close()
+    assert not any(one.attached for one in kit)
+
+
+def test_a_kit_that_is_not_there_is_told_with_the_sensor_that_was_looked_for(
+    kit: list[Channel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Channel, "fitted", (0, 1))
+    with pytest.raises(HalError, match="light sensor RL on analog input 2: Timed Out"):
+        PhidgetSensors()
+    assert len(kit) == 2
+    assert not any(one.attached for one in kit), "those that were there are let go"
+
+
+def test_a_phidgets_library_that_cannot_be_loaded_says_what_it_lacks(
+    kit: list[Channel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: Channel) -> None:
+        raise OSError("libusb-1.0.so.0: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(Channel, "__init__", refuse)
+    with pytest.raises(HalError, match=r"libusb-1\.0\.so\.0"):
+        PhidgetSensors()
+
+
+async def test_a_kit_that_is_unplugged_stops_the_robot_with_an_error_that_names_the_sensor(kit: list[Channel]) -> None:
+    with pytest.raises(TaskFault, match="light sensor FR reads nan") as error:
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            assert await robot.load_gains()
+            shown = simulated_light(CONFIG, np.random.default_rng(2))
+
+            async def driver(ticks: Any) -> None:
+                async for _ in ticks:
+                    readings = shown.read(robot.runtime.look().pose)
+                    for one, lux in zip(kit, readings, strict=True):
+                        one.report(lux / LUX_MAX)
+
+            trial = trial_of("sweeps", 3)
+            task = LearningTask(robot, trial, PhidgetSensors())
+            robot.add_task("phidgets", 0.016, driver, priority=5)
+            task.start()
+            await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.DRIVE and robot.odometry.v > 0.2)
+            assert trial.repetitions[0].success
+            for one in kit[1:2]:
+                one.unplug()
+            await until(task.ended.is_set, 3.0)
+    assert isinstance(error.value.__cause__, LightFault)
+    assert not robot.armed
+    assert robot.hal.outputs.motor == 0  # type: ignore[attr-defined]

@@ -1,0 +1,166 @@
+"""What stands before the live view where a token is asked for: it lets through who presents it, and nobody else.
+
+The server of the Foxglove library cannot ask. So it listens on the loopback interface, at a port of its own, and this
+one where the user wants it. A client presents the token in the address, ``ws://HOST:PORT/?token=TOKEN``, or in the
+header ``Authorization: Bearer TOKEN``; then its bytes are passed on as they come.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import stat
+import threading
+from contextlib import suppress
+from hmac import compare_digest
+from pathlib import Path
+from typing import Final
+from urllib.parse import parse_qs, urlsplit
+
+from txt1.errors import ConfigError
+
+HEAD_MAX: Final = 16_384
+"""Bytes of a request's head."""
+HEAD_END: Final = b"\r\n\r\n"
+HEAD_TIME: Final = 5.0
+"""Real s in which it has to come."""
+STRANGERS_MAX: Final = 32
+"""Connections that have not presented the token yet."""
+PIECE: Final = 1 << 16
+TOKEN_MIN: Final = 16
+"""Characters of a token; fewer could be guessed."""
+
+REFUSED: Final = (
+    b"HTTP/1.1 401 Unauthorized\r\nWWW-Authenticate: Bearer\r\nContent-Type: text/plain\r\n"
+    b"Content-Length: 51\r\nConnection: close\r\n\r\n"
+    b"the live view asks for its token: add ?token=TOKEN\n"
+)
+
+
+class Front:
+    """A server in a thread of its own.
+
+    Args:
+        host: address to listen on.
+        port: 0 for any that is free.
+        inner: port on the loopback interface to which clients with the token are let through.
+        token: that they have to present.
+
+    Raises:
+        ConfigError: the address cannot be listened on.
+
+    """
+
+    def __init__(self, host: str, port: int, inner: int, token: str) -> None:
+        self._inner = inner
+        self._token = token.encode()
+        self._strangers = 0
+        self._loop = asyncio.new_event_loop()
+        try:
+            self._server = self._loop.run_until_complete(asyncio.start_server(self._meet, host, port, limit=HEAD_MAX))
+        except OSError as error:
+            self._loop.close()
+            raise ConfigError(
+                f"--view {host}:{port}: cannot listen there: {error.strerror or error}; choose another address"
+            ) from None
+        self.port: int = self._server.sockets[0].getsockname()[1]
+        self._thread = threading.Thread(target=self._serve, name="txt1 live view", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let go of the clients."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+
+    def _serve(self) -> None:
+        self._loop.run_forever()
+        self._loop.run_until_complete(self._part())
+        self._loop.close()
+
+    async def _part(self) -> None:
+        self._server.close()
+        clients = asyncio.all_tasks() - {asyncio.current_task()}
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
+
+    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """See a client in, or send it away."""
+        try:
+            if self._strangers < STRANGERS_MAX:
+                self._strangers += 1
+                try:
+                    async with asyncio.timeout(HEAD_TIME):
+                        head = await reader.readuntil(HEAD_END)
+                finally:
+                    self._strangers -= 1
+                if compare_digest(presented(head), self._token):
+                    await self._let_through(head, reader, writer)
+                else:
+                    writer.write(REFUSED)
+                    await writer.drain()
+        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            pass  # it has gone, or is no client
+        finally:
+            writer.close()
+
+    async def _let_through(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner)
+        try:
+            inner_writer.write(b"GET / HTTP/1.1" + head[head.index(b"\r\n") :])
+            async with asyncio.TaskGroup() as ways:
+                ways.create_task(_pass_on(reader, inner_writer))
+                ways.create_task(_pass_on(inner_reader, writer))
+        except* OSError:
+            pass
+        finally:
+            inner_writer.close()
+
+
+async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Bytes from one end to the other, until one has gone; then the other goes, too."""
+    with suppress(OSError):
+        while data := await reader.read(PIECE):
+            writer.write(data)
+            await writer.drain()
+    writer.close()
+
+
+def presented(head: bytes) -> bytes:
+    """The token in the head of a request; empty when there is none."""
+    request, *fields = head.decode("latin-1").split("\r\n")
+    _, _, rest = request.partition(" ")
+    for token in parse_qs(urlsplit(rest.partition(" ")[0]).query).get("token", []):
+        return token.encode()
+    for field in fields:
+        name, _, value = field.partition(":")
+        scheme, _, token = value.strip().partition(" ")
+        if name.lower() == "authorization" and scheme.lower() == "bearer":
+            return token.strip().encode()
+    return b""
+
+
+def token_in(file: Path) -> str:
+    """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
+
+    Raises:
+        ConfigError: others may read the file, there is no good token in it, or it cannot be read or made.
+
+    """
+    try:
+        if not file.exists():
+            file.touch(mode=stat.S_IRUSR | stat.S_IWUSR, exist_ok=False)
+            file.write_text(secrets.token_urlsafe(32) + "\n", encoding="ascii")
+        if file.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+            raise ConfigError(f"--view-token {file}: others may read it; chmod 600 {file}")
+        token = file.read_text(encoding="ascii").strip()
+    except OSError as error:
+        raise ConfigError(f"--view-token {file}: {error.strerror}; give a file that can be read or made") from None
+    except UnicodeDecodeError:
+        token = ""
+    if len(token) < TOKEN_MIN or not token.isprintable() or " " in token:
+        raise ConfigError(
+            f"--view-token {file}: its token has to be a word of at least {TOKEN_MIN} characters; delete the file, and "
+            "a good one is made"
+        )
+    return token
