@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from txt1.learning.qtable import StoredTable
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
+
+
+class Decision(NamedTuple):
+    """What a learner knew when it last decided, or when the repetition ended.
+
+    Attributes:
+        state: row of its table; None where the sensors tell no direction.
+        reward: for what came of the action before; None when nothing was learned from it.
+        values: of the actions in this state, after learning.
+
+    """
+
+    state: int | None
+    reward: float | None
+    values: tuple[float, ...]
 
 
 class Agent(Protocol):
@@ -41,6 +56,9 @@ class Agent(Protocol):
 
     def end(self, success: bool, odometry: Odometry) -> None:
         """The repetition is over: the robot has reached the light, or left the boundary."""
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """What the last `act` or `end` rested on, for who looks on."""
 
     def void(self) -> None:
         """The repetition does not count: forget what was learned in it."""

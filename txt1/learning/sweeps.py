@@ -33,6 +33,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.learning.agent import Decision
 from txt1.learning.light import LightFilter, spread_limit
 from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
@@ -144,6 +145,7 @@ class SweepsAgent:
         self._due = 0.0
         self._theta = 0.0
         self._w = 0.0
+        self._learned = False
         self._before = self.memory()
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
@@ -177,21 +179,24 @@ class SweepsAgent:
 
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from the last action, and choose the next one."""
-        self._learn(odometry)
+        self._learned = self._learn(odometry)
         self._a = self._choose(odometry)
         self._due = now + self.settings.period
         return self._a
 
-    def _learn(self, odometry: Odometry) -> None:
-        """Take what the last action did to the yaw rate, and sweep."""
+    def _learn(self, odometry: Odometry) -> bool:
+        """Take what the last action did to the yaw rate, and sweep; whether there was something to learn."""
+        learns = False
         if self._a >= 0:
             w = wrap_angle(odometry.theta - self._theta) / self.settings.period
-            if odometry.v > self.settings.moving and not self._frozen:
+            learns = odometry.v > self.settings.moving and not self._frozen
+            if learns:
                 self.model.learn(self._a, self._w, w)
                 self._refit()
                 self.sweep()
             self._w = w
         self._theta = odometry.theta
+        return learns
 
     def _choose(self, odometry: Odometry) -> int:
         while self._untried and self.model.count[self._untried[0]] >= self.settings.tries:
@@ -203,8 +208,15 @@ class SweepsAgent:
     def end(self, success: bool, odometry: Odometry) -> None:
         """The repetition is over."""
         del success
-        self._learn(odometry)
+        self._learned = self._learn(odometry)
         self.repetition += 1
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """The nearest cell of bearing and yaw rate, the progress towards the light, and the cell's values."""
+        bearing = self.bearing(odometry)
+        i = round((bearing + pi) / (2.0 * pi) * BEARINGS) % BEARINGS
+        j = round((min(max(self._w / YAW_MAX, -1.0), 1.0) + 1.0) / 2.0 * (YAW_RATES - 1))
+        return Decision(i * YAW_RATES + j, cos(bearing) if self._learned else None, tuple(map(float, self.q[i, j])))
 
     def void(self) -> None:
         """Forget what was learned since `begin`."""

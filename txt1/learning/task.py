@@ -8,23 +8,17 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from math import cos, degrees, nan, pi
-from typing import Any, Final, Protocol, cast
+from math import degrees, nan
+from typing import Final, Protocol
 
 import numpy as np
 
 from txt1.config import Config
 from txt1.errors import HalError, NotArmed
 from txt1.kernel.scheduler import Ticks
-from txt1.learning.agent import Agent
-from txt1.learning.light import reward
 from txt1.learning.sensors import Compass, LightSource, PhidgetSensors, SimulatedSensors
-from txt1.learning.sweeps import BEARINGS, YAW_MAX, YAW_RATES, SweepsAgent
-from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import TICK, Phase, Task, Trial
-from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SAMPLE_PERIOD, Readings
-from txt1.model.odometry import Odometry
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
 from txt1.sim.light import LightSensors, PointLight, noise_for_jitter
@@ -79,8 +73,9 @@ class LearningTask:
         observer: Observer | None = None,
     ) -> None:
         self.trial = trial
+        self._observer = observer
         if observer is not None:
-            trial.agent = cast(Agent, _Observed(trial, observer))
+            trial.decided = self._tell
         self.ended = asyncio.Event()
         """Set when the last repetition is over, or somebody stopped the trial; from then on it commands nothing."""
         self._robot = robot
@@ -105,7 +100,10 @@ class LearningTask:
             async for _ in ticks:
                 if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
                     pose = robot.runtime.look().pose if sees_pose else None
-                    trial.agent.see(source.read(pose), robot.odometry)
+                    lux = source.read(pose)
+                    if self._observer is not None:
+                        self._observer.light(lux)
+                    trial.agent.see(lux, robot.odometry)
         finally:
             source.close()
 
@@ -138,6 +136,19 @@ class LearningTask:
                     robot.tell(f"repetition {len(trial.repetitions) + 1} {trial.phase.value}")
         finally:
             self._let_go()
+
+    def _tell(self, action: int) -> None:
+        """Tell the observer what the agent has decided."""
+        assert self._observer is not None
+        trial = self.trial
+        state, reward, values = trial.agent.decision(self._robot.odometry)
+        self._observer.learning_step(
+            len(trial.repetitions) + 1,
+            -1 if state is None else state,
+            action,
+            nan if reward is None else reward,
+            values,
+        )
 
     def _let_go(self) -> None:
         """Drive no farther towards the start."""
@@ -209,76 +220,3 @@ def simulated_light(config: Config, rng: np.random.Generator) -> LightSource:
     exponent = float(light.exponent)
     noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
     return SimulatedSensors(LightSensors(PointLight(x, y, light.intensity, exponent), noise, rng))
-
-
-# -- who looks on ------------------------------------------------------------------------------------------------
-
-NO_STATE: Final = -1
-OVER: Final = -1
-
-
-class _Observed:
-    """An agent with an observer; to the trial it is that agent."""
-
-    def __init__(self, trial: Trial, observer: Observer) -> None:
-        self._trial, self._observer = trial, observer
-        self._agent = trial.agent
-        self._heading: float | None = None  # at the decision before
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._agent, name)
-
-    def begin(self) -> None:
-        """A repetition begins."""
-        self._agent.begin()
-        self._heading = None
-
-    def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the light, lux."""
-        self._observer.light(readings)
-        self._agent.see(readings, odometry)
-
-    def act(self, now: float, odometry: Odometry) -> int:
-        """The index of the next action."""
-        known = _experience(self._agent)
-        action = self._agent.act(now, odometry)
-        self._tell(action, odometry, known)
-        return action
-
-    def end(self, success: bool, odometry: Odometry) -> None:
-        """The repetition is over."""
-        known = _experience(self._agent)
-        self._agent.end(success, odometry)
-        self._tell(OVER, odometry, known)
-
-    def _tell(self, action: int, odometry: Odometry, known: Any) -> None:
-        agent, state, earned, values = self._agent, NO_STATE, nan, ()
-        if isinstance(agent, ThesisAgent):
-            sector = agent.state()
-            if sector is not None:
-                state, values = sector, tuple(agent.q[sector].tolist())
-                for learned in np.flatnonzero(agent.visits != known):
-                    earned = float(reward(int(learned), sector))
-        elif isinstance(agent, SweepsAgent):
-            turned = 0.0 if self._heading is None else wrap_angle(odometry.theta - self._heading)
-            bearing = agent.bearing(odometry)
-            state = _cell(bearing, turned / agent.settings.period)
-            values = tuple(agent.q.reshape(-1, agent.q.shape[-1])[state].tolist())
-            if (agent.model.count != known).any():
-                earned = cos(bearing)
-        self._heading = odometry.theta
-        self._observer.learning_step(len(self._trial.repetitions) + 1, state, action, earned, values)
-
-
-def _experience(agent: Agent) -> Any:
-    """What grows when the agent learns."""
-    if isinstance(agent, ThesisAgent):
-        return agent.visits.copy()
-    return agent.model.count.copy() if isinstance(agent, SweepsAgent) else None
-
-
-def _cell(bearing: float, yaw_rate: float) -> int:
-    """The row of the sweeping learner's table next to a bearing (rad) and a yaw rate (rad/s)."""
-    i = round((bearing + pi) / (2.0 * pi) * BEARINGS) % BEARINGS
-    j = round((min(max(yaw_rate / YAW_MAX, -1.0), 1.0) + 1.0) / 2.0 * (YAW_RATES - 1))
-    return i * YAW_RATES + j

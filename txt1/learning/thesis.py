@@ -7,6 +7,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from txt1.errors import NoDirection
+from txt1.learning.agent import Decision
 from txt1.learning.light import FILTER_WEIGHT, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.policy import (
     boltzmann_action,
@@ -109,6 +110,7 @@ class ThesisAgent:
         """A repetition begins."""
         self._filter.clear()
         self._s: int | None = None
+        self._earned: float | None = None
         self._a = -1
         self._due = 0.0
         self._reaching = False
@@ -155,20 +157,22 @@ class ThesisAgent:
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from the last action, and choose the next one."""
         s_next = self.state()
-        self._learn(s_next, odometry)
+        self._earned = self._learn(s_next, odometry)
         self._s = s_next
         self._a = self._choose(s_next)
         self._due = now + self.settings.period
         self._reaching = self.settings.remedy == "hold"
         return self._a
 
-    def _learn(self, s_next: int | None, odometry: Odometry) -> None:
-        """Update the table (5.1); without a direction before and after there is nothing to learn from."""
+    def _learn(self, s_next: int | None, odometry: Odometry) -> float | None:
+        """Update the table (5.1); the reward, or None without a direction before and after, as that teaches nothing."""
         if self._a < 0 or self._s is None or s_next is None or not (self.training or self.settings.learn_on):
-            return
+            return None
         a = self.sensed(odometry) if self.settings.remedy == "sensed" else self._a
-        update(self.q, self._s, a, reward(self._s, s_next), s_next, self._alpha(self._s), self.settings.gamma)
+        earned = reward(self._s, s_next)
+        update(self.q, self._s, a, earned, s_next, self._alpha(self._s), self.settings.gamma)
         self.visits[self._s] += 1
+        return earned
 
     def _alpha(self, s: int) -> float:
         one = self.settings
@@ -193,9 +197,16 @@ class ThesisAgent:
 
     def end(self, success: bool, odometry: Odometry) -> None:
         """The repetition is over; leaving the boundary teaches nothing (O)."""
-        if success:
-            self._learn(self.state(), odometry)
+        s_next = self.state()
+        self._earned = self._learn(s_next, odometry) if success else None
+        self._s = s_next
         self.repetition += 1
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """Sector, reward, and the sector's row of the table."""
+        del odometry
+        values = () if self._s is None else tuple(map(float, self.q[self._s]))
+        return Decision(self._s, self._earned, values)
 
     def void(self) -> None:
         """Forget what was learned since `begin`."""

@@ -31,6 +31,10 @@ COMMANDS: Final = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
 """(v, omega) of the actions right, straight, left (table 5.2), m/s and rad/s."""
 
 
+OVER: Final = -1
+"""In place of an action, when a repetition has ended."""
+
+
 class Task(NamedTuple):
     """What is to be learned.
 
@@ -137,6 +141,8 @@ class Trial:
         self._commands = commands
         self._done = done
         self._keep_paths = keep_paths
+        self.decided: Callable[[int], None] = lambda action: None
+        """Told the index of every action as it is decided, and OVER when a repetition has ended."""
         self._began = 0.0
         self._action = 0
         self.phase = Phase.MOVE if starts else Phase.DONE
@@ -190,6 +196,7 @@ class Trial:
                 self._end(now, ended, odometry)
                 return 0.0, 0.0
             self._action = self.agent.act(now, odometry)
+            self.decided(self._action)
         return self._commands[self._action]
 
     def void(self) -> None:
@@ -212,6 +219,7 @@ class Trial:
 
     def _end(self, now: float, success: bool, odometry: Odometry) -> None:
         self.agent.end(success, odometry)
+        self.decided(OVER)
         number = len(self.repetitions) + 1
         start = self._starts[number - 1]
         repetition = Repetition(number, start, now - self._began, success, start.optimal_time(self.task))
