@@ -2,87 +2,32 @@
 
 import asyncio
 import os
-import random
-from math import degrees, hypot, inf, pi
+from math import hypot
 
 import pytest
 
 from txt1.control.schedule import Schedule
 from txt1.errors import CommandRefused, NotArmed
+from txt1.experiments.poses import ratio, sentence, trips
 from txt1.kernel import Ticks
-from txt1.model.kinematics import wrap_angle
-from txt1.model.reeds_shepp import Pose, length, shortest
-from txt1.model.vehicle import Geometry
-from txt1.navigation import PoseSource, follow, go_to, true_pose, wheel_pose
-from txt1.navigation.plan import stays_inside
+from txt1.navigation import PoseSource, follow, go_to
 from txt1.robot import Robot
-from txt1.sim.room import Room, clearance
+from txt1.sim.room import Room
 
 ROOM = Room(5.0, 5.0)
-BODY = Geometry()
 PAIRS = int(os.environ.get("TXT1_POSE_PAIRS", "24"))
 """1000 for the figure in docs/drive-tests.md; that takes three minutes."""
 EXTERNAL_SUPPLY = ("sim.battery.used_1=null",)
 
 
-class Watch:
-    """The true path of a robot: its length, and the least distance of the body from the walls."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self.reset()
-        robot.add_task("watch", 0.02, self._look, priority=-1)
-
-    def reset(self) -> None:
-        self.driven, self.clear = 0.0, inf
-        self._last: Pose | None = None
-
-    async def _look(self, ticks: Ticks) -> None:
-        async for _ in ticks:
-            pose = self._robot.pose
-            assert pose is not None
-            if self._last is not None:
-                self.driven += hypot(pose[0] - self._last[0], pose[1] - self._last[1])
-            self._last = pose
-            self.clear = min(self.clear, clearance(*pose, ROOM, BODY))
-
-
-@pytest.mark.parametrize("by", ["odometry", "true pose"])
-async def test_it_arrives_from_anywhere_anywhere_inside_the_room(by: str) -> None:
-    chance = random.Random(11)
-
-    def pose() -> Pose:
-        return chance.uniform(-1.9, 1.9), chance.uniform(-1.9, 1.9), chance.uniform(-pi, pi)
-
-    ratios: list[float] = []
-    misses: list[tuple[float, float]] = []
-    clear = inf
+@pytest.mark.parametrize("by_truth", [False, True], ids=["by odometry", "by the true pose"])
+async def test_it_arrives_from_anywhere_anywhere_inside_the_room(by_truth: bool) -> None:
     async with Robot.open("sim", seed=1, settings=EXTERNAL_SUPPLY) as robot:
         assert await robot.load_gains()
-        watch = Watch(robot)
-        for _ in range(PAIRS if by == "odometry" else PAIRS // 3):
-            start, goal = pose(), pose()
-            robot.place(*start)
-            await asyncio.sleep(0.1)
-            watch.reset()
-            source = true_pose(robot) if by == "true pose" else wheel_pose(robot, start)
-            assert (await go_to(robot, goal, pose_source=source, room=ROOM)).arrived
-            there = robot.pose
-            assert there is not None
-            misses.append((hypot(there[0] - goal[0], there[1] - goal[1]), degrees(abs(wrap_angle(there[2] - goal[2])))))
-            clear = min(clear, watch.clear)
-            assert misses[-1][0] <= 0.05
-            assert misses[-1][1] <= 5.0
-            assert watch.clear > 0.0, "it never touches a wall"
-            optimum = shortest(start, goal, BODY.radius_min)
-            if stays_inside(start, optimum, ROOM, BODY):
-                ratios.append(watch.driven / length(optimum))
-    print(
-        f"\n{len(misses)} pose pairs by {by}: off by {sum(d for d, _ in misses) / len(misses):.3f} m in the mean, "
-        f"{max(d for d, _ in misses):.3f} m at worst, {max(t for _, t in misses):.2f} degrees at worst; path "
-        f"{sum(ratios) / len(ratios):.3f} times the optimum in the mean; {clear:.3f} m from a wall at the nearest"
-    )
-    assert sum(ratios) / len(ratios) <= 1.25
+        found = await trips(robot, PAIRS // 3 if by_truth else PAIRS, ROOM, seed=11, by_truth=by_truth)
+    print(f"\n{sentence(found)}")
+    assert all(trip.arrived for trip in found)
+    assert ratio(found) <= 1.25
 
 
 async def test_going_where_it_stands_moves_it_no_farther_than_it_must(robot: Robot) -> None:

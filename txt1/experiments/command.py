@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -22,18 +22,18 @@ from txt1.board import VIRTUAL
 from txt1.config import Config, ControlConfig, GainsConfig, GainSetConfig, load
 from txt1.errors import CommandRefused, ConfigError, NotArmed
 from txt1.experiments import figures, metrics, report, run_folder
-from txt1.experiments.identify import identify, try_out
+from txt1.experiments.identify import identify, require_pwm_and_ticks, try_out
 from txt1.experiments.plant import Plant
 from txt1.experiments.profile import Profile, load_profile, names
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import FIGURE, Run
-from txt1.experiments.runner import END_OF_PROFILE, Experiment, Outcome, ready
+from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Experiment, Outcome, ready
 from txt1.experiments.tune import propose
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import recording
 from txt1.robot import Robot
 
-OK, DISARMED = 0, 3
+OK, FAULT, DISARMED = 0, 1, 3
 """Exit codes, as those of `txt1 run`."""
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
@@ -94,7 +94,7 @@ def add_commands(
         "--no-trial", action="store_true", help="propose only; do not drive the tests with old and new gains"
     )
     tune_parser.add_argument(
-        "--repeats", type=_count, default=5, metavar="N", help="runs of a test whose mean is judged"
+        "--repeats", type=_count, default=10, metavar="N", help="runs of a test whose mean is judged"
     )
     tune_parser.set_defaults(command=tune_command)
 
@@ -149,15 +149,16 @@ def experiment_command(arguments: argparse.Namespace) -> int:
         figures.available()  # said before the robot has driven for 46 minutes
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
+    folder = run_folder.make(arguments.out or Path("out") / name)
     _say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
     driven = drive(
         config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
     )
     if driven.outcome is None or not len(driven.outcome.recording):
-        return driven.code
+        _say("it was over before anything was measured")
+        return driven.code or FAULT
     label = arguments.label or _label(config)
     result = Run(label, profile, driven.outcome.recording, metrics.measure(driven.outcome, profile))
-    folder = arguments.out or Path("out") / name
     run_folder.write(result, folder)
     if not arguments.no_figure:
         figures.draw([result], folder / FIGURE)
@@ -165,7 +166,8 @@ def experiment_command(arguments: argparse.Namespace) -> int:
         print(json.dumps(result.metrics))
     else:
         report.show([result], Console())
-        print(f"{folder}: {', '.join(sorted(file.name for file in folder.iterdir()))}")
+        drawn = [] if arguments.no_figure else [FIGURE]
+        print(f"{folder}: {', '.join([*run_folder.FILES, *drawn])}")
     return driven.code
 
 
@@ -179,13 +181,12 @@ def _compare(arguments: argparse.Namespace) -> int:
     if runs[0].label == runs[1].label:
         runs = [result._replace(label=str(folder)) for result, folder in zip(runs, arguments.runs, strict=True)]
     if not arguments.no_figure:
-        folder = arguments.out or Path("out") / "compare"
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = run_folder.make(arguments.out or Path("out") / "compare")
         figures.draw(runs, folder / FIGURE)
     if arguments.json:
         print(json.dumps({result.label: result.metrics for result in runs}))
     else:
-        report.show(runs, Console())
+        report.show(runs, Console(), with_differences=True)
         if not arguments.no_figure:
             print(folder / FIGURE)
     return OK
@@ -206,12 +207,28 @@ def tune_command(arguments: argparse.Namespace) -> int:
     config, speed = configure(arguments)
     if arguments.out is not None:
         figures.available()
-    plant = run(_identified(config, arguments.arm), speed=speed)
+        run_folder.make(arguments.out)
+    if arguments.write is not None:
+        run_folder.make(arguments.write.parent)
+    _say("trying out the vehicle, for a minute of its time")
+    plant: Plant | None = None
+
+    async def try_it() -> None:
+        nonlocal plant
+        async with Robot.open(config=config, arm=arguments.arm) as robot:
+            require_pwm_and_ticks(robot.hal)
+            await ready(robot)
+            plant = identify(await try_out(robot))
+
+    code = _until_signal(try_it(), speed)
+    if plant is None:
+        return code
     print(
         f"speed: {1000.0 * plant.speed_gain:.4f} mm/s per count beyond a dead band of {plant.dead_band:.0f} counts, "
         f"lag {plant.time_constant:.3f} s\n"
         f"steering: {1e6 * plant.steering_gain:.1f} mrad/m per 1000 counts, lag {plant.steering_lag:.3f} s"
     )
+    _say("trying gains on its model")
     old = config.control
     proposal = propose(plant, config.geometry.geometry(), old.linear.gains(), old.schedule(), config.safety.motor_max)
     new = ControlConfig(
@@ -222,40 +239,54 @@ def tune_command(arguments: argparse.Namespace) -> int:
     print(text)
     if not arguments.no_trial:
         for test in TESTS:
-            runs = [
-                _mean_run(config.model_copy(update={"control": control}), test, speed, label, arguments)
-                for label, control in (("old gains", old), ("new gains", new))
-            ]
+            runs = []
+            for label, control in (("old gains", old), ("new gains", new)):
+                driven = _repeated(config.model_copy(update={"control": control}), test, speed, label, arguments)
+                if isinstance(driven, int):
+                    return driven
+                runs.append(driven)
             report.show(runs, Console())
             if arguments.out is not None:
                 for result in runs:
                     run_folder.write(result, arguments.out / f"{test}-{result.label.split()[0]}")
                 figures.draw(runs, arguments.out / f"{test}.svg")
+                figures.draw_steps(runs, arguments.out / f"{test}-steps.svg")
     if arguments.write is not None:
         arguments.write.write_text(text)
         print(f"{arguments.write}: written; use it with --config")
     return OK
 
 
-async def _identified(config: Config, arm: bool | None) -> Plant:
-    async with Robot.open(config=config, arm=arm) as robot:
-        await ready(robot)
-        return identify(await try_out(robot))
+def _repeated(config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace) -> Run | int:
+    """Several runs of a test as one, their seeds differing as what the floor does differs; an exit code: interrupted.
 
+    Raises:
+        CommandRefused: a run ended early.
 
-def _mean_run(config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace) -> Run:
-    """The mean of several runs of a test, whose seeds differ: what the floor does differs from run to run."""
+    """
     profile = load_profile(test)
     outcomes = []
     for number in range(arguments.repeats):
         seeded = config.model_copy(update={"seed": config.seed + number})
-        driven = drive(seeded, profile, speed, arm=arguments.arm, bar=f"{test}, {label}")
-        if driven.outcome is None or driven.outcome.stopped_by != END_OF_PROFILE:
-            why = "a signal" if driven.outcome is None else driven.outcome.stopped_by
-            raise CommandRefused(f"{test} with {label} was ended by {why}, so there is nothing to compare")
+        bar = f"{test}, {label}, {number + 1} of {arguments.repeats}"
+        driven = drive(seeded, profile, speed, arm=arguments.arm, bar=bar)
+        if driven.outcome is None or driven.outcome.stopped_by == INTERRUPTED:
+            return driven.code
+        if driven.outcome.stopped_by != END_OF_PROFILE:
+            raise CommandRefused(
+                f"{test} with {label} was ended by {driven.outcome.stopped_by}, so there is nothing to compare; "
+                "--no-trial leaves these drives out"
+            )
         outcomes.append(driven.outcome)
-    mean = outcomes[0]._replace(recording=mean_of([outcome.recording for outcome in outcomes]))
-    return Run(label, profile, mean.recording, metrics.measure(mean, profile))
+    return repeated(label, profile, outcomes)
+
+
+def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
+    """Several runs of a profile as one: their mean, and what its steps look like."""
+    recordings = [outcome.recording for outcome in outcomes]
+    mean = outcomes[0]._replace(recording=mean_of(recordings))
+    steps = [step._asdict() for step in metrics.repeated_steps(recordings)]
+    return Run(label, profile, mean.recording, metrics.measure(mean, profile) | {"steps": steps})
 
 
 def gains_file(control: ControlConfig) -> str:
@@ -296,10 +327,36 @@ def drive(
 
     """
     experiment: Experiment | None = None
-    code = OK
 
     async def main() -> None:
         nonlocal experiment
+        told: dict[str, object] = {"experiment": profile.title}
+        async with (
+            recording(log, config, speed, told, _say) as attach,
+            Robot.open(config=config, arm=arm, attach=attach) as robot,
+        ):
+            if not robot.armed:
+                raise NotArmed(f"{robot.reason or 'not armed yet'}; on the command line --arm does it")
+            await ready(robot)
+            experiment = Experiment(robot, profile, safe_end=safe_end)
+            with _progress_bar(experiment, bar):
+                await experiment.run()
+
+    code = _until_signal(main(), speed)
+    if experiment is None:
+        return Driven(None, code)
+    outcome = experiment.outcome()
+    if code == OK and outcome.stopped_by.startswith("the safety gate"):
+        print(f"txt1: the robot was stopped by {outcome.stopped_by}", file=sys.stderr)
+        code = DISARMED
+    return Driven(outcome, code)
+
+
+def _until_signal(work: Coroutine[Any, Any, None], speed: Speed) -> int:
+    """Run it until it ends or a signal cancels it; the exit code."""
+    code = OK
+
+    async def main() -> None:
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
 
@@ -313,30 +370,14 @@ def drive(
         if threading.current_thread() is threading.main_thread():
             for number in SIGNALS:
                 loop.add_signal_handler(number, partial(interrupt, number))
-        told: dict[str, object] = {"experiment": profile.title}
-        async with (
-            recording(log, config, speed, told, _say) as attach,
-            Robot.open(config=config, arm=arm, attach=attach) as robot,
-        ):
-            if not robot.armed:
-                raise NotArmed(f"{robot.reason or 'not armed yet'}; on the command line --arm does it")
-            await ready(robot)
-            experiment = Experiment(robot, profile, safe_end=safe_end)
-            with _progress_bar(experiment, bar):
-                await experiment.run()
+        await work
 
     try:
         run(main(), speed=speed)
     except asyncio.CancelledError:
         if code == OK:
             raise
-    if experiment is None:
-        return Driven(None, code)
-    outcome = experiment.outcome()
-    if code == OK and outcome.stopped_by.startswith("the safety gate"):
-        print(f"txt1: the robot was stopped by {outcome.stopped_by}", file=sys.stderr)
-        code = DISARMED
-    return Driven(outcome, code)
+    return code
 
 
 @contextmanager

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.experiments.metrics import cross_track, smooth
+from txt1.experiments.metrics import QUANTUM, Channel, cross_track, response
+from txt1.experiments.report import step_name
 from txt1.experiments.run_folder import Run
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+STEP_SHOWN: Final = 1.5
+"""s of a step that are drawn."""
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 
 
@@ -31,6 +34,23 @@ def draw(runs: Sequence[Run], file: Path, title: str | None = None) -> None:
     kind = runs[0].profile.figure
     {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery}[kind](figure, runs)
     figure.suptitle(title or runs[0].profile.title)
+    _save(figure, file)
+
+
+def draw_steps(runs: Sequence[Run], file: Path) -> None:
+    """Write a figure of runs of one profile with a panel for every step, responses side by side.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+
+    """
+    figure = _new_figure()
+    _steps(figure, runs)
+    figure.suptitle(f"{runs[0].profile.title}, step by step")
+    _save(figure, file)
+
+
+def _save(figure: Figure, file: Path) -> None:
     # no date and no random ids, so that the same run makes the same file
     metadata = {"Date": None} if file.suffix == ".svg" else None
     import matplotlib
@@ -55,27 +75,59 @@ def _new_figure() -> Figure:
 def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
     """Linear velocity above angular velocity over time, set-point and response together (4.3, 4.4)."""
     above, below = figure.subplots(2, 1, sharex=True)
-    for axes, channel, label in ((above, "v", "v, m/s"), (below, "omega", "ω, rad/s")):
-        for run, colour in zip(runs, COLOURS, strict=False):
+    panels: tuple[tuple[Any, Channel, str], ...] = ((above, "v", "v, m/s"), (below, "omega", "ω, rad/s"))
+    for axes, channel, label in panels:
+        for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
             recording = run.recording
             time = recording["time"]
             if len(runs) == 1:
                 axes.plot(time, recording[channel], color="0.8", linewidth=0.5, label="each reading of the encoders")
-            truth = recording.knows_truth
-            values = smooth(recording[f"true_{channel}" if truth else channel], time)
-            axes.plot(time, values, color=colour, linewidth=1.0, label=f"{run.label}, {_response(run)}")
+            values = response(recording, channel)
+            axes.plot(time, values, color=colour, linewidth=width, label=f"{run.label}, {_response(run)}")
         first = runs[0].recording
         axes.plot(first["time"], first[f"set_{channel}"], "k--", linewidth=0.8, label="set-point")
+        middle, half = 0.5 * sum(axes.get_ylim()), 0.5 * float(np.diff(axes.get_ylim())[0])
+        axes.set_ylim(middle - max(half, 2.0 * QUANTUM[channel]), middle + max(half, 2.0 * QUANTUM[channel]))
         axes.set_ylabel(label)
         axes.grid(alpha=0.3)
-    figure.legend(*above.get_legend_handles_labels(), fontsize="x-small", loc="outside lower center", ncols=2)
     below.set_xlabel("time, s")
+    _legend(figure, above)
+
+
+def _steps(figure: Figure, runs: Sequence[Run]) -> None:
+    """Each step's response over the time since its set-point changed, and the band in which it has settled."""
+    judged = [run.metrics["steps"] for run in runs]
+    columns = 4
+    panels = figure.subplots(-(-len(judged[0]) // columns), columns, sharex=True, squeeze=False).ravel()
+    for panel in panels[len(judged[0]) :]:
+        panel.axis("off")
+    for number, axes in enumerate(panels[: len(judged[0])]):
+        for run, steps, colour in zip(runs, judged, COLOURS, strict=False):
+            step, time = steps[number], run.recording["time"]
+            first, last = np.searchsorted(time, (step["time"] - 1e-6, step["time"] + STEP_SHOWN))
+            values = response(run.recording, step["channel"], int(first), int(last))
+            axes.plot(time[first:last] - step["time"], values, color=colour, linewidth=1.0, label=run.label)
+            steady = step["after"] + step["steady_error"]
+            axes.axhspan(steady - step["band"], steady + step["band"], color=colour, alpha=0.1, linewidth=0.0)
+            if step["settling"] is not None:
+                axes.axvline(step["settling"], color=colour, linewidth=0.8, linestyle=":")
+        axes.axhline(judged[0][number]["after"], color="k", linewidth=0.8, linestyle="--", label="set-point")
+        axes.set_title(step_name(judged[0][number]), fontsize="small")
+        axes.tick_params(labelsize="x-small")
+        axes.grid(alpha=0.3)
+    _legend(figure, panels[0], "over the seconds since the set-point changed; shaded: the band; dotted: settled")
+
+
+def _widths(runs: Sequence[Run]) -> tuple[float, ...]:
+    """Line widths with which runs that lie upon each other are all seen."""
+    return (1.0,) if len(runs) == 1 else (2.4, 1.4, 0.7, 0.7)
 
 
 def _path(figure: Figure, runs: Sequence[Run]) -> None:
     """The path in the plane (4.5, 4.6)."""
     axes = figure.subplots()
     _draw_paths(axes, runs)
+    _legend(figure, axes)
     circles = [run.metrics.get("circle") for run in runs]
     if any(circles):
         parts = [
@@ -88,37 +140,41 @@ def _path(figure: Figure, runs: Sequence[Run]) -> None:
 
 def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
     """The path with its waypoints, and the cross-track error over time."""
-    above, below = figure.subplots(2, 1, height_ratios=(2, 1))
+    figure.set_size_inches(7.0, 6.5)
+    above, below = figure.subplots(2, 1, height_ratios=(3, 1))
     waypoints = runs[0].profile.waypoints
     if waypoints is not None:
         x, y = zip(*waypoints.points, waypoints.points[0], strict=True)
         above.plot(x, y, "k--", linewidth=0.8, marker="o", markersize=4, label="waypoints")
     _draw_paths(above, runs)
-    for run, colour in zip(runs, COLOURS, strict=False):
+    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
         time, legs = run.recording["time"], run.legs
         for number, leg in enumerate(legs):
             until = legs[number + 1].time if number + 1 < len(legs) else np.inf
             on = (time >= leg.time) & (time < until)
-            below.plot(time[on], cross_track(run.recording, leg)[on], color=colour, linewidth=1.0)
+            below.plot(time[on], cross_track(run.recording, leg)[on], color=colour, linewidth=width)
     below.axhline(0.0, color="k", linewidth=0.8, linestyle="--")
     below.set(xlabel="time, s", ylabel="off the leg, m")
     below.grid(alpha=0.3)
+    _legend(figure, above, f"steered by {runs[0].metrics['pose_source']}")
 
 
 def _battery(figure: Figure, runs: Sequence[Run]) -> None:
     """The battery's voltage over time, and the line through it (3.13)."""
     axes = figure.subplots()
-    for run, colour in zip(runs, COLOURS, strict=False):
+    ends: dict[str, float] = {}
+    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
         minutes = run.recording["time"] / 60.0
-        axes.plot(minutes, run.recording["voltage"], color=colour, linewidth=1.0, label=f"{run.label}: voltage")
+        axes.plot(minutes, run.recording["voltage"], color=colour, linewidth=width, label=f"{run.label}: voltage")
         fit = run.metrics.get("battery")
         if fit:
             at = np.array([0.0, SAFE_END_MIN])
             text = f"line: V = {fit['intercept']:.4f} {fit['slope']:+.6f} t"
             axes.plot(at, fit["intercept"] + fit["slope"] * at, color=colour, linestyle=":", label=text)
-        end = float(minutes[-1])
-        axes.axvline(end, color=colour, linewidth=0.5)
-        axes.annotate(f"{end:.1f} min: {run.metrics['stopped_by']}", (end, 9.3), rotation=90, ha="right", fontsize=7)
+        ends.setdefault(f"{minutes[-1]:.1f} min: {run.metrics['stopped_by']}", float(minutes[-1]))
+    for text, end in ends.items():
+        axes.axvline(end, color="k", linewidth=0.5)
+        axes.annotate(text, (end, 9.3), rotation=90, ha="right", fontsize=7)
     at = np.array([0.0, SAFE_END_MIN])
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")
@@ -127,16 +183,19 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
 
 
 def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
-    for run, colour in zip(runs, COLOURS, strict=False):
+    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
         x, y = run.recording.path()
-        axes.plot(x, y, color=colour, linewidth=0.8, label=f"{run.label}, {_response(run, 'position')}")
-    source = runs[0].metrics.get("pose_source")
+        axes.plot(x, y, color=colour, linewidth=width, label=f"{run.label}, {_response(run, 'position')}")
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
     axes.grid(alpha=0.3)
-    title = f"steered by {source}" if source else None
-    axes.legend(
-        fontsize="x-small", loc="center left", bbox_to_anchor=(1.02, 0.5), title=title, title_fontsize="x-small"
-    )
+
+
+def _legend(figure: Figure, axes: Any, title: str | None = None) -> None:
+    """The legend of these axes, below everything."""
+    figure.legend(
+        *axes.get_legend_handles_labels(), fontsize="x-small", loc="outside lower center", ncols=2,
+        title=title, title_fontsize="x-small",
+    )  # fmt: skip
 
 
 def _response(run: Run, what: str = "speed, 0.2 s means") -> str:

@@ -8,8 +8,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.errors import HalError, NotCapable
+from txt1.errors import HalError
 from txt1.experiments.plant import Plant
+from txt1.hal.base import Hal
 from txt1.kernel.scheduler import Ticks
 from txt1.robot import Robot
 
@@ -46,18 +47,22 @@ class Hold(NamedTuple):
     omega: tuple[float, ...]
 
 
-async def try_out(robot: Robot) -> list[Hold]:
-    """What the vehicle does with outputs set by hand; it needs a dozen metres of free floor.
+def require_pwm_and_ticks(hal: Hal) -> None:
+    """Nothing happens when a vehicle can be identified over this HAL.
 
     Raises:
-        NotCapable: the HAL takes set-points, no PWM.
-        HalError: the board gives no encoder ticks to judge by.
+        HalError: it takes no PWM, or gives no encoder counts to judge by.
 
     """
-    if not robot.hal.capabilities.pwm:
-        raise NotCapable(robot.hal.name, "pwm")
-    if not robot.hal.capabilities.ticks:
-        raise HalError(f"the HAL '{robot.hal.name}' gives odometry 20 times a second: too seldom to identify by")
+    if not (hal.capabilities.pwm and hal.capabilities.ticks):
+        raise HalError(
+            f"tuning sets PWM by hand and counts encoder ticks 50 times a second, which the HAL '{hal.name}' cannot; "
+            "tune with --hal sim, what is known of the vehicle under sim.vehicle, and load the gains with --config"
+        )
+
+
+async def try_out(robot: Robot) -> list[Hold]:
+    """What the vehicle does with outputs set by hand; it needs a dozen metres of free floor."""
     readings: list[tuple[float, float]] = []
 
     async def measure(ticks: Ticks) -> None:

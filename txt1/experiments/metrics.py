@@ -1,7 +1,8 @@
 """What an experiment shows, in numbers.
 
 Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the encoders: one count of
-theirs is 16 mm/s and 64 mrad/s in a 20 ms tick, so single readings tell little.
+theirs is 16 mm/s and 64 mrad/s in a 20 ms tick, so single readings tell little. The encoders' means are taken from the
+way they add up to, which misses no count, though behind a line only two readings in five arrive.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from txt1.experiments.profile import Profile
-from txt1.experiments.recording import Array, Recording
+from txt1.experiments.recording import Array, Recording, mean_of
 from txt1.experiments.runner import SAFE_END, Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
@@ -31,6 +32,10 @@ SETTLE_IN: Final = 2.0
 LEG_START: Final = 2.0
 """m of a leg, from its start, in which the robot is still coming round the corner."""
 
+DELAYS: Final = np.arange(0.0, 0.2, 0.005)
+"""s by which a run's responses may come later than another's."""
+DELAY_MAX: Final = float(DELAYS[-1])
+
 Channel = Literal["v", "omega"]
 
 
@@ -43,7 +48,9 @@ class StepMetrics(NamedTuple):
         before: set-point before, m/s or rad/s.
         after: set-point from then on.
         rise: s from 10 % to 90 % of the step; None: it never came there.
-        overshoot: beyond the steady value, as a share of the step, never negative.
+        overshoot: by which the response, before its steady part, exceeds its steady value, as a share of the step;
+            never negative.
+        overshoot_error: standard error of that, of repeated runs; None of one, whose noise counts as overshoot.
         settling: s until it stays within the band around the steady value; None: it does not.
         steady_error: steady value less the set-point, m/s or rad/s.
         noise: standard deviation of the unsmoothed response when steady, m/s or rad/s.
@@ -57,6 +64,7 @@ class StepMetrics(NamedTuple):
     after: float
     rise: float | None
     overshoot: float
+    overshoot_error: float | None
     settling: float | None
     steady_error: float
     noise: float
@@ -73,6 +81,37 @@ def smooth(values: Array, times: Array) -> Array:
     first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
     means: Array = (sums[last] - sums[first]) / (last - first)
     return means
+
+
+def response(recording: Recording, channel: Channel, first: int = 0, last: int | None = None) -> Array:
+    """The speed (m/s) or the yaw rate (rad/s) of the samples from `first` to before `last`, as means over 0.2 s.
+
+    Each is centred on its sample as far as it can while it looks at no others than these.
+    """
+    time = recording["time"][first:last]
+    if recording.knows_truth:
+        return smooth(recording[f"true_{channel}"][first:last], time)
+    read, new = np.unique(recording["read"], return_index=True)
+    read, way = even(read), recording["way" if channel == "v" else "turn"][new]
+    # a board reads its encoders at 50 Hz and tells of it at 20 Hz: only means over whole 0.1 s are even
+    end = np.minimum(time + 0.5 * WINDOW, min(time[-1], read[-1]))
+    begin = np.maximum(end - WINDOW, time[0])
+    span = end - begin
+    means: Array = (np.interp(end, read, way) - np.interp(begin, read, way)) / np.where(span > 0.0, span, np.inf)
+    return means
+
+
+def even(times: Array) -> Array:
+    """Times at an even pace, some left out, that fit these best: encoders are read evenly, though not heard of so."""
+    if len(times) < 3:
+        return times
+    between = np.diff(times)
+    beats = np.concatenate(([0.0], np.cumsum(np.round(between / np.median(between)))))
+    # one beat brings one reading: of two at the same beat the first is late
+    spare = beats - np.arange(len(beats))
+    beats = np.minimum.accumulate(spare[::-1])[::-1] + np.arange(len(beats))
+    fitted: Array = np.polynomial.Polynomial.fit(beats, times, 1)(beats)
+    return fitted
 
 
 def changes(recording: Recording) -> list[tuple[int, int]]:
@@ -107,31 +146,128 @@ def _all_steps(recording: Recording) -> list[StepMetrics]:
 
 def _step(recording: Recording, channel: Channel, first: int, last: int, before: float) -> StepMetrics:
     truth = recording.knows_truth
-    set_point, time = recording[f"set_{channel}"], recording["time"][first:last]
-    raw = recording[f"true_{channel}" if truth else channel][first:last]
-    after = float(set_point[first])
+    after = float(recording[f"set_{channel}"][first])
     size = after - before
-    response = smooth(raw, time)
-    elapsed = time - time[0]
+    speed = response(recording, channel, first, last)
+    elapsed = recording["time"][first:last] - recording["time"][first]
     late = elapsed >= (1.0 - STEADY) * elapsed[-1]
-    steady = float(raw[late].mean())
+    steady = float(speed[late].mean())
     band = BAND * abs(size) if truth else max(BAND * abs(size), QUANTUM[channel])
-    outside = np.nonzero(np.abs(response - steady) > band)[0]
-    settled = 0 if not len(outside) else int(outside[-1]) + 1
-    share = (response - before) / size
+    settling = settled_after(speed - steady, band, elapsed)
+    share = (speed - before) / size
     above = [np.nonzero(share >= level)[0] for level in (0.1, 0.9)]
     return StepMetrics(
         channel,
-        float(time[0]),
+        float(recording["time"][first]),
         before,
         after,
         float(elapsed[above[1][0]] - elapsed[above[0][0]]) if len(above[1]) else None,
-        max(0.0, float(((response - steady) / size).max())),
-        float(elapsed[settled]) if settled < len(elapsed) * (1.0 - 0.5 * STEADY) else None,
+        max(0.0, float(excess(speed, size).max())),
+        None,
+        settling if settling < (1.0 - 0.5 * STEADY) * elapsed[-1] else None,
         steady - after,
-        float(raw[late].std()),
+        float(recording[f"true_{channel}" if truth else channel][first:last][late].std()),
         band,
     )
+
+
+def settled_after(deviation: Array, band: float, times: Array) -> float:
+    """When a deviation from the steady value has come into its band to stay, as `times`; infinite: it does not.
+
+    Between two samples it moves in a straight line.
+    """
+    outside = np.nonzero(np.abs(deviation) > band)[0]
+    if not len(outside):
+        return float(times[0])
+    last = int(outside[-1])
+    if last + 1 == len(times):
+        return inf
+    a, b = np.sign(deviation[last]) * deviation[last : last + 2]
+    return float(times[last] + (a - band) / (a - b) * (times[last + 1] - times[last]))
+
+
+def excess(speed: Array, size: float) -> Array:
+    """By how much a response, before its steady part, is beyond its steady value, as a share of the step's size.
+
+    The steady part is looked at by nobody: what its peaks show is noise, and a response that creeps up to its end value
+    has not overshot.
+    """
+    begins = round((1.0 - STEADY) * len(speed))
+    beyond: Array = (speed[: max(begins, 1)] - speed[begins:].mean()) / size
+    return beyond
+
+
+def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
+    """The responses of the mean of several runs of one profile, each overshoot with its standard error.
+
+    The highest of noisy values is on average too high, in a mean of runs, too. So one half of the runs says when the
+    response is highest and the other how high it is then, and the other way round. Where nothing overshoots that is 0
+    within its standard error, however noisy the runs. The error is that of one half: where both agree on the time, they
+    are no two answers.
+    """
+    if len(recordings) < 2:
+        return steps(mean_of(recordings))
+    mean = mean_of(recordings)
+    intervals = dict(changes(mean))
+    found = []
+    for step in steps(mean):
+        first = int(np.searchsorted(mean["time"], step.time))
+        last, size = intervals[first], step.after - step.before
+        beyond = np.array([excess(response(run, step.channel, first, last), size) for run in recordings])
+        even, odd = beyond[::2], beyond[1::2]
+        heights = np.concatenate((even[:, odd.mean(axis=0).argmax()], odd[:, even.mean(axis=0).argmax()]))
+        error = float(heights.std(ddof=1) / np.sqrt(0.5 * len(heights)))
+        found.append(step._replace(overshoot=max(0.0, float(heights.mean())), overshoot_error=error))
+    return found
+
+
+class Difference(NamedTuple):
+    """How far the responses of two runs of one profile lie apart.
+
+    Attributes:
+        channel: what responded.
+        delay: by which the other's responses to changes of the set-point come later, s: least and most.
+        rms: root mean square of the difference of the responses, that delay apart, m/s or rad/s.
+        largest: the largest, m/s or rad/s.
+
+    """
+
+    channel: Channel
+    delay: tuple[float, float]
+    rms: float
+    largest: float
+
+
+def difference(recording: Recording, other: Recording, channel: Channel) -> Difference | None:
+    """The difference of two runs' responses; None when their set-points never changed.
+
+    Behind a line everything comes later, and never by the same: a set-point waits for the next message, odometry as
+    well. So each response is moved by the delay with which it fits best, up to 0.2 s, before differences are taken.
+    """
+    delays, apart = [], []
+    time, until = recording["time"], min(recording["time"][-1], other["time"][-1]) - DELAY_MAX
+    here, there = response(recording, channel), response(other, channel)
+    for first, last in changes(recording):
+        at = time[first:last]
+        at = at[at < min(at[-1] - 0.5 * WINDOW, until)]  # later means look into the next response
+        if not len(at):
+            continue
+        tried = [here[first : first + len(at)] - np.interp(at + delay, other["time"], there) for delay in DELAYS]
+        best = min(range(len(tried)), key=lambda number: float((tried[number] ** 2).sum()))
+        apart.append(tried[best])
+        set_point = recording[f"set_{channel}"]
+        if first and set_point[first] != set_point[first - 1]:
+            delays.append(float(DELAYS[best]))
+    if not delays:
+        return None
+    all_ = np.concatenate(apart)
+    return Difference(channel, (min(delays), max(delays)), float(np.sqrt((all_**2).mean())), float(np.abs(all_).max()))
+
+
+def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
+    """Distance of the places of one run from the path of the other, m: root mean square and largest."""
+    distances = _distances(*other.path(), *recording.path())
+    return float(np.sqrt((distances**2).mean())), float(distances.max())
 
 
 class Droop(NamedTuple):
@@ -155,13 +291,13 @@ def droops(recording: Recording) -> list[Droop]:
     """The loss of speed in the second after each change of the yaw rate at a constant speed."""
     found = []
     time, set_v, set_omega = recording["time"], recording["set_v"], recording["set_omega"]
-    speed = smooth(recording["true_v" if recording.knows_truth else "v"], time)
+    speed = response(recording, "v")
     for first, last in changes(recording):
         if first == 0 or set_v[first] != set_v[first - 1] or set_v[first] == 0.0:
             continue
         until = min(last, int(np.searchsorted(time, time[first] + 1.0)))
         second_before = int(np.searchsorted(time, time[first] - 1.0))
-        had = float(recording["true_v" if recording.knows_truth else "v"][second_before:first].mean())
+        had = float(speed[second_before:first].mean())
         lowest = float((np.sign(had) * speed[first:until]).min())
         droop = (abs(had) - lowest) / abs(float(set_v[first]))
         found.append(Droop(float(time[first]), float(set_omega[first - 1]), float(set_omega[first]), droop))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -12,8 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from txt1.errors import ConfigError
 
-PROFILES: Final = Path(__file__).parents[2] / "config" / "experiments"
-"""Where the thesis's experiments are."""
+PROFILES: Final = Path(__file__).parent / "profiles"
+"""Where the thesis's experiments are: in a checkout a link to `config/experiments`, in a wheel a copy of it."""
+EXAMPLES: Final = "config/experiments/"
+"""What a user is shown."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -22,7 +25,7 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 class Section(BaseModel):
     """A part of a profile: immutable, and strict about its keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, ser_json_inf_nan="strings")
 
 
 class Step(Section):
@@ -49,6 +52,13 @@ class Waypoints(Section):
     """m."""
     pose: Literal["odometry", "true"] = "odometry"
     """What the robot goes by; "true" knows a simulation only."""
+
+    @model_validator(mode="after")
+    def _legs(self) -> Waypoints:
+        for number, (a, b) in enumerate(pairwise((*self.points, self.points[0]))):
+            if a == b:
+                raise ValueError(f"the leg from points.{number} ends where it begins, at ({a[0]:g}, {a[1]:g})")
+        return self
 
 
 class Profile(Section):
@@ -105,7 +115,12 @@ def load_profile(name: str) -> Profile:
     except OSError as error:
         raise ConfigError(f"{name}: cannot read the profile: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: is no YAML: {str(error).splitlines()[0]}") from None
+        mark = getattr(error, "problem_mark", None)
+        place = "" if mark is None else f":{mark.line + 1}:{mark.column + 1}"
+        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        raise ConfigError(f"{name}{place}: is no YAML: {problem}") from None
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{name}: holds no profile; give title, figure, and steps or waypoints, as {EXAMPLES}")
     try:
         return Profile.model_validate(tree)
     except ValidationError as error:
@@ -114,5 +129,5 @@ def load_profile(name: str) -> Profile:
         message = first["msg"].removeprefix("Value error, ")
         given = f": {first['input']!r}" if isinstance(first["input"], str | int | float) else ""
         raise ConfigError(
-            f"{name}: {key}{given}: {message[0].lower()}{message[1:]}; see config/experiments/ for examples"
+            f"{name}: {key}{given}: {message[0].lower()}{message[1:]}; see {EXAMPLES} for examples"
         ) from None

@@ -28,6 +28,9 @@ class Sample(NamedTuple):
         x: where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with.
         y: m.
         theta: rad.
+        read: when the encoders were read last, s: behind a line, when their odometry arrived.
+        way: driven by the encoders until then, backward negative, m.
+        turn: by the encoders until then, rad, whole turns and all.
         true_v: mean since the sample before, m/s; NaN, as those below, where the HAL does not know.
         true_omega: rad/s.
         true_x: in the room, m.
@@ -46,6 +49,9 @@ class Sample(NamedTuple):
     x: float = 0.0
     y: float = 0.0
     theta: float = 0.0
+    read: float = 0.0
+    way: float = 0.0
+    turn: float = 0.0
     true_v: float = nan
     true_omega: float = nan
     true_x: float = nan

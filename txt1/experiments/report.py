@@ -9,14 +9,17 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from txt1.experiments.metrics import QUANTUM, Channel, Difference, difference, paths_apart
 from txt1.experiments.run_folder import Run
 
 Row = list[str]
+Titled = tuple[str, Row, list[Row]]
+"""A table's title, its column names and its rows."""
 
 
-def show(runs: Sequence[Run], console: Console) -> None:
-    """Print the tables of runs, those of several side by side."""
-    for title, head, rows in tables(runs):
+def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:
+    """Print the tables of runs, those of several side by side, and how far these lie apart where that is asked for."""
+    for title, head, rows in [*tables(runs), *(apart(runs) if with_differences else ())]:
         table = Table(title=title, title_justify="left")
         for name in head:
             table.add_column(name, justify="right")
@@ -44,9 +47,9 @@ def markdown(runs: Sequence[Run]) -> str:
     return "\n".join(lines)
 
 
-def tables(runs: Sequence[Run]) -> list[tuple[str, Row, list[Row]]]:
+def tables(runs: Sequence[Run]) -> list[Titled]:
     """Title, column names and rows of every table that the runs have something for."""
-    found = []
+    found: list[Titled] = []
     for title, key, head, cells in _TABLES:
         entries = [_entries(result, key) for result in runs]
         if key == "legs":
@@ -61,6 +64,48 @@ def tables(runs: Sequence[Run]) -> list[tuple[str, Row, list[Row]]]:
                     rows.append(([result.label] if len(runs) > 1 else []) + cells(entry))
         found.append((title, (["run"] if len(runs) > 1 else []) + head, rows))
     return found
+
+
+def apart(runs: Sequence[Run]) -> list[Titled]:
+    """How far the responses and the paths of runs lie apart from those of the first."""
+    first, found = runs[0], list[Titled]()
+    responses = [
+        [other.label, *difference_cells(each)]
+        for other in runs[1:]
+        for each in differences(first, other)
+    ]  # fmt: skip
+    if responses:
+        head = ["run", "of", "later by", "difference, rms", "largest", "one count"]
+        found.append((f"Responses, less those of {first.label}, 1/1000 m/s and rad/s", head, responses))
+    if first.profile.figure != "velocities":
+        paths = [[other.label, *_distances(paths_apart(first.recording, other.recording))] for other in runs[1:]]
+        found.append((f"Distance from the path of {first.label}", ["run", "rms", "largest"], paths))
+    return found
+
+
+def differences(first: Run, other: Run) -> list[Difference]:
+    """How far the responses of two runs lie apart; nothing for waypoints, where the set-points differ, too."""
+    if first.profile.waypoints is not None:
+        return []
+    channels: tuple[Channel, ...] = ("v", "omega")
+    found = [difference(first.recording, other.recording, channel) for channel in channels]
+    return [each for each in found if each is not None]
+
+
+def difference_cells(each: Difference) -> Row:
+    """What it is of, the delay, the difference and an encoder count."""
+    least, most = (1000.0 * delay for delay in each.delay)
+    return [
+        "v" if each.channel == "v" else "ω",
+        f"{least:.0f} ms" if least == most else f"{least:.0f} to {most:.0f} ms",
+        f"{1000.0 * each.rms:.1f}",
+        f"{1000.0 * each.largest:.1f}",
+        f"{1000.0 * QUANTUM[each.channel]:.0f}",
+    ]
+
+
+def _distances(metres: tuple[float, float]) -> Row:
+    return [f"{1000.0 * value:.1f} mm" for value in metres]
 
 
 def _entries(result: Run, key: str) -> list[Any]:
@@ -84,15 +129,26 @@ def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def step_name(step: dict[str, Any]) -> str:
+    """A step in words."""
+    return f"{'v' if step['channel'] == 'v' else 'ω'} {step['before']:g} → {step['after']:g}"
+
+
 def _step(step: dict[str, Any]) -> Row:
     return [
-        f"{'v' if step['channel'] == 'v' else 'ω'} {step['before']:g} → {step['after']:g}",
+        step_name(step),
         _seconds(step["rise"]),
-        f"{100.0 * step['overshoot']:.1f} %",
+        overshoot(step),
         _seconds(step["settling"]),
         f"{1000.0 * step['steady_error']:+.1f}",
         f"{1000.0 * step['noise']:.1f}",
     ]
+
+
+def overshoot(step: dict[str, Any]) -> str:
+    """The overshoot of a step, %, with its standard error where runs were repeated."""
+    error = step["overshoot_error"]
+    return f"{100.0 * step['overshoot']:.1f} {'' if error is None else f'± {100.0 * error:.1f} '}%"
 
 
 def _droop(droop: dict[str, Any]) -> Row:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, Final, NamedTuple
 
 from pydantic import ValidationError
@@ -17,6 +18,7 @@ from txt1.experiments.recording import Recording
 from txt1.experiments.runner import Leg
 
 METRICS: Final = "metrics.json"
+FILES: Final = (recordings.FILE, METRICS)
 FIGURE: Final = "figure.svg"
 
 
@@ -50,11 +52,27 @@ def alike(runs: Sequence[Run]) -> list[Run]:
     return [run._replace(metrics=run.metrics | judge(run.recording, run.legs, run.profile)) for run in plain]
 
 
+def make(folder: Path) -> Path:
+    """The folder, made where there is none, before the robot has driven for 46 minutes.
+
+    Raises:
+        ConfigError: nothing can be written there.
+
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot write results there: {error.strerror}; choose another place") from None
+    return folder
+
+
 def write(run: Run, folder: Path) -> None:
     """Write samples and metrics; the figure is drawn by `txt1.experiments.figures`."""
     folder.mkdir(parents=True, exist_ok=True)
     recordings.save(run.recording, folder)
-    tree = {"label": run.label, "profile": run.profile.model_dump(mode="json"), **run.metrics}
+    tree = {"label": run.label, "profile": json.loads(run.profile.model_dump_json()), **run.metrics}
     (folder / METRICS).write_text(json.dumps(tree, indent=1) + "\n")
 
 

@@ -189,10 +189,15 @@ class Experiment:
     async def _measure(self, ticks: Ticks) -> None:
         robot, limits = self._robot, self._robot.config.limits()
         before: tuple[float, Pose] | None = None
+        wheels: Pose = robot.odometry[:3]
+        way = turn = 0.0
         async for now in ticks:
             command = robot.runtime.state.command
             set_v, set_omega = (0.0, 0.0) if command is None else limit_velocity(command.v, command.omega, limits)
             x, y, theta, v, omega = robot.odometry
+            if (x, y, theta) != wheels:
+                rolled, turned = step_between(wheels, (x, y, theta))
+                way, turn, wheels = way + rolled, turn + turned, (x, y, theta)
             if self._believed is not None:
                 x, y, theta = self._believed
             pose, battery = robot.pose, robot.battery
@@ -201,13 +206,14 @@ class Experiment:
                 if before is None:  # the true speed is a mean since the sample before
                     before = now, pose
                     continue
-                distance, turn = step_between(before[1], pose)
-                true_v, true_omega = distance / (now - before[0]), turn / (now - before[0])
+                distance, angle = step_between(before[1], pose)
+                true_v, true_omega = distance / (now - before[0]), angle / (now - before[0])
                 before = now, pose
             volts = [volt for volt in (battery.battery1, battery.battery2) if volt is not None]
             self._samples.append(
                 Sample(
                     now - self._begin, set_v, set_omega, v, omega, x, y, theta,
+                    robot.runtime.state.odometry_time - self._begin, way, turn,
                     true_v, true_omega, *(pose or (nan, nan, nan)),
                     max(volts) if volts else nan, nan if battery.remaining is None else battery.remaining,
                 )

@@ -12,6 +12,7 @@ from txt1.experiments.metrics import (
     cross_track,
     difference,
     droops,
+    even,
     judge,
     leg_metrics,
     paths_apart,
@@ -127,7 +128,7 @@ def behind_a_line(late: float, jitter: float, rounded: float) -> Recording:
 
 def test_means_behind_a_line_are_taken_from_the_way_and_not_upset_by_when_readings_arrive() -> None:
     plain = behind_a_line(0.0, 0.0, 1e-9)
-    later = behind_a_line(0.04, 0.02, 0.001)
+    later = behind_a_line(0.03, 0.04, 0.001)
     found = difference(plain, later, "v")
     assert found is not None
     assert 0.04 <= found.delay[0] == found.delay[1] <= 0.06
@@ -135,7 +136,15 @@ def test_means_behind_a_line_are_taken_from_the_way_and_not_upset_by_when_readin
     assert found.largest < 0.01
     assert difference(plain, later, "omega") is None
     jitter = response(later, "v")[300:] - 0.5
-    assert np.abs(jitter).max() < 0.01, "20 ms of 0.2 s would be 50 mm/s"
+    assert np.abs(jitter).max() < 0.01, "40 ms of 0.2 s would be 100 mm/s"
+
+
+def test_readings_that_come_late_in_pairs_keep_their_pace() -> None:
+    """As a host sees them that was busy: two at once, and a lost one."""
+    read = np.array([0.0, 50.0, 100.0, 180.0, 200.7, 250.0, 349.0, 395.0, 451.0]) / 1000.0
+    between = np.diff(even(read))
+    assert between / between[0] == pytest.approx(np.array([1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 1.0, 1.0]))
+    assert between[0] == pytest.approx(0.05, rel=0.02)
 
 
 def test_on_hardware_no_band_is_narrower_than_an_encoder_count() -> None:
