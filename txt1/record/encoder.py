@@ -187,28 +187,37 @@ class Encoder:
         width, rows = row.size, b""
         times = np.empty(0, np.uint64)
         if count:
-            now = np.array([sample.now for sample in samples])
-            times = np.rint(now * NS_PER_S).astype(np.uint64) + np.uint64(self._epoch_ns)
+            instants = np.array([sample.now for sample in samples])
+            times = np.rint(instants * NS_PER_S).astype(np.uint64) + np.uint64(self._epoch_ns)
             rows = row.fill(samples, times, self._sequences)
         pieces: list[bytes] = []
         shift = [0] * (count + 1)
         entries: dict[int, list[tuple[int, int]]] = {}
         done = before = 0
-        for extra in made:
-            channel = CHANNELS[extra.topic]
-            time = nanoseconds(extra.now) + self._epoch_ns
-            payload = self._makers[extra.topic](*divmod(time, NS_PER_S), extra.content)
-            sequence = self._sequences[channel]
-            self._sequences[channel] = sequence + 1
-            if extra.position != done:
-                pieces.append(rows[done * width : extra.position * width])
-                done = extra.position
-            entries.setdefault(channel, []).append((time, done * width + before))
-            pieces.append(RECORD.pack(MESSAGE, BEHIND_LENGTH + len(payload), channel, sequence, time, time))
+        sequences, makers, epoch_ns, pack, head = (
+            self._sequences,
+            self._makers,
+            self._epoch_ns,
+            RECORD.pack,
+            RECORD.size,
+        )
+        for position, now, topic, content in made:
+            channel = CHANNELS[topic]
+            time = round(now * NS_PER_S) + epoch_ns
+            payload = makers[topic](*divmod(time, NS_PER_S), content)
+            sequence = sequences[channel]
+            sequences[channel] = sequence + 1
+            if position != done:
+                pieces.append(rows[done * width : position * width])
+                done = position
+            if channel not in entries:
+                entries[channel] = []
+            entries[channel].append((time, done * width + before))
+            length = len(payload)
+            pieces.append(pack(MESSAGE, BEHIND_LENGTH + length, channel, sequence, time, time))
             pieces.append(payload)
-            length = RECORD.size + len(payload)
-            before += length
-            shift[done] += length
+            before += head + length
+            shift[done] += head + length
         pieces.append(rows[done * width :])
         index = {channel: np.array(each, np.uint64) for channel, each in entries.items()}
         if count:
