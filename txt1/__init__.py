@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -45,3 +46,7 @@ def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(import_module(_WHERE[name]), name)
     raise AttributeError(f"module 'txt1' has no attribute '{name}'")
+
+
+if "gymnasium" in sys.modules:  # its users import it first; the others need not wait for it
+    import_module("txt1.learning.env")

@@ -1,6 +1,6 @@
 """The learning task as Gymnasium environments (extra `gym`).
 
-    import gymnasium, txt1.learning.env               # importing it registers them
+    import gymnasium, txt1                            # in this order; or import txt1.learning.env, in any
     gymnasium.make("txt1/LightSeeking-v0")
 
 Vehicle, loops, odometry, sensors, filter and reward are those of the learning task. One step is one decision of the

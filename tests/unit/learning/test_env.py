@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -19,6 +21,12 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
         warnings.simplefilter("error")
         made = gymnasium.make("txt1/LightSeeking-v0")
         check_env(made.unwrapped, skip_render_check=True)
+
+
+def test_who_imports_gymnasium_and_txt1_has_the_environments() -> None:
+    program = "import gymnasium, txt1; print(gymnasium.make('txt1/LightSeeking-v0').reset(seed=1)[0].shape)"
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert shown.stdout == "(6,)\n"
 
 
 def test_who_drives_at_the_light_is_rewarded_and_reaches_it() -> None:
