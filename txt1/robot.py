@@ -212,6 +212,11 @@ class Robot:
         return auto_arm == "always" or (auto_arm == "auto" and self.hal.capabilities.simulated)
 
     @property
+    def arms_again(self) -> bool:
+        """Whether a lost link has disarmed it and ``serial.rearm`` will have it armed when the link is back."""
+        return self.config.serial.rearm and self._runtime.gate.closed_by is Fault.LINK
+
+    @property
     def touched(self) -> bool:
         """Whether somebody has stopped or disarmed the robot since it started."""
         return self._touched
@@ -489,7 +494,7 @@ class Robot:
 
     def _arm_again(self) -> None:
         """Where the configuration says so, arm again when a lost link that closed the gate is back."""
-        if self.config.serial.rearm and self._runtime.gate.closed_by is Fault.LINK and self._runtime.linked:
+        if self.arms_again and self._runtime.linked:
             with suppress(NotArmed):  # for another reason, which may pass
                 self.arm()
 

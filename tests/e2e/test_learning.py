@@ -465,11 +465,11 @@ def alive(group: int) -> bool:
 
 
 @pytest.mark.usefixtures("clean_processes")
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("more", [("--jobs", "1"), ("--jobs", "2"), ("--jobs", "1", "--set", "serial.rearm=true")])
 def test_a_disarm_ends_it_as_nobody_is_there_to_arm_again(
-    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert learn(tmp_path, "--jobs", jobs, "--set", "sim.faults.left_encoder=true") == 3
+    assert learn(tmp_path, *more, "--set", "sim.faults.left_encoder=true") == 3
     assert "the robot was stopped: runaway" in capsys.readouterr().err
 
 

@@ -167,13 +167,14 @@ async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_whe
         assert trial.voided == 1
 
 
-async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys() -> None:
+@pytest.mark.parametrize("seen", [True, False])
+async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(seen: bool) -> None:
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()
         where = vehicle_of(robot)
         enough = False
-        task = LearningTask(robot, trial_of("sweeps", 2), Ceiling(where), PoseSource("ceiling", where),
-                            stopped=lambda: enough)  # fmt: skip
+        source = PoseSource("ceiling", lambda: where() if seen or not enough else None)
+        task = LearningTask(robot, trial_of("sweeps", 2), Ceiling(where), source, stopped=lambda: enough)
         task.start()
         await until(lambda: robot.odometry.v > 0.2)  # on the way to the first start
         enough = True

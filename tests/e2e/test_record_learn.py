@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import gc
 import os
 import signal
@@ -17,15 +19,19 @@ from blockbuster import BlockBuster
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from txt1 import kernel
 from txt1.cli import execute
 from txt1.config import load
+from txt1.errors import RecordingError
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
 from txt1.learning.light import reward
 from txt1.learning.qtable import TABLE_5_3, StoredTable
 from txt1.learning.trial import Repetition
+from txt1.record.session import discard, recording
 from txt1.record.verify import verify
+from txt1.robot import Robot
 
 Capture = pytest.CaptureFixture[str]
 CONFIG = load().config
@@ -220,6 +226,9 @@ def test_a_trial_that_carries_on_is_recorded_to_a_file_of_its_own(tmp_path: Path
     again.write_bytes(b"of some more")
     assert experiment.recordings(plan, [1], {1}, True) == {1: tmp_path / "run-trial-0001-again-2.mcap"}
     assert first.exists() and again.exists()
+    second.write_bytes(b"of a run that failed before its first repetition had ended")
+    assert experiment.recordings(plan, [2], set(), True) == {2: tmp_path / "run-trial-0002-again-1.mcap"}
+    assert second.exists()
 
 
 def test_what_is_no_recording_of_that_trial_is_not_written_over(tmp_path: Path, capsys: Capture) -> None:
@@ -235,6 +244,33 @@ def test_what_is_no_recording_of_that_trial_is_not_written_over(tmp_path: Path, 
     before = second.read_bytes()
     assert learn(tmp_path / "out", tmp_path / "run.mcap", "--resume") == 2
     assert second.read_bytes() == before
+
+
+def test_a_recording_with_a_strange_part_is_left_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    config = load(overrides=["record.rotate_time=5"]).config
+    plan: dict[str, object] = {"learn": "sweeps"}
+
+    async def run() -> None:
+        async with (
+            recording(path, config, "max", plan, print) as attach,
+            Robot.open(config=config, attach=attach) as robot,
+        ):
+            await asyncio.sleep(22.0 - robot.now)
+
+    kernel.run(run(), speed="max")
+    made = sorted(tmp_path.glob("*.mcap"))
+    assert len(made) >= 3
+    part = tmp_path / "run.2.mcap"
+    kept = part.read_bytes()
+    part.write_text("somebody's diary")
+    with contextlib.suppress(RecordingError):
+        assert not discard(path, config, plan)
+    assert sorted(tmp_path.glob("*.mcap")) == made
+    assert part.read_text() == "somebody's diary"
+    part.write_bytes(kept)
+    assert discard(path, config, plan)
+    assert not list(tmp_path.glob("*.mcap"))
 
 
 def test_without_the_extra_it_is_said_before_the_robot_moves(

@@ -296,7 +296,7 @@ def droops(recording: Recording) -> list[Droop]:
         if first == 0 or set_v[first] != set_v[first - 1] or set_v[first] == 0.0:
             continue
         until = min(last, int(np.searchsorted(time, time[first] + 1.0)))
-        second_before = int(np.searchsorted(time, time[first] - 1.0))
+        second_before = min(int(np.searchsorted(time, time[first] - 1.0)), int(first) - 1)
         had = float(speed[second_before:first].mean())
         lowest = float((np.sign(had) * speed[first:until]).min())
         droop = (abs(had) - lowest) / abs(float(set_v[first]))

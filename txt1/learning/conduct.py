@@ -157,16 +157,13 @@ def on_robot(
             Robot.open(config=own, patience=0.0, attach=attach) as robot,
         ):
             source = await light_source(robot.config, robot, stream(seed, number, SENSORS))
-            await robot.linked(10.0)
-            if not (arm or robot.arms_by_itself):
-                raise ConfigError("nobody is there to arm the robot while it learns: add --arm")
-            robot.arm()
-            if not await robot.load_gains():
-                raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
-            if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
-                await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
+            try:
+                await _get_ready(robot, arm)
+            except BaseException:
+                source.close()
+                raise
             learning = LearningTask(
-                robot, trial, source, stopped=lambda: stopped() or not (robot.armed or robot.config.serial.rearm),
+                robot, trial, source, stopped=lambda: stopped() or not (robot.armed or robot.arms_again),
                 observer=robot.runtime.witness,
             )  # fmt: skip
             learning.start()
@@ -185,6 +182,18 @@ def on_robot(
     came = outcome(trial, number, repetitions)
     keep(came)
     return came
+
+
+async def _get_ready(robot: Robot, arm: bool) -> None:
+    """Wait for the link, arm, load the gains."""
+    await robot.linked(10.0)
+    if not (arm or robot.arms_by_itself):
+        raise ConfigError("nobody is there to arm the robot while it learns: add --arm")
+    robot.arm()
+    if not await robot.load_gains():
+        raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
+    if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
+        await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
 
 
 def on_bench(

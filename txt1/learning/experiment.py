@@ -173,7 +173,7 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
     files = {}
     for number in numbers:
         file = log if plan.trials == 1 else log.with_name(f"{log.stem}-trial-{number:04d}{log.suffix}")
-        if number in begun:
+        if number in begun or (resume and file.exists() and not plan.simulated):  # it does not repeat
             again = (file.with_name(f"{file.stem}-again-{k}{file.suffix}") for k in itertools.count(1))
             file = next(each for each in again if not each.exists())
         elif file.exists():

@@ -119,6 +119,9 @@ class LearningTask:
                     if not robot.armed:
                         trial.void()
                     trial.phase = Phase.DONE
+                    robot.command(0.0, 0.0)
+                    self.ended.set()
+                    continue
                 pose = self._pose.read()
                 if trial.phase is Phase.MOVE:
                     if not self._moved(now):

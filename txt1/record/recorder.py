@@ -282,6 +282,8 @@ class Recorder:
             self._queue.put(self._take_batch())
         else:
             self._overflowed += len(self._samples) * self._encoder.sampled + len(self._extras)
+            self._ticks_before += len(self._ticks)
+            self._ticks.clear()
             skipped = self._skipped + len(self._samples)
             self._samples, self._extras, self._skipped = [], [], skipped
 

@@ -89,17 +89,18 @@ async def recording(
     if file is None and view is None:
         yield lambda runtime: None
         return
-    # in a thread, as modules are found and a file is made on the disk
-    sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, view)
+    sinks: Sequence[Sink] = [] if view is None else [view]
     batch = None if view is None else VIEW_BATCH * (speed if isinstance(speed, float) else 1.0)
     recorder: Recorder | None = None
-
-    def attach(runtime: Runtime) -> None:
-        nonlocal recorder
-        recorder = make(runtime, sinks, config.record.epoch, batch)
-        recorder.attach()
-
     try:
+        # in a thread, as modules are found and a file is made on the disk
+        sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, sinks)
+
+        def attach(runtime: Runtime) -> None:
+            nonlocal recorder
+            recorder = make(runtime, sinks, config.record.epoch, batch)
+            recorder.attach()
+
         yield attach
     finally:
         if recorder is None:
@@ -112,9 +113,9 @@ async def recording(
 
 
 def _prepare(
-    file: Path | None, config: Config, speed: Speed, plan: Mapping[str, object], view: LiveView | None
+    file: Path | None, config: Config, speed: Speed, plan: Mapping[str, object], sinks: Sequence[Sink]
 ) -> tuple[Sequence[Sink], type[Recorder]]:
-    """The sinks, and what makes a recorder for them."""
+    """The sinks, with one for the file, and what makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
     from txt1.record.files import FileSink, Rotation
     from txt1.record.recorder import Recorder
@@ -122,9 +123,8 @@ def _prepare(
     record = config.record
     rotation = Rotation(round(record.rotate_size * MEGABYTE), round(record.rotate_time * NS_PER_S))
     about = metadata(config, speed, plan)
-    sinks: list[Sink] = [] if view is None else [view]
     if file is not None:
-        sinks.append(FileSink(file, about, rotation, record.compression, strict=speed is not None))
+        sinks = [*sinks, FileSink(file, about, rotation, record.compression, strict=speed is not None)]
     return sinks, Recorder
 
 
@@ -133,11 +133,12 @@ def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
     from txt1.record.files import parts
     from txt1.record.reading import metadata_of
 
-    told = metadata(config, None, plan)
-    for part in parts(file):
+    told, found = metadata(config, None, plan), list(parts(file))
+    for part in found:
         about = metadata_of(part, "txt1")
         if any(about.get(name) != told[name] for name in ("plan", "config")):
             return False
+    for part in found:
         part.unlink()
     return True
 

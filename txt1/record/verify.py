@@ -128,7 +128,7 @@ def _recorded(path: Path) -> _Recorded:
     reading, decoding = Reading(path), Decoding()
     inputs: list[tuple[int, Input]] = []
     ticks: list[Tick] = []
-    cycles: list[int] = []
+    cycles, whole = 0, True
     for item in reading:
         if item.topic == topics.INPUT:
             inputs.append((item.message.log_time, _input(decoding.message(item))))
@@ -136,13 +136,14 @@ def _recorded(path: Path) -> _Recorded:
             message = decoding.message(item)
             ticks += zip(message.task, map(float, message.time), message.missed, strict=True)
         elif item.topic == topics.SETPOINT:
-            cycles.append(item.message.sequence)
+            whole = whole and item.message.sequence == cycles
+            cycles += 1
     about = reading.metadata.get("txt1")
     if about is None or "config" not in about:
         raise RecordingError(f"{path}: no configuration in it, so there is nothing to run; was it made by txt1?")
     if "part" in about:
         raise RecordingError(f"{path}: a later part of a recording; only the first begins where the run does")
-    if cycles != list(range(len(cycles))):
+    if not whole:
         raise RecordingError(
             f"{path}: messages are missing in the middle, so it cannot be repeated; see 'txt1 log info'"
         )

@@ -31,7 +31,7 @@ SERIES_MAX: Final = pi / 4.0
 EXPONENT_MAX: Final = 0.25
 """Largest exponent for which `exponential` is good."""
 LOSS_MAX: Final = 2.0
-"""1 + scrub + drag; more does not occur."""
+"""Of 1 + scrub + drag: more is rare, and costs the exponential a digit or two."""
 
 _HALF_PI_REST: Final = 6.123233995736766e-17
 """What pi / 2 is more than its double."""

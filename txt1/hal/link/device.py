@@ -121,6 +121,8 @@ def _open_port(address: str, baud: int) -> _Opened:
         raise HalError(_bad_rate(address, baud)) from error
     except OSError as error:  # SerialException is one
         raise HalError(_why_not_open(address, error)) from error
+    except termios.error as error:  # and this is none: the device has gone in the middle of it
+        raise HalError(_why_not_open(address, OSError(*error.args))) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
         return device, _program_gone
     return device, _unplugged
