@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import json
 import re
@@ -10,7 +11,8 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -24,12 +26,17 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from txt1.cli import execute
+from txt1.config import Config
+from txt1.errors import ConfigError
 from txt1.record.definitions import fields
+from txt1.record.front import STRANGERS_ALIKE_MAX, Front, token_in
 from txt1.record.live import velocity
+from txt1.record.session import open_view, recording
 from txt1.record.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 MESSAGE_DATA = 1
+TOKEN = "a-word-that-nobody-guesses"
 
 
 @contextmanager
@@ -209,12 +216,12 @@ def test_who_talks_something_else_at_the_door_costs_nothing(tmp_path: Path) -> N
 
 
 def test_the_token_is_not_among_the_words_of_the_process(tmp_path: Path) -> None:
-    (tmp_path / "token").write_text("a-word-that-nobody-guesses\n")
+    (tmp_path / "token").write_text(f"{TOKEN}\n")
     (tmp_path / "token").chmod(0o600)
     with running("--view", "0", "--view-token", str(tmp_path / "token")) as address:
         words = b"".join(path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if readable(path))
         assert str(tmp_path).encode() in words and b"nobody-guesses" not in words
-        with client_at(f"{address}/?token=a-word-that-nobody-guesses") as client:
+        with client_at(f"{address}/?token={TOKEN}") as client:
             assert text(client, "serverInfo")["name"] == "txt1"
 
 
@@ -234,6 +241,7 @@ def readable(path: Path) -> bool:
         ("", 0o600, "a word of at least 16 characters"),
         ("two words that nobody guesses", 0o600, "a word of at least 16 characters"),
         ("ein-Wort-das-niemand-errät", 0o600, "a word of at least 16 characters"),
+        *((f"a-word-that{mark}nobody-guesses", 0o600, "a digit or one of . _ ~ -") for mark in "+%&#/"),
     ],
 )
 def test_a_token_that_is_none_or_no_secret_is_refused(
@@ -244,6 +252,113 @@ def test_a_token_that_is_none_or_no_secret_is_refused(
     file.chmod(mode)
     assert execute(["run", "--headless", "--duration", "1", "--view", "0.0.0.0:0", "--view-token", str(file)]) == 2
     assert problem in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["/dev/null", "."])
+def test_a_token_is_kept_in_a_regular_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(tmp_path / name)
+    assert execute(["run", "--headless", "--duration", "1", "--view", "0.0.0.0:0", "--view-token", file]) == 2
+    err = capsys.readouterr().err
+    assert f"--view-token {Path(file)}: not a regular file" in err and "chmod" not in err
+
+
+def test_who_make_a_token_at_once_have_the_same(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        for place in range(50):
+            file = tmp_path / str(place)
+            assert len(set(pool.map(token_in, [file] * 8))) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {str(place) for place in range(50)}
+
+
+def test_a_token_that_somebody_makes_meanwhile_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "token"
+    file.write_text(TOKEN)
+    file.chmod(0o600)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "exists", lambda _: False)
+        assert token_in(file) == TOKEN
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@contextmanager
+def door() -> Iterator[tuple[int, socket.socket]]:
+    """The port at which the token is asked for, and what listens for those who are let through."""
+    with socket.create_server(("127.0.0.1", 0)) as inner:
+        inner.settimeout(20.0)
+        front = Front("127.0.0.1", 0, inner.getsockname()[1], TOKEN)
+        try:
+            yield front.port, inner
+        finally:
+            front.close()
+
+
+def timers(port: int) -> list[str]:
+    """The kinds of timers that run on the connections to a port, as Linux numbers them."""
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return sorted(words[5][:2] for words in lines if words[1].endswith(f":{port:04X}") and words[3] == "01")
+
+
+def test_who_is_connected_at_the_end_is_let_go_without_a_word(caplog: pytest.LogCaptureFixture) -> None:
+    with ExitStack() as clients:
+        with door() as (port, inner):
+            silent, client = (
+                clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20.0)) for _ in range(2)
+            )
+            client.sendall(f"GET /?token={TOKEN} HTTP/1.1\r\n\r\n".encode())
+            passed_on = clients.enter_context(inner.accept()[0])
+            assert passed_on.recv(100) == b"GET / HTTP/1.1\r\n\r\n"
+            assert timers(port) == ["00", "02"]  # keepalive for the one with the token
+        assert silent.recv(1) == client.recv(1) == passed_on.recv(1) == b""
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("target", ["//[", "//[?token=wrong", "?", "", "/?token=%ff", "/#?token"])
+def test_any_address_without_the_token_gets_a_401(target: str, caplog: pytest.LogCaptureFixture) -> None:
+    with door() as (port, _), socket.create_connection(("127.0.0.1", port), timeout=20.0) as stranger:
+        stranger.sendall(f"GET {target} HTTP/1.1\r\n\r\n".encode())
+        assert stranger.recv(100).startswith(b"HTTP/1.1 401 ")
+    assert not caplog.records
+
+
+def test_who_is_silent_keeps_out_only_those_at_its_own_address() -> None:
+    request = f"GET /?token={TOKEN} HTTP/1.1\r\n\r\n".encode()
+    with door() as (port, inner), ExitStack() as silent:
+        for _ in range(STRANGERS_ALIKE_MAX):
+            silent.enter_context(socket.create_connection(("127.0.0.1", port)))
+        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as client, suppress(ConnectionError):
+            client.sendall(request)
+            assert client.recv(1) == b""
+        with socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0)) as client:
+            client.sendall(request)
+            inner.accept()[0].close()
+        inner.setblocking(False)
+        with pytest.raises(BlockingIOError):  # nobody else was let through
+            inner.accept()
+
+
+def test_a_name_that_no_host_can_have_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    view = ["--view", f"{'a' * 70}:0", "--view-token", str(tmp_path / "token")]
+    assert execute(["run", "--headless", "--duration", "1", *view]) == 2
+    assert "a:0: cannot listen there" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_a_view_is_closed_when_its_recording_cannot_be_made(asks: bool, tmp_path: Path) -> None:
+    token, taken = tmp_path / "token", tmp_path / "run.mcap"
+    taken.touch()
+    view = open_view("127.0.0.1", 0, control=False, token=token if asks else None)
+    port = int(view.address.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)):
+        pass
+
+    async def record() -> None:
+        async with recording(taken, Config(), None, {}, print, view):
+            pass
+
+    with pytest.raises(ConfigError, match="such a file already"):
+        asyncio.run(record())
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port))
 
 
 def test_an_address_that_is_taken_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

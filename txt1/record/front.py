@@ -8,14 +8,17 @@ header ``Authorization: Bearer TOKEN``; then its bytes are passed on as they com
 from __future__ import annotations
 
 import asyncio
+import re
 import secrets
+import socket
 import stat
 import threading
 from contextlib import suppress
 from hmac import compare_digest
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Final
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from txt1.errors import ConfigError
 
@@ -26,9 +29,13 @@ HEAD_TIME: Final = 5.0
 """Real s in which it has to come."""
 STRANGERS_MAX: Final = 32
 """Connections that have not presented the token yet."""
+STRANGERS_ALIKE_MAX: Final = 8
+"""Of those, from one address."""
 PIECE: Final = 1 << 16
 TOKEN_MIN: Final = 16
 """Characters of a token; fewer could be guessed."""
+TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")
+"""Stands in an address as it is."""
 
 REFUSED: Final = (
     b"HTTP/1.1 401 Unauthorized\r\nWWW-Authenticate: Bearer\r\nContent-Type: text/plain\r\n"
@@ -54,15 +61,14 @@ class Front:
     def __init__(self, host: str, port: int, inner: int, token: str) -> None:
         self._inner = inner
         self._token = token.encode()
-        self._strangers = 0
+        self._strangers: list[str] = []  # the addresses that they come from
         self._loop = asyncio.new_event_loop()
         try:
             self._server = self._loop.run_until_complete(asyncio.start_server(self._meet, host, port, limit=HEAD_MAX))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # the latter for what cannot be a host's name
             self._loop.close()
-            raise ConfigError(
-                f"--view {host}:{port}: cannot listen there: {error.strerror or error}; choose another address"
-            ) from None
+            why = error.strerror if isinstance(error, OSError) and error.strerror else error
+            raise ConfigError(f"--view {host}:{port}: cannot listen there: {why}; choose another address") from None
         self.port: int = self._server.sockets[0].getsockname()[1]
         self._thread = threading.Thread(target=self._serve, name="txt1 live view", daemon=True)
         self._thread.start()
@@ -87,13 +93,14 @@ class Front:
     async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """See a client in, or send it away."""
         try:
-            if self._strangers < STRANGERS_MAX:
-                self._strangers += 1
+            address = writer.get_extra_info("peername")[0]
+            if len(self._strangers) < STRANGERS_MAX and self._strangers.count(address) < STRANGERS_ALIKE_MAX:
+                self._strangers.append(address)
                 try:
                     async with asyncio.timeout(HEAD_TIME):
                         head = await reader.readuntil(HEAD_END)
                 finally:
-                    self._strangers -= 1
+                    self._strangers.remove(address)
                 if compare_digest(presented(head), self._token):
                     await self._let_through(head, reader, writer)
                 else:
@@ -101,10 +108,13 @@ class Front:
                     await writer.drain()
         except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
             pass  # it has gone, or is no client
+        except asyncio.CancelledError:
+            pass  # only `_part` cancels, and asyncio's streams would print that as an error
         finally:
             writer.close()
 
     async def _let_through(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner)
         try:
             inner_writer.write(b"GET / HTTP/1.1" + head[head.index(b"\r\n") :])
@@ -129,8 +139,8 @@ async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -
 def presented(head: bytes) -> bytes:
     """The token in the head of a request; empty when there is none."""
     request, *fields = head.decode("latin-1").split("\r\n")
-    _, _, rest = request.partition(" ")
-    for token in parse_qs(urlsplit(rest.partition(" ")[0]).query).get("token", []):
+    target = request.partition(" ")[2].partition(" ")[0]
+    for token in parse_qs(target.partition("?")[2]).get("token", []):
         return token.encode()
     for field in fields:
         name, _, value = field.partition(":")
@@ -144,23 +154,35 @@ def token_in(file: Path) -> str:
     """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
 
     Raises:
-        ConfigError: others may read the file, there is no good token in it, or it cannot be read or made.
+        ConfigError: it is no regular file, others may read it, there is no good token in it, or it cannot be read or
+            made.
 
     """
     try:
         if not file.exists():
-            file.touch(mode=stat.S_IRUSR | stat.S_IWUSR, exist_ok=False)
-            file.write_text(secrets.token_urlsafe(32) + "\n", encoding="ascii")
-        if file.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+            _make(file)
+        mode = file.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise ConfigError(f"--view-token {file}: not a regular file; name one, or one that is to be made")
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
             raise ConfigError(f"--view-token {file}: others may read it; chmod 600 {file}")
         token = file.read_text(encoding="ascii").strip()
     except OSError as error:
         raise ConfigError(f"--view-token {file}: {error.strerror}; give a file that can be read or made") from None
     except UnicodeDecodeError:
         token = ""
-    if len(token) < TOKEN_MIN or not token.isprintable() or " " in token:
+    if not TOKEN.fullmatch(token):
         raise ConfigError(
-            f"--view-token {file}: its token has to be a word of at least {TOKEN_MIN} characters; delete the file, and "
-            "a good one is made"
+            f"--view-token {file}: its token has to be a word of at least {TOKEN_MIN} characters, each a letter from A "
+            "to Z or a to z, a digit or one of . _ ~ -; delete the file, and a good one is made"
         )
     return token
+
+
+def _make(file: Path) -> None:
+    """Put a file with a new token there, whole from the first; one that has come there meanwhile stays."""
+    with NamedTemporaryFile("w", encoding="ascii", dir=file.parent, prefix=".token-") as made:  # has mode 0600
+        made.write(secrets.token_urlsafe(32) + "\n")
+        made.flush()
+        with suppress(FileExistsError):
+            file.hardlink_to(made.name)
