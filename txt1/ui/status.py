@@ -55,7 +55,7 @@ def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableT
     else:
         left.update(state)
     faults, fault_rows = _faults(snapshot, rows - EVENT_ROWS)
-    right.split_column(Layout(faults, size=fault_rows), Layout(_events(snapshot)))
+    right.split_column(Layout(faults, size=fault_rows), Layout(_events(snapshot, rows - fault_rows - 2)))
     return layout
 
 
@@ -152,11 +152,11 @@ def _faults(snapshot: Snapshot, rows: int) -> tuple[Panel, int]:
     ) + 2
 
 
-def _events(snapshot: Snapshot) -> Panel:
-    """The latest events, newest first, so a full panel loses the oldest."""
+def _events(snapshot: Snapshot, rows: int) -> Panel:
+    """The latest events, newest first, as many as can have room in so many rows."""
     table = Table.grid(padding=(0, 1))
     table.add_column(justify="right", style=DIM, no_wrap=True)
     table.add_column(overflow="fold")
-    for event in reversed(snapshot.events[-60:]):
+    for event in reversed(snapshot.events[-max(1, rows) :]):
         table.add_row(f"{event.time:.1f}", clean(event.text))
     return Panel(table, title="events (s)", border_style=DIM)
