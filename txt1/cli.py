@@ -14,12 +14,12 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from math import isfinite
 from pathlib import Path
 from typing import NoReturn
 
 from txt1 import __version__, doctor, session
 from txt1.board import VIRTUAL, create_hal, on_device, on_pty, on_tcp, port_of
+from txt1.command_line import DISARMED, FAULT, OK, USAGE, number, positive
 from txt1.config import Config, flatten, load, origin_of
 from txt1.errors import CaptureError, ConfigError, Txt1Error
 from txt1.experiments.command import add_commands as add_experiment_commands
@@ -33,7 +33,7 @@ from txt1.protocol import listing
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 from txt1.record import command as record_command
-from txt1.session import DISARMED, FAULT, OK, USAGE, Ending, Plan, View
+from txt1.session import Ending, Plan, View
 
 STDOUT = 1
 CHUNK = 1 << 16
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run_parser.add_argument("--baud", type=int, metavar="N", help="bits a second of the line, 57600 by default")
     run_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value of a simulation")
-    run_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds of the robot's time")
+    run_parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds of the robot's time")
     run_parser.add_argument(
         "--speed", type=_speed, metavar="N|max",
         help="virtual time, N times as fast as real time or as fast as possible; simulation only",
@@ -134,7 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         "jitter, stall, stall_every, cut (s); may be repeated",
     )  # fmt: skip
     board_parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value")
-    board_parser.add_argument("--duration", type=_positive, metavar="S", help="end after S seconds")
+    board_parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds")
     _add_log_argument(board_parser)
     _add_view_arguments(board_parser)
     board_parser.add_argument("--json", action="store_true", help="no status lines; one JSON object at the end")
@@ -144,9 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_config_arguments(doctor_parser)
     doctor_parser.add_argument("--port", metavar="PORT", help="as with run; left out, the only device there is")
     doctor_parser.add_argument("--baud", type=int, metavar="N", help="bits a second of the line, 57600 by default")
-    doctor_parser.add_argument(
-        "--duration", type=_positive, default=5.0, metavar="S", help="of listening; 5 by default"
-    )
+    doctor_parser.add_argument("--duration", type=positive, default=5.0, metavar="S", help="of listening; 5 by default")
     doctor_parser.set_defaults(command=examine_line)
 
     config_parser = commands.add_parser("config", help="show or check a configuration")
@@ -215,25 +213,8 @@ def _require_view(arguments: argparse.Namespace, *options: str) -> None:
             raise ConfigError(f"--{option.replace('_', '-')}: there is no live view; add --view")
 
 
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not finite")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _number(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not positive")
-    return value
-
-
 def _speed(text: str) -> Speed:
-    return "max" if text == "max" else _positive(text)
+    return "max" if text == "max" else positive(text)
 
 
 def _host_and_port(text: str) -> tuple[str, int]:
@@ -247,7 +228,7 @@ def _velocity(text: str) -> tuple[float, float]:
     parts = text.split(",")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"'{text}' is not V,OMEGA, for example 0.5,0.3")
-    return _number(parts[0]), _number(parts[1])
+    return number(parts[0]), number(parts[1])
 
 
 # -- txt1 config -----------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from txt1.board import Board, Listen
+from txt1.command_line import DISARMED, FAULT, OK, SIGNALS
 from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.errors import HalError, TaskFault
@@ -32,11 +33,7 @@ from txt1.ui.terminal import Terminal
 if TYPE_CHECKING:
     from txt1.record.live import LiveView
 
-OK, FAULT, USAGE, DISARMED = 0, 1, 2, 3
-"""Exit codes: as asked, a fault, a mistake of the user's, stopped by the safety gate."""
-
 STDOUT: Final = 1
-SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 BEAT_MIN: Final = 0.005
 """Shortest time between two heartbeats of the drawing process, s."""
 DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)

@@ -18,6 +18,7 @@ from mcap.records import Message
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.errors import MissingExtra
 from txt1.record import file as record_file
@@ -256,17 +257,6 @@ def test_a_file_cut_at_every_1000th_byte_is_recovered_and_nothing_is_invented(
 def raw(path: Path) -> list[Message]:
     """Every message in the order of the file."""
     return [record for record in Reading(path).records() if isinstance(record, Message)]
-
-
-def spoil_second_chunk(path: Path, target: Path) -> None:
-    """A copy with one bit inverted in the middle of its second chunk."""
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[1]
-    data = bytearray(path.read_bytes())
-    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
-    target.write_bytes(data)
 
 
 def test_a_chunk_with_a_wrong_byte_is_left_out(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.config import load
 from txt1.control.pid import Gains
@@ -281,13 +282,7 @@ def test_of_a_recording_in_parts_the_first_is_verified(tmp_path: Path, capsys: A
 def test_a_recording_with_a_gap_is_not_verified(tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "run.mcap"
     assert execute([*RUN, "--duration", "20", "--log", str(path)]) == 0
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunk = summary.chunk_indexes[1]
-    data = bytearray(path.read_bytes())
-    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
-    path.write_bytes(data)
+    spoil_second_chunk(path, path)
     assert execute(["replay", "--verify", str(path)]) == 1
     assert "messages are missing in the middle" in capsys.readouterr().err
 

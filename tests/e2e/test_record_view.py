@@ -128,6 +128,17 @@ def test_a_virtual_board_is_seen_live() -> None:
         assert "board" in json.loads(snapshot.data)
 
 
+def assert_it_drives(client: ClientConnection) -> None:
+    """The robot obeys this client within 15 s."""
+    stream = messages(client, subscribed(client, "/odom"))
+    advertise(client)
+    for time, odometry in stream:
+        drive(client, 0.5)
+        if odometry.twist.twist.linear.x > 0.2:
+            break
+        assert time < 15.0
+
+
 def test_a_command_is_refused_without_view_control() -> None:
     with served() as client:
         stream = messages(client, subscribed(client, "/odom"))
@@ -142,13 +153,7 @@ def test_a_command_is_refused_without_view_control() -> None:
 
 def test_a_command_drives_with_view_control() -> None:
     with served("--view-control") as client:
-        stream = messages(client, subscribed(client, "/odom"))
-        advertise(client)
-        for time, odometry in stream:
-            drive(client, 0.5)
-            if odometry.twist.twist.linear.x > 0.2:
-                break
-            assert time < 15.0
+        assert_it_drives(client)
 
 
 def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_one_at_a_time() -> None:
@@ -191,13 +196,7 @@ def test_only_who_presents_the_token_looks_and_drives(tmp_path: Path) -> None:
         with client_at(local, additional_headers={"Authorization": f"Bearer {token}"}) as client:
             assert text(client, "serverInfo")["name"] == "txt1"
         with client_at(f"{local}/?token={token}") as client:
-            stream = messages(client, subscribed(client, "/odom"))
-            advertise(client)
-            for time, odometry in stream:
-                drive(client, 0.5)
-                if odometry.twist.twist.linear.x > 0.2:
-                    break
-                assert time < 15.0
+            assert_it_drives(client)
 
 
 def test_who_talks_something_else_at_the_door_costs_nothing(tmp_path: Path) -> None:

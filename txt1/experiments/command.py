@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from txt1.board import VIRTUAL
+from txt1.command_line import DISARMED, FAULT, OK, SIGNALS, count
 from txt1.config import Config, ControlConfig, GainsConfig, GainSetConfig, load
 from txt1.errors import CommandRefused, ConfigError, NotArmed
 from txt1.experiments import figures, metrics, report, run_folder
@@ -33,13 +34,8 @@ from txt1.kernel.loop import Speed, run
 from txt1.record.session import recording
 from txt1.robot import Robot
 
-OK, FAULT, DISARMED = 0, 1, 3
-"""Exit codes, as those of `txt1 run`."""
-
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 """The thesis's hall is larger than its learning room: without a word about the room there are no walls."""
-
-SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 BAR_PERIOD: Final = 0.25
 """s between two looks of the progress bar."""
@@ -94,7 +90,7 @@ def add_commands(
         "--no-trial", action="store_true", help="propose only; do not drive the tests with old and new gains"
     )
     tune_parser.add_argument(
-        "--repeats", type=_count, default=10, metavar="N", help="runs of a test whose mean is judged"
+        "--repeats", type=count, default=10, metavar="N", help="runs of a test whose mean is judged"
     )
     tune_parser.set_defaults(command=tune_command)
 
@@ -114,12 +110,6 @@ def _add_robot_arguments(
     parser.add_argument(
         "--arm", action="store_true", default=None, help="arm at the start; a simulation arms by itself"
     )
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1 up")
-    return int(text)
 
 
 def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:

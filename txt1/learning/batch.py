@@ -7,7 +7,6 @@ running robot's. Without numba it is the same, slowly.
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Final
@@ -15,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.command_line import processors
 from txt1.control.limits import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.learning.light import FILTER_WEIGHT
@@ -163,7 +163,7 @@ class Batch:
         self._parameters = parameters
         self._body = body
         self._limits = limits
-        shares = min(len(os.sched_getaffinity(0)), 1 + count // SHARE_MIN)
+        shares = min(processors(), 1 + count // SHARE_MIN)
         self._shares = [(count * k // shares, count * (k + 1) // shares) for k in range(shares)]
         self._threads = ThreadPoolExecutor(shares, "txt1-batch") if shares > 1 else None
 

@@ -8,11 +8,12 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from txt1.command_line import DISARMED, count, natural, processors
 from txt1.config import load
 from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.loop import Speed
@@ -20,9 +21,6 @@ from txt1.learning import agents, experiment, plots
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
 from txt1.learning.trial import Repetition
-
-DISARMED: Final = 3
-"""Exit code: the safety gate disarmed the robot."""
 
 
 def add_command(
@@ -38,9 +36,11 @@ def add_command(
     parser.add_argument(
         "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(agents.NAMES)}; thesis by default"
     )
-    parser.add_argument("--trials", type=_whole, default=5, metavar="N", help="each from scratch; 5 by default")
-    parser.add_argument("--reps", type=_whole, default=31, metavar="N", help="repetitions of each trial; 31 by default")
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="repeats every random value of a simulation")
+    parser.add_argument("--trials", type=count, default=5, metavar="N", help="each from scratch; 5 by default")
+    parser.add_argument("--reps", type=count, default=31, metavar="N", help="repetitions of each trial; 31 by default")
+    parser.add_argument(
+        "--seed", type=natural, default=0, metavar="N", help="repeats every random value of a simulation"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where tables, figures and pictures go")
     parser.add_argument("--resume", action="store_true", help="carry on what was begun in DIR")
     parser.add_argument(
@@ -53,7 +53,7 @@ def add_command(
         "--speed", type=speed, metavar="N|max",
         help="virtual time, N times as fast as real time or as fast as possible; max by default in simulation",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=_whole, metavar="N", help="processes; in simulation, by default one a processor")
+    parser.add_argument("--jobs", type=count, metavar="N", help="processes; in simulation, by default one a processor")
     parser.add_argument("--arm", action="store_true", help="arm at the start; a simulation arms by itself")
     add_config_arguments(parser)
     parser.set_defaults(command=learn)
@@ -72,7 +72,7 @@ def learn(arguments: argparse.Namespace) -> int:
     speed: Speed = arguments.speed
     if speed is None and config.hal == "sim":
         speed = "max"
-    jobs = arguments.jobs or (len(os.sched_getaffinity(0)) if speed == "max" else 1)
+    jobs = arguments.jobs or (processors() if speed == "max" else 1)
     plan = Plan(
         arguments.agent, arguments.trials, arguments.reps, arguments.seed, config, speed, jobs, arguments.arm,
         arguments.log,
@@ -123,15 +123,3 @@ def _tell(metrics: dict[str, Any]) -> None:
         print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after repetition 7")
     if "ratio_at_repetition" in metrics:
         print(f"{'ratio at repetition':<20} {json.dumps(metrics['ratio_at_repetition'])}")
-
-
-def _whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 0")
-    return int(text)

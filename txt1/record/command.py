@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
-from math import inf
 from pathlib import Path
 from typing import Any
 
+from txt1.command_line import positive
 from txt1.kernel.loop import run
 from txt1.record.session import need
 
@@ -40,7 +40,7 @@ def add_commands(commands: Any) -> None:
     replay = commands.add_parser("replay", help="show a recording, or run it again and compare")
     replay.add_argument("file", type=Path, metavar="FILE")
     replay.add_argument("--verify", action="store_true", help="run the recorded inputs through the tasks and compare")
-    replay.add_argument("--speed", type=_positive, default=1.0, metavar="N", help="as a multiple of real time")
+    replay.add_argument("--speed", type=positive, default=1.0, metavar="N", help="as a multiple of real time")
     replay.add_argument("--from", type=float, dest="start", metavar="S", help="begin at this time of the run")
     replay.add_argument("--loop", action="store_true", help="begin anew at the end")
     replay.set_defaults(command=replay_file)
@@ -49,16 +49,6 @@ def add_commands(commands: Any) -> None:
     report.add_argument("file", type=Path, metavar="FILE")
     report.add_argument("-o", "--output", type=Path, metavar="STEM", help="STEM.png and STEM.html; FILE without .mcap")
     report.set_defaults(command=draw_report)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
-    if not 0.0 < value < inf:
-        raise argparse.ArgumentTypeError(f"'{text}' is not positive")
-    return value
 
 
 def _add_choice(parser: argparse.ArgumentParser) -> None:

@@ -12,8 +12,6 @@ from txt1.tasks.state import SCREENS, Panel, State
 PRIORITY = 1
 PERIOD = 0.1
 
-GAINS_SCREEN = SCREENS.index("PID GAINS")
-
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:
     """Act on every press, of the board's joystick or of the operator's keys (`presses`), once."""
