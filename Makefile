@@ -4,13 +4,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 RUN ?=
 
-.PHONY: run test lint bench clean
+.PHONY: run test test-sources compiled lint bench clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
 
-test: $(VENV)/.dev  ## all tests
+test: compiled  ## all tests, of the compiled modules where there is a C compiler
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal
+
+test-sources: $(VENV)/.dev  ## the tests that concern these modules, without compiling
+	PURE_PYTHON=1 $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal tests/unit/kernel tests/unit/sim \
+		tests/unit/control tests/unit/tasks tests/unit/model tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
+
+compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run twice as fast
+	@if command -v cc >/dev/null; then $(BIN)/python setup.py --quiet build_ext --inplace; \
+	else echo "no C compiler (cc): everything runs from its Python source, at half the speed"; fi
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
@@ -18,10 +26,11 @@ lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.dev  ## speed and punctuality, measured beside a peer or a limit
+bench: compiled  ## speed and punctuality, measured beside a peer or a limit
 	$(BIN)/python -m benchmarks
 
 clean:
+	find txt1 -name '*.so' -delete
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:

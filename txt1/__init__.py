@@ -17,7 +17,10 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from txt1.compiled import prepare
 
 if TYPE_CHECKING:
     from txt1.errors import Txt1Error
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
     from txt1.robot import Robot
 
 __version__ = "0.1.0"
+IS_COMPILED = prepare(Path(__file__).parent)
+"""Whether tasks, physics and learners run compiled (see `txt1.compiled`)."""
 
 __all__ = ["Button", "Odometry", "Robot", "Switch", "Txt1Error", "__version__", "run"]
 

@@ -23,13 +23,13 @@ from txt1.hal.link import End, Link, Listener, connect, faulty, listen_pty, list
 from txt1.hal.reception import Reception
 from txt1.hal.registry import create, create_serial
 from txt1.hal.serial import DevicePort, Port
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.decoder import Event, Fault, Reason
 from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
 from txt1.runtime import Runtime
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 
 VIRTUAL: Final = "virtual"
 """The port behind which a virtual board runs in the same process."""

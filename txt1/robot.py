@@ -16,7 +16,7 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused, ConfigError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.protocol.messages import (
     BatteryLevels,
@@ -32,7 +32,7 @@ from txt1.protocol.messages import (
     Velocity,
 )
 from txt1.runtime import Runtime
-from txt1.tasks.state import Battery, Snapshot
+from txt1.tasks.fields import Battery, Snapshot
 
 REFRESH: Final = 0.05
 """Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""

@@ -21,7 +21,8 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.model.light import Readings
 from txt1.protocol.messages import BoardMessage, Message, PidResponse
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
-from txt1.tasks.state import State, TaskReport
+from txt1.tasks.fields import TaskReport
+from txt1.tasks.state import State
 
 OnFault = Callable[[str, BaseException], None]
 

@@ -19,8 +19,8 @@ from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.errors import HalError, TaskFault
 from txt1.kernel.loop import Speed, run
-from txt1.kernel.scheduler import Ticks
 from txt1.kernel.statistics import TaskStatistics
+from txt1.kernel.ticks import Ticks
 from txt1.learning import running as learning
 from txt1.learning.agent import Agent
 from txt1.record.session import open_view, recording

@@ -82,3 +82,13 @@ def every_tick(robot: Robot) -> Callable[[Callable[[], None]], None]:
         robot.add_task("every tick", 0.02, made)
 
     return start
+
+
+@pytest.fixture
+def reject_gains(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """After the call boards find every gain schedule wrong."""
+
+    def reject(sets: object) -> None:
+        raise ValueError
+
+    return lambda: monkeypatch.setattr("txt1.tasks.serial.Schedule", reject)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from pytest import approx
 
@@ -99,8 +101,8 @@ async def test_bytes_that_are_no_frames_point_at_the_baud_rate() -> None:
     assert "baud rate is not 57600" in said(findings)["odometry"].text
 
 
-async def test_a_board_that_rejects_the_gains_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.tasks.serial.gain_table", lambda message: None)
+async def test_a_board_that_rejects_the_gains_is_quoted(reject_gains: Callable[[], None]) -> None:
+    reject_gains()
     remark = said(await found())["PID set"]
     assert not remark.well
     assert "rejected 5 times" in remark.text

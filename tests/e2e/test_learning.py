@@ -21,7 +21,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import execute
-from txt1.config import Config, load
+from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
@@ -36,7 +36,7 @@ from txt1.learning.task import LearningTask, simulated_light
 from txt1.learning.trial import Phase, Repetition
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
-from txt1.sim.light import Fault
+from txt1.sim.light import Fault, LightSensors
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config
@@ -483,9 +483,8 @@ def test_a_robot_that_does_not_arm_by_itself_is_to_be_armed(tmp_path: Path, caps
 def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fitful(config: Config, rng: np.random.Generator) -> LightSource:
-        source = simulated_light(config, rng)
-        assert isinstance(source, SimulatedSensors)
+    def fitful(sensors: LightSensors) -> LightSource:
+        source = SimulatedSensors(sensors)
         began.append(source)
         return source
 
@@ -494,7 +493,7 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
             began[0]._sensors.faults = [Fault.NAN] * 4
 
     began: list[SimulatedSensors] = []
-    monkeypatch.setattr("txt1.learning.task.simulated_light", fitful)
+    monkeypatch.setattr("txt1.learning.task.SimulatedSensors", fitful)
     real = load(overrides=["learning.sensors=sim"]).config
     plan = Plan("thesis", 1, 4, 3, real)
     monkeypatch.setattr(Plan, "simulated", False)  # as on a real robot: what was done cannot be done again

@@ -16,7 +16,7 @@ from txt1.kernel import Ticks, clock_of
 from txt1.protocol.messages import Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.simulator import Faults
-from txt1.tasks.state import CombinedSample, Link
+from txt1.tasks.fields import CombinedSample, Link
 
 TICK = 0.02
 Every = Callable[[Callable[[], None]], None]
@@ -224,7 +224,8 @@ async def test_a_controller_that_misses_five_cycles_disarms(robot: Robot, every_
 
 
 async def test_batteries_that_stay_bad_stop_the_robot_after_five_seconds(robot: Robot) -> None:
-    robot.hal.simulator.battery_readings = lambda: (8.9, 0.0)  # type: ignore[attr-defined]
+    read = robot.hal.read
+    robot.hal.read = lambda now: read(now)._replace(batteries=(8.9, 0.0))  # type: ignore[method-assign]
     for _ in range(60):
         robot.command(0.3, 0.0)
         await asyncio.sleep(0.2)

@@ -273,9 +273,11 @@ async def test_gains_are_sent_once_a_second_until_the_board_acknowledges_them(mo
         assert [round(later - asked[0]) for later in asked] == [0, 1, 2, 3]
 
 
-async def test_gains_the_board_rejects_are_reported_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_gains_the_board_rejects_are_reported_and_counted(
+    monkeypatch: pytest.MonkeyPatch, reject_gains: Callable[[], None]
+) -> None:
     async with wired(monkeypatch) as together:
-        monkeypatch.setattr("txt1.tasks.serial.gain_table", lambda message: None)
+        reject_gains()
         hal = together.robot.hal
         assert not await together.robot.load_gains()
         assert together.robot.faults["gains_refused"] > 0

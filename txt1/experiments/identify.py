@@ -11,7 +11,7 @@ import numpy as np
 from txt1.errors import HalError
 from txt1.experiments.plant import Plant
 from txt1.hal.base import Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
 LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)

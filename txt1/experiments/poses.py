@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import degrees, hypot, inf, pi
 from typing import Final, NamedTuple
 
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose, length, shortest
 from txt1.navigation import PoseSource, go_to, true_pose, wheel_pose

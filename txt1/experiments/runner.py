@@ -10,14 +10,14 @@ from txt1.control.limits import limit_velocity
 from txt1.errors import HalError, NotArmed
 from txt1.experiments.profile import Profile, Step, Waypoints
 from txt1.experiments.recording import Recording, Sample
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation import PoseSource, follow, true_pose, wheel_pose
 from txt1.navigation.source import step_between
 from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
-from txt1.tasks.state import BatteryState
+from txt1.tasks.fields import BatteryState
 
 PUBLISH: Final = 0.1
 """s between two commands, as in the original's tests."""

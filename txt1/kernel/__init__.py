@@ -2,8 +2,9 @@
 
 from txt1.kernel.clock import Clock, RealClock, VirtualClock
 from txt1.kernel.loop import RealTimeLoop, Speed, VirtualTimeLoop, clock_of, new_loop, run
-from txt1.kernel.scheduler import Scheduler, Ticks
+from txt1.kernel.scheduler import Scheduler
 from txt1.kernel.statistics import Histogram, Percentiles, TaskStatistics
+from txt1.kernel.ticks import Ticks
 
 __all__ = [
     "Clock",

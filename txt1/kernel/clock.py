@@ -39,7 +39,9 @@ class Clock(Protocol):
 class RealClock:
     """The processor's monotonic clock."""
 
-    now_ns = staticmethod(time.monotonic_ns)
+    def now_ns(self) -> int:
+        """The time, in ns since an instant of the processor's choice."""
+        return time.monotonic_ns()
 
 
 class VirtualClock:

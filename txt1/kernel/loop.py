@@ -100,7 +100,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.speed = speed
         self.threads_outstanding = 0
         self._jumps = 0
-        self._real_start_ns = RealClock.now_ns()
+        self._real_start_ns = RealClock().now_ns()
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
@@ -133,12 +133,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Real seconds to wait before the virtual instant `target_ns` at the loop's speed; negative when late."""
         assert self.speed is not None
         real_ns = self._real_start_ns + int(target_ns / self.speed)
-        return (real_ns - RealClock.now_ns()) / NS_PER_S
+        return (real_ns - RealClock().now_ns()) / NS_PER_S
 
     def catch_up(self, limit_ns: int | None) -> None:
         """Move virtual time to where real time has come at the loop's speed, but not beyond `limit_ns`, if any."""
         assert self.speed is not None
-        reached = int((RealClock.now_ns() - self._real_start_ns) * self.speed)
+        reached = int((RealClock().now_ns() - self._real_start_ns) * self.speed)
         if limit_ns is not None:
             reached = min(limit_ns, reached)
         self.clock.advance_to(max(self.clock.now_ns(), reached))

@@ -19,15 +19,17 @@ The price is that between two ticks a task can await nothing else; what waits be
 from __future__ import annotations
 
 import asyncio
-import types
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine
 from heapq import heappop, heappush, heapreplace
 from typing import Any, Final
+
+from mypy_extensions import mypyc_attr
 
 from txt1.errors import TaskFault
 from txt1.kernel.clock import NS_PER_S, nanoseconds, stopwatch_ns
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.kernel.statistics import TaskStatistics
+from txt1.kernel.ticks import NEXT_TICK, Ticks
 
 NEVER: Final = 1 << 62
 NS_PER_MS: Final = 1_000_000
@@ -37,31 +39,6 @@ MARGIN_MAX_NS: Final = 250_000
 
 PUNCTUAL_MAX: Final = 1000
 """Cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn."""
-
-_NEXT_TICK: Final = object()
-
-
-class Ticks:
-    """The cycles of one task: ``async for now in ticks``, with `now` in seconds since the run started.
-
-    Attributes:
-        period: seconds between two ticks; None for a task that runs on arrival.
-        missed: cycles missed immediately before the present one.
-
-    """
-
-    def __init__(self, period: float | None) -> None:
-        self.period = period
-        self.missed = 0
-
-    def __aiter__(self) -> Ticks:
-        return self
-
-    @types.coroutine
-    def __anext__(self) -> Generator[object, float, float]:
-        now = yield _NEXT_TICK
-        return now
-
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
 
@@ -89,6 +66,7 @@ class _Entry:
         self.add_run_time = self.statistics.run_time.add
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Scheduler:
     """Runs tasks at their deadlines on the running event loop's clock.
 
@@ -222,7 +200,7 @@ class Scheduler:
 
     def _prime(self, entry: _Entry) -> None:
         try:
-            if entry.send(None) is not _NEXT_TICK:
+            if entry.send(None) is not NEXT_TICK:
                 self._waited(entry)
         except BaseException as error:
             self._raised(entry, error)
@@ -293,7 +271,7 @@ class Scheduler:
                 entry.queued = False
             started_ns = stopwatch_ns()
             try:
-                if entry.send(now) is not _NEXT_TICK:
+                if entry.send(now) is not NEXT_TICK:
                     self._waited(entry)
             except BaseException as error:
                 self._raised(entry, error)
@@ -320,7 +298,7 @@ class Scheduler:
         """Run one cycle of a task and measure it."""
         started_ns = stopwatch_ns()
         try:
-            if entry.send(now_ns / NS_PER_S) is not _NEXT_TICK:
+            if entry.send(now_ns / NS_PER_S) is not NEXT_TICK:
                 self._waited(entry)
         except BaseException as error:  # CancelledError too: asyncio would only log it
             self._raised(entry, error)

@@ -31,7 +31,9 @@ class Agent(Protocol):
     second from then on, `waits` and, when it does not, `act`. At last `end`, or `void` when it does not count.
     """
 
-    name: str
+    @property
+    def name(self) -> str:
+        """The name it is asked for by."""
 
     def begin(self) -> None:
         """A repetition begins: the robot rests on its start pose, and what was sensed before is past."""

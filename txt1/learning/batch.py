@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.command_line import processors
+from txt1.compiled import source_module
 from txt1.control.limits import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
-from txt1.sim.light import PointLight, illuminances
+from txt1.sim.light import PointLight
 from txt1.sim.vehicle import VehicleParameters
 
 TICK_MS: Final = 20
@@ -98,7 +99,7 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
             robots[FILTERED + k, i] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
 
 
-_illuminances = compiled(illuminances)
+_illuminances = compiled(source_module("txt1.sim.light").illuminances)
 _control_all = compiled(_control)
 _encode_all = compiled(_encode)
 _look_all = compiled(_look)

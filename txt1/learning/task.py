@@ -15,7 +15,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import HalError, NotArmed
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.learning.sensors import Compass, LightSource, PhidgetSensors, SimulatedSensors
 from txt1.learning.trial import TICK, Phase, Task, Trial
 from txt1.model.light import SAMPLE_PERIOD, Readings

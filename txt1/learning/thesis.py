@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
+from mypy_extensions import mypyc_attr
 
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
@@ -77,6 +78,7 @@ SETTINGS: Final = Settings()
 """The thesis's."""
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class ThesisAgent:
     """Q-learning on the light's direction in eight sectors.
 
@@ -87,7 +89,7 @@ class ThesisAgent:
 
     """
 
-    name = "thesis"
+    name: ClassVar[str] = "thesis"
 
     def __init__(
         self, rng: np.random.Generator, commands: tuple[tuple[float, float], ...], settings: Settings = SETTINGS

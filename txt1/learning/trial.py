@@ -27,7 +27,7 @@ TICK: Final = 0.05
 TURN: Final = SPEED / Geometry().radius_min
 """The sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2."""
 
-COMMANDS: Final = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
+COMMANDS: tuple[tuple[float, float], ...] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
 """(v, omega) of the actions right, straight, left (table 5.2), m/s and rad/s."""
 
 

@@ -59,13 +59,13 @@ class BatteryLevels:
 
 @dataclass(frozen=True, slots=True)
 class PwmTest:
-    """PWM counts for all five channels; obeyed in manual mode only."""
+    """PWM counts for all five channels, whole on the wire; obeyed in manual mode only."""
 
-    motor: int
-    front: int
-    rear: int
-    pwm4: int
-    pwm5: int
+    motor: float
+    front: float
+    rear: float
+    pwm4: float
+    pwm5: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +78,10 @@ class PowerControl:
 
 @dataclass(frozen=True, slots=True)
 class PwmCommand:
-    """PWM counts for the two free servos; obeyed in every mode."""
+    """PWM counts for the two free servos, whole on the wire; obeyed in every mode."""
 
-    pwm4: int
-    pwm5: int
+    pwm4: float
+    pwm5: float
 
 
 @dataclass(frozen=True, slots=True)

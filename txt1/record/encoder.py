@@ -25,7 +25,7 @@ from txt1.record import topics
 from txt1.record.layout import Layout, encode, record_type
 from txt1.record.topics import CHANNELS
 from txt1.tasks.battery import FITTED_V
-from txt1.tasks.state import Battery, BatteryState, Control, Encoders, Link, Panel, Power, Snapshot
+from txt1.tasks.fields import Battery, BatteryState, Control, Encoders, Link, Panel, Power, Snapshot
 from txt1.ui import frames
 
 RECORD: Final = struct.Struct("<BQHIQQ")

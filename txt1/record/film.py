@@ -15,7 +15,7 @@ from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.model.odometry import Odometry
 from txt1.record import topics
 from txt1.record.reading import Decoding, Reading
-from txt1.tasks.state import Control, Encoders, Event, Snapshot
+from txt1.tasks.fields import Control, Encoders, Event, Snapshot
 from txt1.ui import frames
 
 STEP_NS: Final = NS_PER_S // 10

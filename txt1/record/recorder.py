@@ -19,7 +19,8 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.errors import RecordingError
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.kernel.scheduler import PeriodicTask, Ticks
+from txt1.kernel.scheduler import PeriodicTask
+from txt1.kernel.ticks import Ticks
 from txt1.model.light import Readings
 from txt1.protocol.messages import Message, PidSet, Velocity
 from txt1.record import topics

@@ -11,7 +11,7 @@ from typing import Final
 from txt1.hal.base import Button
 from txt1.record.film import Film
 from txt1.tasks.button import press
-from txt1.tasks.state import Event, Panel, Snapshot
+from txt1.tasks.fields import Event, Panel, Snapshot
 from txt1.ui.terminal import Terminal
 
 SEEK: Final = 5.0

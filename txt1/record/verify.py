@@ -24,8 +24,9 @@ from txt1.errors import NotArmed, RecordingError, TaskFault
 from txt1.hal.base import Button
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.kernel.loop import run
-from txt1.kernel.scheduler import PeriodicTask, Scheduler, Ticks
+from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,

@@ -17,9 +17,10 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.compiled import source_module
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
-from txt1.sim.vehicle import SHORT_RAMP, VehicleParameters, VehicleState, advance
+from txt1.sim.vehicle import SHORT_RAMP, VehicleParameters
 
 Array = NDArray[np.float64]
 
@@ -152,7 +153,10 @@ def _drive(
 
 
 _drive_compiled = compiled(_drive, reorder=True)
-_advance = compiled(advance)
+
+# numba compiles Python functions, and `txt1.sim.vehicle` may be an extension by now
+_vehicle = source_module("txt1.sim.vehicle")
+_advance, _State = compiled(_vehicle.advance), _vehicle.VehicleState
 
 
 def _move(
@@ -177,7 +181,7 @@ def _move(
         target[i] = p.steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
         remaining[i] = dt
         if abs(motor[i]) <= p.dead_band or not series_suffice:
-            before = VehicleState(
+            before = _State(
                 fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i], fleet[PHI, i], -fleet[PHI, i],
                 fleet[RIGHT, i], fleet[LEFT, i],
             )  # fmt: skip

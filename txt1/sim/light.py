@@ -175,7 +175,7 @@ class LightSensors:
         return self._faults
 
     @faults.setter
-    def faults(self, faults: Sequence[Fault]) -> None:
+    def faults(self, faults: Sequence[str]) -> None:
         if len(faults) != len(SENSORS):
             raise ValueError(f"one fault for each of {', '.join(SENSORS)} is needed, not {len(faults)}")
         self._faults = tuple(Fault(fault) for fault in faults)

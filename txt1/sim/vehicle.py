@@ -108,12 +108,13 @@ def advance(
         coast_friction, servo_rate, scrub, slip, understeer, ramp_step,
     ) = p  # fmt: skip
     # front = -u, rear = +u turns left (spec: plant)
-    if not -STEERING_MAX <= front <= STEERING_MAX:
-        front = STEERING_MAX if front > 0.0 else -STEERING_MAX
-    if not -STEERING_MAX <= rear <= STEERING_MAX:
-        rear = STEERING_MAX if rear > 0.0 else -STEERING_MAX
-    target_front = -steering_max * (front / STEERING_MAX)
-    target_rear = -steering_max * (rear / STEERING_MAX)
+    lock_pwm = float(STEERING_MAX)
+    if not -lock_pwm <= front <= lock_pwm:
+        front = lock_pwm if front > 0.0 else -lock_pwm
+    if not -lock_pwm <= rear <= lock_pwm:
+        rear = lock_pwm if rear > 0.0 else -lock_pwm
+    target_front = -steering_max * (front / lock_pwm)
+    target_rear = -steering_max * (rear / lock_pwm)
     coasting = abs(motor) <= dead_band
     if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
         return state  # at rest

@@ -7,10 +7,11 @@ from typing import Final
 
 from txt1.control.limits import Fault, Gate
 from txt1.hal.base import Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.battery import remaining_time
 from txt1.protocol.messages import BatteryLevels, BoardMessage
-from txt1.tasks.state import Battery, BatteryState, State
+from txt1.tasks.fields import Battery, BatteryState
+from txt1.tasks.state import State
 
 PRIORITY = 1
 PERIOD = 1.0

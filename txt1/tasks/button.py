@@ -6,8 +6,9 @@ from collections import deque
 
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal
-from txt1.kernel.scheduler import Ticks
-from txt1.tasks.state import SCREENS, Panel, State
+from txt1.kernel.ticks import Ticks
+from txt1.tasks.fields import SCREENS, Panel
+from txt1.tasks.state import State
 
 PRIORITY = 1
 PERIOD = 0.1

@@ -7,10 +7,11 @@ from math import isfinite
 from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains, Pid
 from txt1.hal.base import Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
-from txt1.tasks.state import Command, Control, ManualPwm, Source, State
+from txt1.tasks.fields import Command, Control, ManualPwm, Source
+from txt1.tasks.state import State
 from txt1.tuples import quick
 
 PRIORITY = 4

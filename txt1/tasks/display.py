@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 from txt1.control.limits import Gate
 from txt1.hal.base import Hal, Indicators
-from txt1.kernel.scheduler import Ticks
-from txt1.tasks.state import BatteryState, Snapshot, State, TaskReport
+from txt1.kernel.ticks import Ticks
+from txt1.tasks.fields import BatteryState, Snapshot, TaskReport
+from txt1.tasks.state import State
 
 PRIORITY = 2
 PERIOD = 0.1

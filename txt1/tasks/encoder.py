@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from txt1.errors import HalError
 from txt1.hal.base import Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import Geometry
-from txt1.tasks.state import Encoders, State
+from txt1.tasks.fields import Encoders
+from txt1.tasks.state import State
 from txt1.tuples import quick
 
 PRIORITY = 3

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.kernel.scheduler import Ticks
-from txt1.tasks.state import Link, State
+from txt1.kernel.ticks import Ticks
+from txt1.tasks.fields import Link
+from txt1.tasks.state import State
 
 PRIORITY = 2
 PERIOD = 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import BoardMessage, EncoderOdometry
 from txt1.tasks.state import State
 

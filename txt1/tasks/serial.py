@@ -14,7 +14,7 @@ from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
 from txt1.hal.base import Hal
-from txt1.kernel.scheduler import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import (
     BoardMessage,
     CombinedOdometry,
@@ -27,7 +27,8 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
-from txt1.tasks.state import CombinedSample, Command, GainTable, ManualPwm, Power, State
+from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power
+from txt1.tasks.state import State
 
 PRIORITY = 4
 

@@ -22,7 +22,7 @@ from typing import Final
 from rich.console import Console
 
 from txt1.kernel.clock import RealClock, nanoseconds, seconds
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui import frames, modes
 from txt1.ui.keys import Keys
 from txt1.ui.screens import render
@@ -116,11 +116,11 @@ def run(link: Link, interval: float) -> None:
     keys, view, painter = Keys(), View(), Painter()
     line: bytes | None = None
     snapshot: Snapshot | None = None
-    now = next_beat = next_frame = RealClock.now_ns()
+    now = next_beat = next_frame = RealClock().now_ns()
     while True:
         wait = max(0.0, min(interval, seconds(next_beat - now), DRAW_INTERVAL))
         ready, _, _ = select.select([TTY_IN, link.socket.fileno()], [], [], wait)
-        before, now = now, RealClock.now_ns()
+        before, now = now, RealClock().now_ns()
         pressed: list[str] = []
         if TTY_IN in ready:
             data = os.read(TTY_IN, 4096)

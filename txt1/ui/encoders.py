@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.text import DASH, DIM, LABEL, centred_bar, number
 from txt1.ui.view import View

@@ -15,7 +15,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from txt1.control.schedule import GainSet, Schedule
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 
 
 def encode(snapshot: Snapshot) -> bytes:

@@ -9,7 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.status import gain_cells
 from txt1.ui.text import DASH, DIM, GOOD, LABEL, WARNING, number
 

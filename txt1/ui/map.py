@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from rich.text import Text
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.text import DIM
 from txt1.ui.view import View, pose_of
 

@@ -9,7 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.state import SCREENS, Snapshot
+from txt1.tasks.fields import SCREENS, Snapshot
 from txt1.ui import channels, encoders, gains, status, tasks
 from txt1.ui.map import draw_map
 from txt1.ui.text import DIM, clean, field_table, run_time

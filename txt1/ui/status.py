@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from txt1.control.pid import Gains
-from txt1.tasks.state import BatteryState, Snapshot
+from txt1.tasks.fields import BatteryState, Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.text import BAD, DASH, DIM, GOOD, LABEL, WARNING, clean, field_table, minutes, number, on_off
 from txt1.ui.view import View

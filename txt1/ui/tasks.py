@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from txt1.kernel.statistics import Percentiles
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.text import BAD, DASH, DIM, LABEL, clean, count, duration
 
 WIDE: Final = 133

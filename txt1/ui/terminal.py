@@ -20,8 +20,8 @@ from typing import Final, Literal, Protocol, Self
 
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
-from txt1.kernel.scheduler import Ticks
-from txt1.tasks.state import Snapshot
+from txt1.kernel.ticks import Ticks
+from txt1.tasks.fields import Snapshot
 from txt1.ui import frames, modes
 from txt1.ui.teleop import Teleop
 

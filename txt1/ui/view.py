@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import dist, isfinite
 from typing import Final
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 
 PATH_MAX: Final = 4000
 """Points kept; when they are used up every other one goes, and the spacing doubles."""

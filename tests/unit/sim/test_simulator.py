@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import txt1
 from txt1.model.battery import pack_voltage
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Load, Packs, discharge
@@ -329,6 +330,7 @@ def test_with_the_usual_ramp_step_cutting_up_the_time_costs_less_than_a_tenth_of
     assert max(hypot(one[0] - two[0], one[1] - two[1]) for one, two in zip(plain, cut, strict=True)) < 1e-4
 
 
+@pytest.mark.skipif(txt1.IS_COMPILED, reason="it looks inside")
 def test_ticks_of_20_ms_are_one_step_each() -> None:
     # ... also where k * 0.02 and k / 50 are different floats: no slivers
     sim, steps = simulator(noise=Noise()), []

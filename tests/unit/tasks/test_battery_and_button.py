@@ -5,7 +5,7 @@ import pytest
 from txt1.hal.base import Button
 from txt1.tasks.battery import judge
 from txt1.tasks.button import press
-from txt1.tasks.state import SCREENS, BatteryState, Panel
+from txt1.tasks.fields import SCREENS, BatteryState, Panel
 
 
 @pytest.mark.parametrize(

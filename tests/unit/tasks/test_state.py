@@ -4,7 +4,8 @@ import ast
 from pathlib import Path
 
 import txt1.tasks
-from txt1.tasks.state import SCREENS, WRITERS, State
+from txt1.tasks.fields import SCREENS
+from txt1.tasks.state import WRITERS, State
 
 TASKS = Path(txt1.tasks.__file__).parent
 PACKAGE = TASKS.parent

@@ -16,7 +16,7 @@ import pytest
 from ui_snapshots import full
 from ui_tty import Tty
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.frames import encode
 
 ROOT = Path(__file__).parents[3]

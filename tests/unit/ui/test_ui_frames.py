@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ui_snapshots import blind, full
 
 from txt1.hal.base import Capabilities
-from txt1.tasks.state import BatteryState, Event, Source
+from txt1.tasks.fields import BatteryState, Event, Source
 from txt1.ui.frames import decode, encode
 
 

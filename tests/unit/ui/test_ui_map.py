@@ -7,7 +7,7 @@ from math import inf, nan
 import pytest
 from ui_snapshots import blind, full
 
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
 from txt1.ui.view import View
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from ui_snapshots import blind, full
 
 from txt1.control.schedule import Schedule
-from txt1.tasks.state import SCREENS, Event, GainTable, Panel, Snapshot
+from txt1.tasks.fields import SCREENS, Event, GainTable, Panel, Snapshot
 from txt1.ui.gains import in_force, visible
 from txt1.ui.screens import render
 from txt1.ui.text import count, duration, minutes, number, run_time

@@ -12,7 +12,7 @@ from ui_snapshots import full
 from txt1.errors import CommandRefused
 from txt1.hal.base import Button
 from txt1.kernel.loop import run
-from txt1.tasks.state import Snapshot
+from txt1.tasks.fields import Snapshot
 from txt1.ui.terminal import Terminal
 
 

@@ -8,7 +8,7 @@ from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
 from txt1.model.odometry import Odometry
-from txt1.tasks.state import (
+from txt1.tasks.fields import (
     Battery,
     BatteryState,
     Command,
