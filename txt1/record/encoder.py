@@ -1,14 +1,14 @@
 """What the recorder saw, as MCAP message records.
 
 The robot's state is sampled as references to immutable values, which costs next to nothing; here, off the control
-path, a batch of samples becomes bytes in a few calls of numpy. With one call per message, as the mcap library writes
-them, a recorded simulation would be half as fast.
+path, all messages of a sample become bytes in one call of struct. With one call per message, as the mcap library
+writes them, a recorded simulation would be half as fast.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import cos, sin
@@ -22,7 +22,7 @@ from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.model.light import SENSORS, Readings
 from txt1.model.odometry import Odometry
 from txt1.record import topics
-from txt1.record.layout import Layout, encode, record_type
+from txt1.record.layout import HEADER, LENGTH, Layout, add_length, add_text, encode, packer
 from txt1.record.topics import CHANNELS
 from txt1.tasks.battery import FITTED_V
 from txt1.tasks.fields import Battery, BatteryState, Control, Encoders, Link, Panel, Power, Snapshot
@@ -32,6 +32,12 @@ RECORD: Final = struct.Struct("<BQHIQQ")
 """The head of an MCAP message record: opcode, length, channel, sequence, log time, publish time."""
 MESSAGE: Final = 5
 BEHIND_LENGTH: Final = RECORD.size - 9
+
+KIND: Final = struct.Struct("<BQH")
+"""The part of it that tells what the record is: opcode, length, channel."""
+WHEN: Final = struct.Struct("<IQQ4siI")
+"""What tells its place in time: sequence, log time, publish time, then of the message CDR's mark and the stamp."""
+STAMP: Final = struct.calcsize("<iI")
 
 INFO: Final = 20
 WARN: Final = 30
@@ -154,8 +160,7 @@ class Encoder:
         self._battery: Battery | None = None
         self._mode: tuple[Any, ...] = ()
         self._row = _Row(ticks, pose)
-        self._makers: dict[str, Callable[[int, int, Any], bytes]] = {
-            topics.COMMAND: _twist,
+        makers: dict[str, Callable[[Any], bytes]] = {
             topics.BATTERIES[0]: _battery,
             topics.BATTERIES[1]: _battery,
             topics.MODE: _mode,
@@ -163,17 +168,20 @@ class Encoder:
             topics.FAULTS: _faults,
             topics.LOG: _log,
             topics.LINK: _link,
-            topics.INPUT: _input,
             topics.LIGHT: _light,
             topics.LEARNING: _learning,
             topics.TICKS: _ticks,
+        }
+        self._makers: dict[str, Callable[[bytes, Any], bytes]] = {
+            topics.COMMAND: _twist_maker(),
+            topics.INPUT: _input,
             topics.SNAPSHOT: _snapshot,
+            **{topic: _stamping(CHANNELS[topic], make) for topic, make in makers.items()},
         }
 
     def skip(self, samples: int) -> None:
         """Leave a gap in the sequence numbers where samples were lost."""
-        for channel in self._row.offsets:
-            self._sequences[channel] += samples
+        self._row.sequence += samples
 
     @property
     def sampled(self) -> int:
@@ -182,53 +190,47 @@ class Encoder:
 
     def block(self, samples: Sequence[Sample], extras: Sequence[Extra]) -> Block:
         """The records of a batch; `extras` by rising position."""
-        made = sorted([*self._changes(samples), *extras], key=lambda extra: extra.position)
+        changes = list(self._changes(samples))
+        made = sorted([*changes, *extras], key=lambda extra: extra.position) if changes else extras
         row, count = self._row, len(samples)
-        width, rows = row.size, b""
-        times = np.empty(0, np.uint64)
-        if count:
-            instants = np.array([sample.now for sample in samples])
-            times = np.rint(instants * NS_PER_S).astype(np.uint64) + np.uint64(self._epoch_ns)
-            rows = row.fill(samples, times, self._sequences)
+        width = row.size
+        times = [round(sample.now * NS_PER_S) + self._epoch_ns for sample in samples]
+        rows = row.fill(samples, times)
         pieces: list[bytes] = []
-        shift = [0] * (count + 1)
-        entries: dict[int, list[tuple[int, int]]] = {}
-        done = before = 0
-        sequences, makers, epoch_ns, pack, head = (
-            self._sequences,
-            self._makers,
-            self._epoch_ns,
-            RECORD.pack,
-            RECORD.size,
-        )
+        shifts: list[int] = []
+        stamps = [times[0], times[-1]] if times else []
+        entries: dict[int, list[int]] = {}
+        done = before = time = sec = nanosec = 0
+        known = float("nan")
+        sequences, makers, when = self._sequences, self._makers, WHEN.pack
         for position, now, topic, content in made:
+            if now != known:
+                known = now
+                time = round(now * NS_PER_S) + self._epoch_ns
+                sec, nanosec = divmod(time, NS_PER_S)
+                stamps.append(time)
+            if position != done:
+                pieces += rows[done:position]
+                shifts += [before] * (position - done)
+                done = position
             channel = CHANNELS[topic]
-            time = round(now * NS_PER_S) + epoch_ns
-            payload = makers[topic](*divmod(time, NS_PER_S), content)
             sequence = sequences[channel]
             sequences[channel] = sequence + 1
-            if position != done:
-                pieces.append(rows[done * width : position * width])
-                done = position
+            record = makers[topic](when(sequence, time, time, HEADER, sec, nanosec), content)
+            pieces.append(record)
             if channel not in entries:
                 entries[channel] = []
-            entries[channel].append((time, done * width + before))
-            length = len(payload)
-            pieces.append(pack(MESSAGE, BEHIND_LENGTH + length, channel, sequence, time, time))
-            pieces.append(payload)
-            before += head + length
-            shift[done] += head + length
-        pieces.append(rows[done * width :])
-        index = {channel: np.array(each, np.uint64) for channel, each in entries.items()}
+            entries[channel] += time, done * width + before
+            before += len(record)
+        pieces += rows[done:]
+        shifts += [before] * (count - done)
+        index = {channel: _numbers(each).reshape(-1, 2) for channel, each in entries.items()}
         if count:
-            starts = np.arange(count, dtype=np.uint64) * np.uint64(width) + np.cumsum(
-                np.array(shift[:count], np.uint64), dtype=np.uint64
-            )
-            for channel, offset in row.offsets.items():
-                index[channel] = np.column_stack((times, starts + np.uint64(offset)))
-        stamps = [time for each in entries.values() for time, _ in each]
-        if count:
-            stamps += [int(times[0]), int(times[-1])]
+            starts = np.arange(count, dtype=np.uint64) * np.uint64(width) + _numbers(shifts)
+            sampled = np.empty((len(row.offsets), count, 2), np.uint64)
+            sampled[:, :, 0] = _numbers(times)
+            sampled[:, :, 1] = starts + _numbers(list(row.offsets.values()))[:, None]
+            index.update(zip(row.offsets, sampled, strict=True))
         return Block(b"".join(pieces), index, min(stamps, default=0), max(stamps, default=0))
 
     def _changes(self, samples: Sequence[Sample]) -> Iterator[Extra]:
@@ -247,138 +249,164 @@ class Encoder:
 # -- what is sampled -------------------------------------------------------------------------------------------
 
 
+def _numbers(values: Sequence[int]) -> NDArray[np.uint64]:
+    """As numpy's array makes them, in a fifth of its time."""
+    return np.frombuffer(struct.pack(f"={len(values)}Q", *values), np.uint64)
+
+
 class _Row:
-    """The records of one cycle behind one another, as one numpy record."""
+    """The records of one cycle behind one another.
+
+    Attributes:
+        sequence: the number of the next cycle's messages, which is the same in all of them.
+        offsets: of the records by their channels.
+        size: of all of them in bytes.
+
+    """
 
     def __init__(self, ticks: bool, pose: bool) -> None:
         base = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
         on_robot = {"header": {"frame_id": "base_footprint"}}
-        layouts = {  # causes before effects, as a verification names the first that differs
-            topics.ODOMETRY: Layout("nav_msgs/Odometry", base),
-            topics.SETPOINT: Layout("geometry_msgs/TwistStamped", on_robot),
-            topics.GAINS: Layout("txt1_msgs/Gains", on_robot),
-            topics.PWM: Layout("txt1_msgs/Pwm", on_robot),
-            topics.TRANSFORM: Layout("tf2_msgs/TFMessage", {"transforms": [base]}),
+        place = ("position.x", "position.y", "orientation.z", "orientation.w")
+        # causes before effects, as a verification names the first that differs
+        records: dict[str, tuple[Layout, Sequence[str]]] = {
+            topics.ODOMETRY: (
+                Layout("nav_msgs/Odometry", base),
+                (*(f"pose.pose.{name}" for name in place), "twist.twist.linear.x", "twist.twist.angular.z"),
+            ),
+            topics.SETPOINT: (Layout("geometry_msgs/TwistStamped", on_robot), ("twist.linear.x", "twist.angular.z")),
+            topics.GAINS: (
+                Layout("txt1_msgs/Gains", on_robot),
+                [f"{controller}_{gain}" for controller in ("linear", "angular") for gain in ("kp", "ki", "kd")],
+            ),
+            topics.PWM: (Layout("txt1_msgs/Pwm", on_robot), ("motor", "front", "rear", "pwm4", "pwm5")),
+            topics.TRANSFORM: (
+                Layout("tf2_msgs/TFMessage", {"transforms": [base]}),
+                [
+                    f"transforms.0.transform.{name}"
+                    for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
+                ],
+            ),
         }
         if ticks:
-            layouts[topics.ENCODERS] = Layout("txt1_msgs/Encoders", on_robot)
+            records[topics.ENCODERS] = Layout("txt1_msgs/Encoders", on_robot), ("right", "left", "valid")
         if pose:
-            layouts[topics.POSE] = Layout("geometry_msgs/PoseStamped", {"header": {"frame_id": "room"}})
+            room = {"header": {"frame_id": "room"}}
+            records[topics.POSE] = Layout("geometry_msgs/PoseStamped", room), [f"pose.{name}" for name in place]
+        self.sequence = 0
         self.offsets: dict[int, int] = {}
-        parts, heads, template = [], {}, b""
-        for topic, layout in layouts.items():
+        template, places = b"", []
+        for topic, (layout, names) in records.items():
             channel, start = CHANNELS[topic], len(template)
             self.offsets[channel] = start
             template += RECORD.pack(MESSAGE, BEHIND_LENGTH + len(layout.template), channel, 0, 0, 0) + layout.template
-            parts.append((topic, layout, start + RECORD.size))
-            heads[topic] = start
+            if topic == topics.TRANSFORM:  # the number of transforms stands before the stamp
+                stamp, _ = layout.places["transforms.0.header.stamp.sec"]
+                places += [(start + KIND.size, f"{WHEN.size - STAMP}s"), (start + RECORD.size + stamp, f"{STAMP}s")]
+            else:
+                places.append((start + KIND.size, f"{WHEN.size}s"))
+            places += [(start + RECORD.size + layout.places[name][0], layout.places[name][1]) for name in names]
         self.size = len(template)
-        self._type = record_type(parts, self.size)
-        self._template = template
-        self._heads = {
-            topic: np.dtype(
-                {
-                    "names": ["sequence", "log", "publish"],
-                    "formats": ["<u4", "<u8", "<u8"],
-                    "offsets": [start + 11, start + 15, start + 23],
-                    "itemsize": self.size,
-                }
-            )
-            for topic, start in heads.items()
-        }
+        self._pack, self._constants = packer(template, places)
+        self._has_ticks, self._has_pose = ticks, pose
 
-    def fill(self, samples: Sequence[Sample], times: NDArray[np.uint64], sequences: dict[int, int]) -> bytes:
-        """The records of these samples; counts them in `sequences`."""
-        count = len(samples)
-        filled = bytearray(self._template * count)  # and not numpy's repeat, which leaves out what is no field
-        rows = np.frombuffer(filled, self._type)
-        seconds, rest = np.divmod(times, np.uint64(NS_PER_S))
-        for topic, head_type in self._heads.items():
-            head, channel = np.frombuffer(filled, head_type), CHANNELS[topic]
-            head["sequence"] = np.arange(sequences[channel], sequences[channel] + count, dtype=np.uint32)
-            head["log"] = head["publish"] = times
-            sequences[channel] += count
-            stamp = f"{topic}transforms.0.header.stamp" if topic == topics.TRANSFORM else f"{topic}header.stamp"
-            rows[f"{stamp}.sec"], rows[f"{stamp}.nanosec"] = seconds, rest
-        x, y, _, v, omega = np.array([sample.odometry for sample in samples]).T
-        half = [0.5 * sample.odometry.theta for sample in samples]
-        # math's sine and not numpy's, whose last bit may depend on where in the batch a value stands
-        z, w = [sin(angle) for angle in half], [cos(angle) for angle in half]
-        odometry, transform = topics.ODOMETRY, f"{topics.TRANSFORM}transforms.0.transform."
-        rows[f"{odometry}pose.pose.position.x"] = rows[f"{transform}translation.x"] = x
-        rows[f"{odometry}pose.pose.position.y"] = rows[f"{transform}translation.y"] = y
-        rows[f"{odometry}pose.pose.orientation.z"] = rows[f"{transform}rotation.z"] = z
-        rows[f"{odometry}pose.pose.orientation.w"] = rows[f"{transform}rotation.w"] = w
-        rows[f"{odometry}twist.twist.linear.x"] = v
-        rows[f"{odometry}twist.twist.angular.z"] = omega
-        rows[f"{topics.SETPOINT}twist.linear.x"] = [sample.control.v for sample in samples]
-        rows[f"{topics.SETPOINT}twist.angular.z"] = [sample.control.omega for sample in samples]
-        counts = np.array([sample.control.outputs[:5] for sample in samples], np.int32).T
-        for name, column in zip(("motor", "front", "rear", "pwm4", "pwm5"), counts, strict=True):
-            rows[f"{topics.PWM}{name}"] = column
-        gains = np.array([(*sample.linear, *sample.control.gains) for sample in samples], float).T
-        for name, column in zip(_GAINS, gains, strict=True):
-            rows[f"{topics.GAINS}{name}"] = column
-        if topics.ENCODERS in self._heads:
-            right, left = zip(*(sample.encoders for sample in samples), strict=True)
-            rows[f"{topics.ENCODERS}right"] = [each or 0 for each in right]
-            rows[f"{topics.ENCODERS}left"] = [each or 0 for each in left]
-            rows[f"{topics.ENCODERS}valid"] = [each is not None for each in right]
-        if topics.POSE in self._heads:
-            poses = [sample.pose or (0.0, 0.0, 0.0) for sample in samples]
-            rows[f"{topics.POSE}pose.position.x"] = [pose[0] for pose in poses]
-            rows[f"{topics.POSE}pose.position.y"] = [pose[1] for pose in poses]
-            rows[f"{topics.POSE}pose.orientation.z"] = [sin(0.5 * pose[2]) for pose in poses]
-            rows[f"{topics.POSE}pose.orientation.w"] = [cos(0.5 * pose[2]) for pose in poses]
-        return bytes(filled)
-
-
-_GAINS: Final = ("linear_kp", "linear_ki", "linear_kd", "angular_kp", "angular_ki", "angular_kd")
+    def fill(self, samples: Sequence[Sample], times: Sequence[int]) -> list[bytes]:
+        """For each of these samples the records; counts them."""
+        pack, when, has_ticks, has_pose = self._pack, WHEN.pack, self._has_ticks, self._has_pose
+        a, b, c, d, e, f, g, h, i, j, k, *rest = self._constants  # what stands ahead of the numbers, in their order
+        rows: list[bytes] = []
+        for sequence, (sample, time) in enumerate(zip(samples, times, strict=True), self.sequence):
+            _, odometry, control, linear, (right, left), pose = sample[:6]
+            outputs, v_set, omega_set, _, angular = control
+            (x, y, theta, v, omega), (motor, front, rear, pwm4, pwm5, _, _) = odometry, outputs
+            (kp, ki, kd), (turn_kp, turn_ki, turn_kd) = linear, angular
+            sec, nanosec = divmod(time, NS_PER_S)
+            head = when(sequence, time, time, HEADER, sec, nanosec)
+            z, w = sin(0.5 * theta), cos(0.5 * theta)
+            more: tuple[Any, ...] = ()
+            if has_ticks:
+                more = rest[0], head, rest[1], right or 0, left or 0, right is not None
+            if has_pose:
+                room_x, room_y, angle = pose or (0.0, 0.0, 0.0)
+                more += rest[-2], head, rest[-1], room_x, room_y, sin(0.5 * angle), cos(0.5 * angle)
+            rows.append(
+                pack(
+                    a, head, b, x, y, z, w, v, omega,
+                    c, head, d, v_set, omega_set,
+                    e, head, f, kp, ki, kd, turn_kp, turn_ki, turn_kd,
+                    g, head, h, motor, front, rear, pwm4, pwm5,
+                    i, head[:-STAMP], j, head[-STAMP:], k, x, y, z, w,
+                    *more,
+                )
+            )  # fmt: skip
+        self.sequence += len(samples)
+        return rows
 
 
 # -- what comes in between -------------------------------------------------------------------------------------
 
-_STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
+
+def _record(channel: int, when: bytes, message: bytes) -> bytes:
+    """A record of a message that begins with its stamp, whatever that is; `when` has the right one."""
+    return KIND.pack(MESSAGE, BEHIND_LENGTH + len(message), channel) + when + message[len(HEADER) + STAMP :]
 
 
-@cache
-def _twist_filler() -> Callable[..., bytes]:
+def _record_packer(topic: str, layout: Layout, *paths: str) -> tuple[Callable[..., bytes], list[bytes]]:
+    """`packer` for whole records of these messages, given when and then these numbers."""
+    template = _record(CHANNELS[topic], bytes(WHEN.size), layout.template)
+    places = [(RECORD.size + offset, code) for offset, code in map(layout.places.__getitem__, paths)]
+    return packer(template, [(KIND.size, f"{WHEN.size}s"), *places])
+
+
+def _twist_maker() -> Callable[[bytes, tuple[float, float]], bytes]:
     layout = Layout("geometry_msgs/TwistStamped", {"header": {"frame_id": "base_footprint"}})
-    return layout.filler(*_STAMP, "twist.linear.x", "twist.angular.z")
+    pack, (kind, frame) = _record_packer(topics.COMMAND, layout, "twist.linear.x", "twist.angular.z")
 
+    def twist(when: bytes, velocity: tuple[float, float]) -> bytes:
+        v, omega = velocity
+        return pack(kind, when, frame, v, omega)
 
-def _twist(sec: int, nanosec: int, velocity: tuple[float, float]) -> bytes:
-    return _twist_filler()(sec, nanosec, *velocity)
+    return twist
 
 
 @lru_cache(256)
-def _input_filler(source: str, kind: str, text: str, length: int) -> Callable[..., bytes]:
+def _input_packer(source: str, kind: str, text: str, length: int) -> tuple[Any, ...]:
+    """What packs an input, and the constants: ahead of `when`, `cycle`, `given` and the values, if there are any."""
     layout = Layout("txt1_msgs/Input", {"source": source, "kind": kind, "text": text, "values": [0.0] * length})
-    return layout.filler(*_STAMP, "cycle", "tick", "received", "given", *_elements("values", length))
+    numbers = "cycle", "tick", "received", "given", *_elements("values", length)
+    pack, (record, frame, texts, *count) = _record_packer(topics.INPUT, layout, *numbers)
+    return pack, record, frame, texts, count
 
 
-def _input(sec: int, nanosec: int, given: Input) -> bytes:
-    fill = _input_filler(given.source, given.kind, given.text, len(given.values))
-    return fill(sec, nanosec, given.cycle, given.tick, given.received, given.given, *given.values)
+def _input(when: bytes, given: Input) -> bytes:
+    cycle, tick, received, source, kind, text, moment, values = given
+    pack, record, frame, texts, count = _input_packer(source, kind, text, len(values))
+    made: bytes = pack(record, when, frame, cycle, tick, received, texts, moment, *count, *values)
+    return made
+
+
+def _snapshot(when: bytes, snapshot: Snapshot) -> bytes:
+    text = frames.encode(snapshot)  # it has its time in it; the string's zero comes in the place of the line's end
+    length = BEHIND_LENGTH + len(HEADER) + LENGTH.size + len(text)
+    kind = KIND.pack(MESSAGE, length, CHANNELS[topics.SNAPSHOT])
+    return b"".join((kind, when[:-STAMP], LENGTH.pack(len(text)), text[:-1], b"\0"))
+
+
+def _stamping(channel: int, make: Callable[[Any], bytes]) -> Callable[[bytes, Any], bytes]:
+    """What makes records of the messages that `make` makes without their stamps."""
+    return lambda when, content: _record(channel, when, make(content))
 
 
 def _elements(field: str, length: int) -> Iterator[str]:
     return (f"{field}.{index}" for index in range(length))
 
 
-def _ticks(sec: int, nanosec: int, ticks: Sequence[Tick]) -> bytes:
+def _ticks(ticks: Sequence[Tick]) -> bytes:
     tasks, times, missed = zip(*ticks, strict=True)
     return encode(
         "txt1_msgs/Ticks",
-        {
-            "header": _stamped(sec, nanosec),
-            "task": bytes(tasks), "time": np.array(times), "missed": np.array(missed, np.uint32),
-        },
-    )  # fmt: skip
-
-
-def _stamped(sec: int, nanosec: int, frame: str = "") -> dict[str, Any]:
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
+        {"task": bytes(tasks), "time": np.array(times), "missed": np.array(missed, np.uint32)},
+    )
 
 
 @cache
@@ -394,19 +422,18 @@ def _battery_filler(topic: str) -> Callable[..., bytes]:
             "location": topic.removeprefix("/"),
         },
     )  # fmt: skip
-    return layout.filler(*_STAMP, "voltage", "power_supply_health", "present")
+    return layout.filler("voltage", "power_supply_health", "present")
 
 
-def _battery(sec: int, nanosec: int, pack: tuple[float, BatteryState, str]) -> bytes:
+def _battery(pack: tuple[float, BatteryState, str]) -> bytes:
     voltage, state, topic = pack
-    return _battery_filler(topic)(sec, nanosec, voltage, HEALTH.get(state, 0), voltage >= FITTED_V)
+    return _battery_filler(topic)(voltage, HEALTH.get(state, 0), voltage >= FITTED_V)
 
 
-def _mode(sec: int, nanosec: int, sample: Sample) -> bytes:
+def _mode(sample: Sample) -> bytes:
     return encode(
         "txt1_msgs/Mode",
         {
-            "header": _stamped(sec, nanosec),
             "armed": sample.armed, "stopped": sample.stopped, "manual": sample.panel.manual,
             "link_alive": sample.link.alive, "combined": sample.link.combined,
             "atx": sample.power.atx, "esc": sample.power.esc,
@@ -415,69 +442,67 @@ def _mode(sec: int, nanosec: int, sample: Sample) -> bytes:
     )  # fmt: skip
 
 
-def _diagnostics(sec: int, nanosec: int, tasks: dict[str, dict[str, object]]) -> bytes:
-    return encode(
-        "diagnostic_msgs/DiagnosticArray",
-        {
-            "header": _stamped(sec, nanosec),
-            "status": [
-                {
-                    "level": 1 if values["misses"] else 0,
-                    "name": f"task {name}",
-                    "message": f"{values['misses']} cycles missed" if values["misses"] else "punctual",
-                    "hardware_id": "txt1",
-                    "values": [{"key": key, "value": str(value)} for key, value in values.items()],
-                }
-                for name, values in tasks.items()
-            ],
-        },
+def _diagnostics(tasks: dict[str, dict[str, object]]) -> bytes:
+    return _statuses(
+        (
+            1 if values["misses"] else 0,
+            f"task {name}",
+            f"{values['misses']} cycles missed" if values["misses"] else "punctual",
+            values,
+        )
+        for name, values in tasks.items()
     )
 
 
-def _faults(sec: int, nanosec: int, counts: dict[str, int]) -> bytes:
-    status = {
-        "level": 1 if counts else 0,
-        "name": "faults",
-        "hardware_id": "txt1",
-        "values": [{"key": name, "value": str(count)} for name, count in counts.items()],
-    }
-    return encode("diagnostic_msgs/DiagnosticArray", {"header": _stamped(sec, nanosec), "status": [status]})
+def _faults(counts: dict[str, int]) -> bytes:
+    return _statuses([(1 if counts else 0, "faults", "", counts)])
 
 
-def _log(sec: int, nanosec: int, line: tuple[int, str]) -> bytes:
+def _statuses(statuses: Iterable[tuple[int, str, str, Mapping[str, object]]]) -> bytes:
+    """A DiagnosticArray of these levels, names, messages and values, in a fifth of the time of `encode`."""
+    data, count = bytearray(NO_STATUS), 0
+    for level, name, message, values in statuses:
+        count += 1
+        data.append(level)
+        for text in (name, message, "txt1"):
+            add_text(data, text)
+        add_length(data, len(values))
+        for key, value in values.items():
+            add_text(data, key)
+            add_text(data, str(value))
+    data[len(NO_STATUS) - LENGTH.size : len(NO_STATUS)] = LENGTH.pack(count)
+    return bytes(data)
+
+
+NO_STATUS: Final = encode("diagnostic_msgs/DiagnosticArray", {})
+
+
+def _log(line: tuple[int, str]) -> bytes:
     level, text = line
-    return encode(
-        "rcl_interfaces/Log",
-        {"stamp": {"sec": sec, "nanosec": nanosec}, "level": level, "name": "txt1", "msg": text},
-    )
+    return encode("rcl_interfaces/Log", {"level": level, "name": "txt1", "msg": text})
 
 
-def _link(sec: int, nanosec: int, piece: tuple[str, bytes]) -> bytes:
+def _link(piece: tuple[str, bytes]) -> bytes:
     direction, data = piece
-    return encode("txt1_msgs/LinkBytes", {"header": _stamped(sec, nanosec), "direction": direction, "data": data})
+    return encode("txt1_msgs/LinkBytes", {"direction": direction, "data": data})
 
 
 @cache
 def _light_filler() -> Callable[..., bytes]:
     layout = Layout("txt1_msgs/Light", {"header": {"frame_id": "base_footprint"}})
-    return layout.filler(*_STAMP, *_elements("lux", len(SENSORS)))
+    return layout.filler(*_elements("lux", len(SENSORS)))
 
 
-def _light(sec: int, nanosec: int, lux: Readings) -> bytes:
-    return _light_filler()(sec, nanosec, *lux)
+def _light(lux: Readings) -> bytes:
+    return _light_filler()(*lux)
 
 
 @lru_cache(256)
 def _learning_filler(actions: int) -> Callable[..., bytes]:
     layout = Layout("txt1_msgs/LearningStep", {"values": [0.0] * actions})
-    return layout.filler(*_STAMP, "repetition", "state", "action", "reward", *_elements("values", actions))
+    return layout.filler("repetition", "state", "action", "reward", *_elements("values", actions))
 
 
-def _learning(sec: int, nanosec: int, step: tuple[int, int, int, float, tuple[float, ...]]) -> bytes:
+def _learning(step: tuple[int, int, int, float, tuple[float, ...]]) -> bytes:
     *numbers, values = step
-    return _learning_filler(len(values))(sec, nanosec, *numbers, *values)
-
-
-def _snapshot(sec: int, nanosec: int, snapshot: Snapshot) -> bytes:
-    del sec, nanosec  # a snapshot has its time in it
-    return encode("std_msgs/String", {"data": frames.encode(snapshot).decode("ascii").rstrip("\n")})
+    return _learning_filler(len(values))(*numbers, *values)

@@ -7,6 +7,7 @@ full it leaves half a chunk behind. Here a chunk that does not fit is taken back
 from __future__ import annotations
 
 import os
+import struct
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -46,7 +47,7 @@ LIBRARY: Final = f"txt1 {__version__}"
 Compression = Literal["zstd", "lz4", "none"]
 
 _COMPRESS: Final[dict[Compression, Callable[[bytes], bytes]]] = {
-    "zstd": zstandard.ZstdCompressor(level=1).compress,
+    "zstd": zstandard.ZstdCompressor(level=-1).compress,
     "lz4": lz4.frame.compress,
     "none": bytes,
 }
@@ -248,12 +249,11 @@ def _end(builder: RecordBuilder) -> bytes:
 DATA_END_LENGTH: Final = len(_bytes(DataEnd(0)))
 
 
+MESSAGE_INDEX: Final = struct.Struct("<BQHI")
+"""The head of a message index record: opcode, length, channel, bytes of entries."""
+
+
 def _message_index(channel: int, entries: np.ndarray[tuple[int, ...], np.dtype[np.uint64]]) -> bytes:
     """A message index record, whose entries are pairs of numbers as numpy has them already."""
-    data = entries.astype("<u8").tobytes()
-    head = RecordBuilder()
-    head.write1(Opcode.MESSAGE_INDEX)
-    head.write8(6 + len(data))
-    head.write2(channel)
-    head.write4(len(data))
-    return _end(head) + data
+    data = entries.astype("<u8", copy=False).tobytes()
+    return MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data

@@ -1,18 +1,18 @@
 """ROS 2 messages as bytes: CDR, little-endian, as the DDS standard's plain encoding lays it out.
 
 A message whose strings and sequence lengths are known is a fixed pattern of bytes with numbers at known places. Such
-a `Layout` is made once; then a message costs one call of struct, or many messages a few calls of numpy.
+a `Layout` is made once; then a message, or several behind one another, costs one call of struct.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from txt1.record.definitions import DEFINITIONS, fields
+from txt1.record.definitions import fields
 
 HEADER: Final = b"\x00\x01\x00\x00"
 """CDR, little-endian; alignment counts from the byte behind it."""
@@ -20,6 +20,11 @@ HEADER: Final = b"\x00\x01\x00\x00"
 CODES: Final = {
     "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
 }  # fmt: skip
+
+STRUCTS: Final = {code: struct.Struct(f"<{code}") for code in CODES.values()}
+LENGTH: Final = STRUCTS["I"]
+"""Of a string, with its zero, or of a sequence."""
+PADDING: Final = (b"", b"\0", b"\0\0", b"\0\0\0")
 
 
 class Layout:
@@ -50,7 +55,7 @@ class Layout:
                 continue
             elements: Sequence[Any] | np.ndarray[Any, Any] = [None] * (field.length or 0) if value is None else value
             if field.length is None:
-                self._number("I", len(elements))
+                add_length(self._bytes, len(elements))
             elif len(elements) != field.length:
                 raise ValueError(f"{message}.{field.name} takes {field.length} values, not {len(elements)}")
             if isinstance(elements, bytes):
@@ -64,24 +69,22 @@ class Layout:
                 self._one(field.type, element, f"{here}.{index}")
 
     def _one(self, kind: str, value: Any, path: str) -> None:
-        if kind in DEFINITIONS:
-            self._message(kind, {} if value is None else value, path + ".")
-        elif kind == "string":
-            text = ("" if value is None else value).encode() + b"\x00"
-            self._number("I", len(text))
-            self._bytes += text
-        else:
+        if kind == "string":
+            add_text(self._bytes, "" if value is None else value)
+        elif kind in CODES:
             code = CODES[kind]
             self.places[path] = self._number(code, 0 if value is None else value), code
+        else:
+            self._message(kind, {} if value is None else value, path + ".")
 
     def _align(self, size: int) -> None:
         self._bytes += bytes(-(len(self._bytes) - len(HEADER)) % size)
 
     def _number(self, code: str, value: Any) -> int:
-        size = struct.calcsize(code)
-        self._align(size)
-        self._bytes += struct.pack(f"<{code}", value)
-        return len(self._bytes) - size
+        number = STRUCTS[code]
+        self._align(number.size)
+        self._bytes += number.pack(value)
+        return len(self._bytes) - number.size
 
     def filler(self, *paths: str) -> Callable[..., bytes]:
         """A function of these numbers, given in the order in which they stand, that makes a message with them."""
@@ -103,9 +106,20 @@ class Layout:
 
         return fill
 
-    def fields_at(self, prefix: str, start: int) -> dict[str, tuple[str, int]]:
-        """For a numpy record with this message at byte `start`: format and offset of every number by name."""
-        return {f"{prefix}{path}": (f"<{code}", start + offset) for path, (offset, code) in self.places.items()}
+
+def add_length(data: bytearray, length: int) -> None:
+    """Add the length of a sequence to a message."""
+    data += PADDING[-len(data) % 4]
+    data += LENGTH.pack(length)
+
+
+def add_text(data: bytearray, text: str) -> None:
+    """Add a string to a message."""
+    encoded = text.encode()
+    data += PADDING[-len(data) % 4]
+    data += LENGTH.pack(len(encoded) + 1)
+    data += encoded
+    data += b"\0"
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
@@ -113,16 +127,26 @@ def encode(message: str, values: Mapping[str, Any]) -> bytes:
     return Layout(message, values).template
 
 
-def record_type(parts: Sequence[tuple[str, Layout, int]], size: int) -> np.dtype[Any]:
-    """The numpy record of `size` bytes that holds several messages: (prefix of its names, layout, offset) each."""
-    places: dict[str, tuple[str, int]] = {}
-    for prefix, layout, start in parts:
-        places |= layout.fields_at(prefix, start)
-    return np.dtype(
-        {
-            "names": list(places),
-            "formats": [code for code, _ in places.values()],
-            "offsets": [offset for _, offset in places.values()],
-            "itemsize": size,
-        }
-    )
+def packer(template: bytes, places: Iterable[tuple[int, str]]) -> tuple[Callable[..., bytes], list[bytes]]:
+    """The quickest way to fill in a template, and the constants that go with it.
+
+    Args:
+        template: what stands between the values.
+        places: of the values, in the order in which they stand: offset and struct code.
+
+    Returns:
+        What makes bytes of the values in order, and what it wants among them: ahead of a value, and at the end, the
+        bytes in between, unless there are none or only zeros.
+
+    """
+    text, end, constants = "<", 0, []
+    for offset, code in [*places, (len(template), "")]:
+        between = template[end:offset]
+        if any(between):
+            text += f"{len(between)}s"
+            constants.append(between)
+        else:
+            text += f"{len(between)}x"
+        text += code
+        end = offset + struct.calcsize(f"<{code}")
+    return struct.Struct(text).pack, constants
