@@ -36,15 +36,18 @@ def extensions() -> list[Extension]:
     spec.loader.exec_module(compiled)
     sources = [PACKAGE / "tuples.py"]
     sources += [PACKAGE / package / f"{module}.py" for package, modules in MODULES.items() for module in modules]
-    beside = [source.with_name(source.stem + compiled.SUFFIX) for source in sources]
-    if compiled.is_current(PACKAGE) and all(extension.exists() for extension in beside):
+    library = compiled.library(source.parent for source in sources)
+    wanted = {PACKAGE / f"{library}__mypyc{compiled.SUFFIX}"}
+    wanted |= {source.with_name(source.stem + compiled.SUFFIX) for source in sources}
+    there = set(PACKAGE.rglob(f"*{compiled.SUFFIX}"))
+    if there == wanted:
         return []
-    for outdated in PACKAGE.rglob(f"*{compiled.SUFFIX}"):
+    for outdated in there:
         outdated.unlink()
     made: list[Extension] = mypycify(
         ["--follow-imports=silent", *(str(source.relative_to(PACKAGE.parent)) for source in sources)],
         opt_level="2",
-        group_name=f"txt1.{compiled.library(source.parent for source in sources)}",
+        group_name=f"txt1.{library}",
     )
     for one in made:  # a warning of tomorrow's compiler is no reason to do without
         one.extra_compile_args = [flag for flag in one.extra_compile_args if flag != "-Werror"] + FLAGS

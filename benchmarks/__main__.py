@@ -6,7 +6,7 @@ import argparse
 import os
 import platform
 
-from benchmarks import decoder, punctuality, recording, simulation_speed, statistics_cost
+from benchmarks import decoder, learning_time, punctuality, recording, simulation_speed, statistics_cost
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
@@ -14,6 +14,7 @@ BENCHMARKS = {
     "punctuality": punctuality.main,
     "decoder": decoder.main,
     "recording": recording.main,
+    "learning_time": learning_time.main,
 }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from math import isfinite
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from txt1.config import Config
 from txt1.control.limits import Fault, Gate, Limits
@@ -25,6 +25,11 @@ from txt1.tasks.fields import TaskReport
 from txt1.tasks.state import State
 
 OnFault = Callable[[str, BaseException], None]
+
+COLLECT_AFTER: Final = 50_000
+"""New objects after which the collector looks for cycles while a robot runs: the tasks make none, so seldom."""
+
+_COLLECTOR: Final = gc.get_threshold()
 
 
 class Witness(Protocol):
@@ -148,6 +153,7 @@ class Runtime:
         # What exists by now stays: the collector need not look through it in the middle of a cycle.
         gc.collect()
         gc.freeze()
+        gc.set_threshold(COLLECT_AFTER, *_COLLECTOR[1:])
         self.scheduler.start()
 
     async def stop(self) -> None:
@@ -164,6 +170,7 @@ class Runtime:
                 self.scheduler.stop()
             finally:
                 gc.unfreeze()
+                gc.set_threshold(*_COLLECTOR)
                 await self._hardware("closed", self.hal.close())
 
     async def _hardware(self, done: str, action: Coroutine[Any, Any, None]) -> None:

@@ -47,8 +47,8 @@ class _Entry:
     """A task under the scheduler."""
 
     __slots__ = (
-        "add_lateness", "add_run_time", "coroutine", "due_ns", "name", "period_ns", "priority", "queued", "rank",
-        "send", "statistics", "ticks",
+        "coroutine", "due_ns", "name", "period_ns", "priority", "queued", "rank", "run_time", "send", "statistics",
+        "ticks",
     )  # fmt: skip
 
     def __init__(self, name: str, priority: int, rank: int, period: float | None, task: PeriodicTask) -> None:
@@ -62,8 +62,7 @@ class _Entry:
         self.due_ns = 0
         self.queued = False
         self.statistics = TaskStatistics()
-        self.add_lateness = self.statistics.lateness.add
-        self.add_run_time = self.statistics.run_time.add
+        self.run_time = self.statistics.run_time
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -275,7 +274,7 @@ class Scheduler:
                     self._waited(entry)
             except BaseException as error:
                 self._raised(entry, error)
-            entry.add_run_time(stopwatch_ns() - started_ns)
+            entry.run_time.add(stopwatch_ns() - started_ns)
             if not self._running:
                 break
         return self._running
@@ -302,8 +301,8 @@ class Scheduler:
                 self._waited(entry)
         except BaseException as error:  # CancelledError too: asyncio would only log it
             self._raised(entry, error)
-        entry.add_run_time(stopwatch_ns() - started_ns)
-        entry.add_lateness(late_ns)
+        entry.run_time.add(stopwatch_ns() - started_ns)
+        entry.statistics.add_lateness(late_ns)
         entry.ticks.missed = 0  # as it is for a cycle in time
 
     def _waited(self, entry: _Entry) -> None:

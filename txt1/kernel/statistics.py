@@ -98,6 +98,10 @@ class TaskStatistics:
         self._lateness.pad(self.run_time.count)
         return self._lateness
 
+    def add_lateness(self, ns: int) -> None:
+        """Count how late a cycle started, ns."""
+        self._lateness.add(ns)
+
     @property
     def cycles(self) -> int:
         """Cycles run so far."""

@@ -1,6 +1,6 @@
 """Many simulated robots at once, for training that needs millions of steps (extra `fast`: numba).
 
-The vehicles are `txt1.sim.fleet`, the light is the runtime's own `txt1.sim.light.illuminances`. The loops, the odometry
+The vehicles are `txt1.sim.fleet`, the light is the runtime's own `txt1.sim.light.lux_at`. The loops, the odometry
 and the filter are written out here once more, over arrays; tests/unit/learning/test_batch.py holds them against the
 running robot's. Without numba it is the same, slowly.
 """
@@ -92,14 +92,14 @@ def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_
 def _look(robots: Array, noise: Array, light: PointLight) -> None:
     """A sample of the light, through the filter; `noise` is a share of each reading, shape (n, 4)."""
     for i in range(robots.shape[1]):
-        lux = _illuminances(robots[X, i], robots[Y, i], robots[THETA, i], light)
+        lux = _lux_at(robots[X, i], robots[Y, i], robots[THETA, i], light)
         for k in range(4):
             reading = min(max(lux[k] * (1.0 + noise[i, k]), LUX_MIN), LUX_MAX)
             past = robots[FILTERED + k, i]
             robots[FILTERED + k, i] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
 
 
-_illuminances = compiled(source_module("txt1.sim.light").illuminances)
+_lux_at = compiled(source_module("txt1.sim.light").lux_at)
 _control_all = compiled(_control)
 _encode_all = compiled(_encode)
 _look_all = compiled(_look)

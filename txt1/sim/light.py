@@ -62,6 +62,11 @@ SOUND: Final = (Fault.NONE, Fault.NONE, Fault.NONE, Fault.NONE)
 
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
     """Light on each of the four sensors, lux, without noise or limits, for a vehicle at (x, y, theta); m and rad."""
+    return Readings(*lux_at(x, y, theta, light))
+
+
+def lux_at(x: float, y: float, theta: float, light: PointLight) -> tuple[float, float, float, float]:
+    """The same as plain numbers, in the order of the sensors."""
     c, s = cos(theta), sin(theta)
     light_x, light_y, intensity, exponent = light
     dx, dy = light_x - x, light_y - y
@@ -77,7 +82,7 @@ def illuminances(x: float, y: float, theta: float, light: PointLight) -> Reading
     if exponent != 2.0:
         half = 0.5 * exponent
         fl, fr, rl, rr = fl**half, fr**half, rl**half, rr**half
-    return Readings(intensity / fl, intensity / fr, intensity / rl, intensity / rr)
+    return intensity / fl, intensity / fr, intensity / rl, intensity / rr
 
 
 @cache
@@ -167,6 +172,7 @@ class LightSensors:
         self._rng = rng
         self._draws: list[float] = []
         self._faults: tuple[Fault, ...] = SOUND
+        self._broken = False
         self._last: Readings | None = None
 
     @property
@@ -179,11 +185,12 @@ class LightSensors:
         if len(faults) != len(SENSORS):
             raise ValueError(f"one fault for each of {', '.join(SENSORS)} is needed, not {len(faults)}")
         self._faults = tuple(Fault(fault) for fault in faults)
+        self._broken = self._faults != SOUND
 
     def read(self, x: float, y: float, theta: float) -> Readings:
         """The next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
         low, high = self.limits
-        fl, fr, rl, rr = illuminances(x, y, theta, self.light)
+        fl, fr, rl, rr = lux_at(x, y, theta, self.light)
         noise = self.noise
         if noise:
             draws = self._draws
@@ -199,7 +206,7 @@ class LightSensors:
             low if rl < low else high if rl > high else rl,
             low if rr < low else high if rr > high else rr,
         )
-        if self._faults is not SOUND:
+        if self._broken:
             readings = self._break(readings)
         self._last = readings
         return readings
