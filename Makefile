@@ -3,6 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 RUN ?=
+HEADERS := "import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path('include') + '/Python.h'))"
 
 .PHONY: run test test-sources compiled lint bench clean
 
@@ -17,8 +18,8 @@ test-sources: $(VENV)/.dev  ## the tests that concern these modules, without com
 		tests/unit/control tests/unit/tasks tests/unit/model tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
 
 compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run twice as fast
-	@if command -v cc >/dev/null; then $(BIN)/python setup.py --quiet build_ext --inplace; \
-	else echo "no C compiler (cc): everything runs from its Python source, at half the speed"; fi
+	@if command -v cc >/dev/null && $(BIN)/python -c $(HEADERS); then $(BIN)/python setup.py --quiet build_ext --inplace; \
+	else echo "no C compiler (cc) or no Python.h: everything runs from its Python source, at half the speed"; fi
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
