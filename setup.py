@@ -37,7 +37,7 @@ def extensions() -> list[Extension]:
     sources = [PACKAGE / "tuples.py"]
     sources += [PACKAGE / package / f"{module}.py" for package, modules in MODULES.items() for module in modules]
     library = compiled.library(source.parent for source in sources)
-    wanted = {PACKAGE / f"{library}__mypyc{compiled.SUFFIX}"}
+    wanted = {compiled.library_file(PACKAGE, library)}
     wanted |= {source.with_name(source.stem + compiled.SUFFIX) for source in sources}
     there = set(PACKAGE.rglob(f"*{compiled.SUFFIX}"))
     if there == wanted:

@@ -30,10 +30,15 @@ def library(folders: Iterable[Path]) -> str:
     return f"compiled_{digest.hexdigest()[:16]}"
 
 
+def library_file(package: Path, name: str) -> Path:
+    """Where that library is, as mypyc names it."""
+    return package / f"{name}__mypyc{SUFFIX}"
+
+
 def is_current(package: Path) -> bool:
     """Whether the package in this folder is compiled, from the sources that stand there now."""
     folders = [extension.parent for extension in package.rglob(f"*{SUFFIX}")]
-    return (package / f"{library(folders)}__mypyc{SUFFIX}").exists()
+    return library_file(package, library(folders)).exists()
 
 
 class SourceFinder:

@@ -1,6 +1,7 @@
 """The Robot API: every topic, service and setting of the original driver (thesis 3.4.3), in virtual time."""
 
 import asyncio
+import gc
 import runpy
 import sys
 from pathlib import Path
@@ -42,6 +43,13 @@ def test_the_examples_run(example: Path, monkeypatch: pytest.MonkeyPatch, capsys
     monkeypatch.setattr(sys, "argv", [str(example), "max"])
     runpy.run_path(str(example), run_name="__main__")
     assert "Odometry(" in capsys.readouterr().out
+
+
+async def test_the_garbage_collector_looks_seldom_while_a_robot_runs_and_as_before_afterwards() -> None:
+    before = gc.get_threshold()
+    async with Robot.open("sim", seed=1):
+        assert gc.get_threshold()[0] > before[0]
+    assert gc.get_threshold() == before
 
 
 async def test_drive_takes_as_long_as_asked_and_ends_at_rest(robot: Robot) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from txt1.record.definitions import DEFINITIONS, schema_name, schema_text
-from txt1.record.layout import Layout, encode
+from txt1.record.layout import Layout, encode, packer
 from txt1.record.topics import CHANNELS, TOPICS
 
 texts = st.text(st.characters(exclude_characters="\x00", exclude_categories=("Cs",)), max_size=20)
@@ -93,3 +93,13 @@ def test_arrays_of_numbers_go_in_as_they_are(ros: Any, ticks: list[tuple[int, fl
     assert data == encode("txt1_msgs/Ticks", {"task": list(tasks), "time": list(times), "missed": list(missed)})
     read = ros.deserialize_cdr(data, "txt1_msgs/msg/Ticks")
     assert (list(read.task), list(read.time), list(read.missed)) == (list(tasks), list(times), list(missed))
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=2, max_size=2), st.text(alphabet="abc", max_size=9))
+def test_a_template_packed_at_once_is_the_message_itself(values: list[float], frame: str) -> None:
+    layout = Layout("geometry_msgs/TwistStamped", {"header": {"frame_id": frame}})
+    pack, constants = packer(layout.template, [layout.places["twist.linear.x"], layout.places["twist.angular.z"]])
+    assert len(constants) == 1  # the frame, ahead of the numbers; behind it there are only zeros
+    v, omega = values
+    message = {"header": {"frame_id": frame}, "twist": {"linear": {"x": v}, "angular": {"z": omega}}}
+    assert pack(*constants, v, omega) == encode("geometry_msgs/TwistStamped", message)
