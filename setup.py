@@ -13,7 +13,7 @@ from setuptools import Extension, setup
 PACKAGE = Path(__file__).parent / "txt1"
 
 MODULES = {
-    "kernel": ["clock", "scheduler", "statistics"],
+    "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry", "vehicle"],
     "sim": ["battery", "light", "room", "simulator", "vehicle"],
     "control": ["limits", "pid", "runaway"],

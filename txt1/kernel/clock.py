@@ -7,15 +7,15 @@ origin of its own; only differences mean something.
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from typing import Final, Protocol
 
-NS_PER_S = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
-stopwatch_ns = time.perf_counter_ns
+stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
 
 
-wall_ns = time.time_ns
+wall_ns: Final = time.time_ns
 """The time of day, in ns since 1970: for the records, as nothing is timed by it."""
 
 

@@ -18,13 +18,11 @@ from contextvars import Context
 from typing import Any, Final, Literal, TypeVar
 
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
+from txt1.kernel.jumps import Jumps
 
 T = TypeVar("T")
 Speed = float | Literal["max"] | None
 """None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
-
-POLL_EVERY: Final = 64
-"""At full speed the operating system is asked for signals and input once in so many jumps."""
 
 _PR_SET_TIMERSLACK: Final = 29
 
@@ -60,16 +58,16 @@ class _JumpingSelector(selectors.DefaultSelector):
     loop: VirtualTimeLoop
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        loop = self.loop
+        loop, jumps = self.loop, self.loop.jumps
         if timeout is not None and timeout <= 0.0:
-            events = super().select(0) if loop.must_poll() else []
-            if events and loop.speed is not None and not loop.threads_outstanding:
+            events = super().select(0) if jumps.must_poll() else []
+            if events and loop.speed is not None and not jumps.threads_outstanding:
                 loop.catch_up(loop.next_timer_ns())  # input comes at the time it is, however busy the loop was
             return events
-        if timeout is None or loop.threads_outstanding:
+        if timeout is None or jumps.threads_outstanding:
             # Nothing to jump to, or a thread is still computing what happens now: wait for input in real time.
             events = super().select(None)
-            if loop.speed is not None and not loop.threads_outstanding:
+            if loop.speed is not None and not jumps.threads_outstanding:
                 loop.catch_up(None)
             return events
         target = max(loop.clock.now_ns() + 1, loop.next_timer_ns())
@@ -81,7 +79,7 @@ class _JumpingSelector(selectors.DefaultSelector):
                     loop.catch_up(target)
                     return events
         loop.clock.advance_to(target)
-        return super().select(0) if loop.must_poll() else []
+        return super().select(0) if jumps.must_poll() else []
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
@@ -98,13 +96,17 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self, speed: float | None = None) -> None:
         self.clock = VirtualClock()
         self.speed = speed
-        self.threads_outstanding = 0
-        self._jumps = 0
         self._real_start_ns = RealClock().now_ns()
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
         super().__init__(selector)
+        self.jumps = Jumps(self.clock, self._ready, paced=speed is not None)
+
+    @property
+    def timers(self) -> list[asyncio.TimerHandle]:
+        """What is to be called later: a heap."""
+        return self._scheduled
 
     def time(self) -> float:
         """The virtual time in seconds since the loop was made."""
@@ -124,11 +126,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """The instant of the next timer, to the nearest ns; that of the clock when there is none."""
         return nanoseconds(self._scheduled[0].when()) if self._scheduled else self.clock.ns
 
-    def must_poll(self) -> bool:
-        """True once in POLL_EVERY calls: whether to ask the operating system for input this time."""
-        self._jumps += 1
-        return self.speed is not None or self._jumps % POLL_EVERY == 0
-
     def real_seconds_until(self, target_ns: int) -> float:
         """Real seconds to wait before the virtual instant `target_ns` at the loop's speed; negative when late."""
         assert self.speed is not None
@@ -143,22 +140,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             reached = min(limit_ns, reached)
         self.clock.advance_to(max(self.clock.now_ns(), reached))
 
-    def try_jump(self, target_ns: int) -> bool:
-        """True after moving the clock to `target_ns`, if the loop itself would do just that next.
-
-        A callback that knows it is the next to be called saves a turn of the loop. False, and nothing done, when
-        anything else is ready or due first, or when it is time to poll.
-        """
-        if self.speed is not None or self._ready or self.threads_outstanding:
-            return False
-        if self._scheduled and self._scheduled[0].when() * NS_PER_S <= target_ns:
-            return False
-        if (self._jumps + 1) % POLL_EVERY == 0:  # the loop's own jump comes next, and it polls
-            return False
-        self._jumps += 1
-        self.clock.advance_to(target_ns)
-        return True
-
     def run_in_executor(  # type: ignore[override]
         self, executor: Executor | None, func: Callable[..., T], *args: Any
     ) -> asyncio.Future[T]:
@@ -166,7 +147,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         if executor is None:
             executor = self._threads
         job = executor.submit(func, *args)
-        self.threads_outstanding += 1
+        self.jumps.threads_outstanding += 1
         future = asyncio.wrap_future(job, loop=self)
         # Added after wrap_future's own callback, so the result is delivered before time moves on.
         job.add_done_callback(self._report_thread)
@@ -177,7 +158,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             self.call_soon_threadsafe(self._thread_done)
 
     def _thread_done(self) -> None:
-        self.threads_outstanding -= 1
+        self.jumps.threads_outstanding -= 1
 
     async def shutdown_default_executor(self, timeout: float | None = None) -> None:
         """Wait for the threads and end them."""

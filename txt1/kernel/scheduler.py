@@ -31,11 +31,16 @@ from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import NEXT_TICK, Ticks
 
-NEVER: Final = 1 << 62
+NEVER: Final = 1 << 61
 NS_PER_MS: Final = 1_000_000
 MARGIN_MIN_NS: Final = 20_000
 MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
+
+TASKS_BITS: Final = 10
+"""A place in the queue is one number, due time in ns << TASKS_BITS | the task's index: compared sooner than a tuple."""
+TASKS_MAX: Final = 1 << TASKS_BITS
+INDEX: Final = TASKS_MAX - 1
 
 PUNCTUAL_MAX: Final = 1000
 """Cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn."""
@@ -47,14 +52,14 @@ class _Entry:
     """A task under the scheduler."""
 
     __slots__ = (
-        "coroutine", "due_ns", "name", "period_ns", "priority", "queued", "rank", "run_time", "send", "statistics",
+        "coroutine", "due_ns", "index", "name", "period_ns", "priority", "queued", "run_time", "send", "statistics",
         "ticks",
     )  # fmt: skip
 
-    def __init__(self, name: str, priority: int, rank: int, period: float | None, task: PeriodicTask) -> None:
+    def __init__(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
         self.name = name
         self.priority = priority
-        self.rank = rank
+        self.index = 0
         self.period_ns = 0 if period is None else nanoseconds(period)  # 0: on arrival
         self.ticks = Ticks(period)
         self.coroutine = task(self.ticks)
@@ -79,10 +84,12 @@ class Scheduler:
         self._loop = asyncio.get_running_loop()
         self._clock = clock_of(self._loop)
         self._virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
+        self._virtual_clock = None if self._virtual is None else self._virtual.clock
         self._on_fault = on_fault
         self._entries: list[_Entry] = []
-        self._waiting: list[tuple[int, int, _Entry]] = []  # by due time, then rank; what has arrived is due at once
-        self._ready: list[tuple[int, _Entry]] = []  # by rank: what is due, when somebody is late
+        self._ranked: list[_Entry] = []  # by priority, then in the order they were added: an entry's index is in here
+        self._waiting: list[int] = []  # heap by due time, then index; what has arrived is due at once
+        self._ready: list[int] = []  # heap of indices: who is due, when somebody is late
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
@@ -99,7 +106,7 @@ class Scheduler:
         """Add a periodic task: its cycles are due at whole multiples of `period` seconds since the start.
 
         Raises:
-            ValueError: the name is taken, or the period is not positive.
+            ValueError: the name is taken, the period is not positive, or there are TASKS_MAX tasks already.
 
         """
         if not NS_PER_S * period >= 1.0 or period == float("inf"):
@@ -107,7 +114,7 @@ class Scheduler:
         entry = self._add(name, priority, period, task)
         # Added in mid-run, a task starts with the next whole multiple of its period.
         entry.due_ns = -(-self._elapsed_ns() // entry.period_ns) * entry.period_ns if self._running else 0
-        heappush(self._waiting, (entry.due_ns, entry.rank, entry))
+        heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
         self._wake()
 
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
@@ -116,7 +123,7 @@ class Scheduler:
         Arrivals before it has run are one tick: the task drains whatever has come.
 
         Raises:
-            ValueError: the name is taken.
+            ValueError: the name is taken, or there are TASKS_MAX tasks already.
 
         """
         entry = self._add(name, priority, None, task)
@@ -125,7 +132,7 @@ class Scheduler:
             if not entry.queued:
                 entry.queued = True
                 entry.due_ns = self._elapsed_ns() if self._running else 0  # the clock starts anew
-                heappush(self._waiting, (entry.due_ns, entry.rank, entry))
+                heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
                 self._wake()
 
         return notify
@@ -133,11 +140,23 @@ class Scheduler:
     def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> _Entry:
         if any(entry.name == name for entry in self._entries):
             raise ValueError(f"there is a task '{name}' already")
-        entry = _Entry(name, priority, len(self._entries) - priority * 1000, period, task)
+        if len(self._entries) == TASKS_MAX:
+            raise ValueError(f"task '{name}': there are {TASKS_MAX} tasks already, and no room for more")
+        entry = _Entry(name, priority, period, task)
         self._entries.append(entry)
+        self._rank(entry)
         if self._running:
             self._prime(entry)
         return entry
+
+    def _rank(self, entry: _Entry) -> None:
+        """Give a new task its index; those of lower priority move up by one, also where they wait."""
+        index = sum(one.priority >= entry.priority for one in self._ranked)
+        self._ranked.insert(index, entry)
+        for k in range(index, len(self._ranked)):
+            self._ranked[k].index = k
+        for queue in (self._waiting, self._ready):
+            queue[:] = [place + 1 if place & INDEX >= index else place for place in queue]  # in the same order
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name, in the order they were added."""
@@ -195,7 +214,8 @@ class Scheduler:
             self.ended.set_result(None)
 
     def _elapsed_ns(self) -> int:
-        return self._clock.now_ns() - self._origin_ns
+        virtual = self._virtual_clock  # which takes no call to read
+        return (self._clock.now_ns() if virtual is None else virtual.ns) - self._origin_ns
 
     def _prime(self, entry: _Entry) -> None:
         try:
@@ -226,15 +246,14 @@ class Scheduler:
                 if now_ns >= self._stop_ns:
                     self._end()
                     return
-                while waiting and waiting[0][0] <= now_ns:
-                    _, rank, entry = heappop(waiting)
-                    heappush(ready, (rank, entry))
+                while waiting and waiting[0] >> TASKS_BITS <= now_ns:
+                    heappush(ready, heappop(waiting) & INDEX)
                 if ready:
                     if late_cycles > len(self._entries):  # overloaded: signals, input and coroutines have a turn
                         self._timer = self._loop.call_soon(self._dispatch)
                         return
                     late_cycles += 1
-                    entry = heappop(ready)[1]
+                    entry = self._ranked[heappop(ready)]
                     self._cycle(entry, now_ns, self._take_late(entry, now_ns))
                 elif self._jump_to_next():
                     late_cycles = 0
@@ -250,31 +269,35 @@ class Scheduler:
         late, so the heap's own order is that of the priorities. What `_take_late` and `_cycle` do is done here without
         the calls: a simulation does little else.
         """
-        clock, origin_ns, waiting = loop.clock, self._origin_ns, self._waiting
+        clock, jumps, timers, origin_ns = loop.clock, loop.jumps, loop.timers, self._origin_ns
+        waiting, ranked = self._waiting, self._ranked
+        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
         now = self.now
         for _ in range(PUNCTUAL_MAX):
             if not waiting:
                 break
-            due_ns, rank, entry = waiting[0]
+            place = waiting[0]
+            due_ns = place >> TASKS_BITS
             if due_ns >= self._stop_ns:
                 break
             if due_ns != clock.ns - origin_ns:
-                if due_ns < clock.ns - origin_ns or not loop.try_jump(due_ns + origin_ns):
+                if due_ns < clock.ns - origin_ns or not jumps.to(due_ns + origin_ns, timers):
                     break
                 now = due_ns / NS_PER_S
+            entry = ranked[place & INDEX]
             if entry.period_ns:
-                entry.due_ns = due_ns = due_ns + entry.period_ns
-                heapreplace(waiting, (due_ns, rank, entry))
+                entry.due_ns = due_ns + entry.period_ns
+                replace(waiting, place + (entry.period_ns << TASKS_BITS))
             else:
                 heappop(waiting)
                 entry.queued = False
-            started_ns = stopwatch_ns()
+            started_ns = time_ns()
             try:
-                if entry.send(now) is not NEXT_TICK:
+                if entry.send(now) is not next_tick:
                     self._waited(entry)
             except BaseException as error:
                 self._raised(entry, error)
-            entry.run_time.add(stopwatch_ns() - started_ns)
+            entry.run_time.add(time_ns() - started_ns)
             if not self._running:
                 break
         return self._running
@@ -290,7 +313,7 @@ class Scheduler:
         entry.ticks.missed = missed
         entry.statistics.misses += missed
         entry.due_ns += (missed + 1) * period_ns
-        heappush(self._waiting, (entry.due_ns, entry.rank, entry))
+        heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
         return late_ns - missed * period_ns
 
     def _cycle(self, entry: _Entry, now_ns: int, late_ns: int) -> None:
@@ -338,15 +361,16 @@ class Scheduler:
 
     def _next_due_ns(self) -> int:
         """When something is due next, in ns since the start; NEVER when nothing is."""
-        due_ns = self._waiting[0][0] if self._waiting else NEVER
+        due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
         return min(due_ns, self._stop_ns)
 
     def _jump_to_next(self) -> bool:
         """True when virtual time was moved to the next deadline; else a timer is set for it."""
-        due_ns = self._waiting[0][0] if self._waiting else NEVER
+        due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
         if due_ns > self._stop_ns:
             due_ns = self._stop_ns
-        if due_ns != NEVER and self._virtual is not None and self._virtual.try_jump(due_ns + self._origin_ns):
+        virtual = self._virtual
+        if due_ns != NEVER and virtual is not None and virtual.jumps.to(due_ns + self._origin_ns, virtual.timers):
             return True
         self._timer = None
         if due_ns == NEVER:
@@ -363,7 +387,7 @@ class Scheduler:
         A sleeping thread wakes up late by an amount that differs from machine to machine. The margin grows when the
         deadline had passed already and shrinks when it had not, which settles where nine wake-ups of ten are in time.
         """
-        if self._waiting and not self._waiting[0][2].period_ns:
+        if self._waiting and not self._ranked[self._waiting[0] & INDEX].period_ns:
             return  # something has arrived: that is no deadline, and nothing to learn from
         now_ns = self._clock.now_ns
         ahead_ns = self._next_due_ns() + self._origin_ns - now_ns()

@@ -7,13 +7,13 @@ in a few kilobytes, and adding a sample is a shift and an increment.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from txt1.kernel.clock import NS_PER_S
 
-_SUB_BITS = 5
-_SUB = 1 << _SUB_BITS  # buckets per factor of two; the relative error is at most 1 / _SUB
-_EXACT = 2 * _SUB  # below this many ns every value has a bucket of its own
+_SUB_BITS: Final = 5
+_SUB: Final = 1 << _SUB_BITS  # buckets per factor of two; the relative error is at most 1 / _SUB
+_EXACT: Final = 2 * _SUB  # below this many ns every value has a bucket of its own
 
 
 class Percentiles(NamedTuple):
@@ -30,6 +30,7 @@ class Histogram:
 
     def __init__(self) -> None:
         self._counts = [0] * (_EXACT + _SUB * (64 - _SUB_BITS))
+        self._shift = 0
         self.max_ns = 0
 
     @property
@@ -39,12 +40,15 @@ class Histogram:
 
     def add(self, ns: int) -> None:
         """Count one duration in ns; a negative one counts as 0."""
-        if ns < _EXACT:
-            index = ns if ns > 0 else 0
-        else:
-            shift = ns.bit_length() - _SUB_BITS - 1
-            index = (shift << _SUB_BITS) + (ns >> shift)
-        self._counts[index] += 1
+        bucket = ns >> self._shift
+        if not _SUB <= bucket < _EXACT:  # it is not near the last one
+            if ns < _EXACT:
+                ns = max(ns, 0)
+                self._shift = 0
+            else:
+                self._shift = ns.bit_length() - _SUB_BITS - 1
+            bucket = ns >> self._shift
+        self._counts[(self._shift << _SUB_BITS) + bucket] += 1
         if ns > self.max_ns:
             self.max_ns = ns
 

@@ -1,12 +1,8 @@
-"""A task's ticks: what its coroutine loops over.
-
-Not compiled: `Ticks.__anext__` is a generator that serves as an awaitable, which only Python itself understands.
-"""
+"""A task's ticks: what its coroutine loops over."""
 
 from __future__ import annotations
 
-import types
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Final
 
 NEXT_TICK: Final = object()
@@ -19,17 +15,27 @@ class Ticks:
     Attributes:
         period: seconds between two ticks; None for a task that runs on arrival.
         missed: cycles missed immediately before the present one.
+        begins: told the time whenever a cycle begins, where somebody wants to know.
+        ends: called whenever a cycle has ended, before the task waits for the next one.
 
     """
 
     def __init__(self, period: float | None) -> None:
         self.period = period
         self.missed = 0
+        self.begins: Callable[[float], None] | None = None
+        self.ends: Callable[[], None] | None = None
 
     def __aiter__(self) -> Ticks:
         return self
 
-    @types.coroutine
-    def __anext__(self) -> Generator[object, float, float]:
+    def __anext__(self) -> Ticks:
+        return self
+
+    def __await__(self) -> Generator[object, float, float]:
+        if self.ends is not None:
+            self.ends()
         now = yield NEXT_TICK
+        if self.begins is not None:
+            self.begins(now)
         return now

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import types
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from functools import partial
@@ -310,12 +309,26 @@ class Recorder:
         if name not in ROBOT_TASKS:
             self._input(self._runtime.now, "task", name, 0.0, (float(priority), period or 0.0))
             return partial(self._named, name, task)
-        number, keep = ROBOT_TASKS.index(name), self._ticks.append
-        return (lambda ticks: task(_KeptTicks(ticks, keep, number))) if self._keeps_ticks else task
+        return partial(self._kept, ROBOT_TASKS.index(name), task) if self._keeps_ticks else task
+
+    def _kept(self, number: int, task: PeriodicTask, ticks: Ticks) -> Coroutine[Any, Any, None]:
+        """One of the robot's own tasks, of which it is kept when it ran."""
+        keep = self._ticks.append
+        ticks.begins = lambda now: keep((number, now, ticks.missed))
+        return task(ticks)
 
     async def _named(self, name: str, task: PeriodicTask, ticks: Ticks) -> None:
+        """A task of the user's, which is the source of what comes in while it is at work."""
+
+        def begins(_: float) -> None:
+            self.source = name
+
+        def ends() -> None:
+            self.source = ""
+
+        ticks.begins, ticks.ends = begins, ends
         try:
-            await task(_NamedTicks(ticks, self, name))
+            await task(ticks)
         except Exception as error:
             self.failed(error)
             raise
@@ -362,47 +375,6 @@ class Recorder:
                 except Exception as error:
                     self._failure = RecordingError(f"the recorder failed: {error!r}")
                     self._failure.__cause__ = error
-
-
-class _RelayedTicks(Ticks):
-    """The ticks of a task, which pass through here."""
-
-    def __init__(self, ticks: Ticks) -> None:
-        self._ticks = ticks
-        self.period = ticks.period
-
-    @property
-    def missed(self) -> int:  # type: ignore[override]
-        return self._ticks.missed
-
-
-class _NamedTicks(_RelayedTicks):
-    """They tell when the task's step begins and ends."""
-
-    def __init__(self, ticks: Ticks, recorder: Recorder, name: str) -> None:
-        super().__init__(ticks)
-        self._recorder, self._name = recorder, name
-
-    @types.coroutine
-    def __anext__(self) -> Generator[object, float, float]:
-        self._recorder.source = ""
-        now = yield from self._ticks.__anext__()
-        self._recorder.source = self._name
-        return now
-
-
-class _KeptTicks(_RelayedTicks):
-    """They are kept."""
-
-    def __init__(self, ticks: Ticks, keep: Callable[[Tick], None], number: int) -> None:
-        super().__init__(ticks)
-        self._keep, self._number = keep, number
-
-    @types.coroutine
-    def __anext__(self) -> Generator[object, float, float]:
-        now = yield from self._ticks.__anext__()
-        self._keep((self._number, now, self._ticks.missed))
-        return now
 
 
 def numbers(message: Message) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 import pytest
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from txt1.errors import TaskFault
 from txt1.kernel import Scheduler, Ticks, VirtualClock, clock_of, run
+from txt1.kernel.scheduler import TASKS_MAX
 
 MS = 1_000_000
 Log = list[tuple[int, str]]
@@ -583,6 +584,60 @@ def test_a_task_may_add_another_one() -> None:
         return log
 
     assert run(main(), speed="max") == [(k * MS, "child") for k in (40, 60, 80)]
+
+
+@given(
+    st.lists(st.tuples(st.integers(-3, 5), st.sampled_from([20, 30, 50])), min_size=2, max_size=8),
+    st.integers(0, 8),
+    st.integers(0, 60),
+)
+def test_a_task_added_while_others_wait_or_are_late_falls_in_by_priority_and_disturbs_no_deadline(
+    specs: list[tuple[int, int]], early: int, stall: int
+) -> None:
+    async def main() -> Log:
+        log: Log = []
+        scheduler = Scheduler(no_fault)
+
+        def add(numbers: range) -> None:
+            for number in numbers:
+                priority, period = specs[number]
+                scheduler.add(str(number), priority, period / 1000, logging_task(str(number), log))
+
+        async def adder(ticks: Ticks) -> None:
+            async for now in ticks:
+                if now == 0.3:
+                    virtual_clock().spend(stall / 1000)  # what was due meanwhile is ready, and waits for its turn
+                    add(range(early, len(specs)))
+
+        add(range(min(early, len(specs))))
+        scheduler.add("adder", 6, 0.1, adder)
+        scheduler.start()
+        scheduler.end_at(0.6)
+        await scheduler.ended
+        return log
+
+    log = run(main(), speed="max")
+
+    def punctual(instants: Iterable[int]) -> list[int]:
+        return [at for at in instants if not 300 * MS <= at <= (300 + stall) * MS]
+
+    for number, (_, period) in enumerate(specs):
+        due = range(0 if number < early else -(-(300 + stall) // period) * period * MS, 600 * MS, period * MS)
+        assert punctual(at for at, name in log if name == str(number)) == punctual(due)
+    order = [(at, -specs[int(name)][0], int(name)) for at, name in log]
+    assert order == sorted(order)
+
+
+def test_there_is_room_for_a_thousand_tasks_and_no_more() -> None:
+    async def main() -> None:
+        scheduler = Scheduler(no_fault)
+        for number in range(TASKS_MAX):
+            scheduler.add(str(number), 1, 1.0, idle)
+        with pytest.raises(ValueError, match=f"task 'one more': there are {TASKS_MAX} tasks already"):
+            scheduler.add("one more", 1, 1.0, idle)
+        scheduler.stop()
+
+    run(main(), speed="max")
 
 
 def test_a_name_is_given_only_once() -> None:

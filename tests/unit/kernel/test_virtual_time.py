@@ -277,7 +277,7 @@ def test_a_job_cancelled_before_it_began_does_not_stop_time_for_ever() -> None:
             release.set()
             await busy
             await asyncio.sleep(1.0)
-        assert virtual_loop().threads_outstanding == 0
+        assert virtual_loop().jumps.threads_outstanding == 0
         return now_ns()
 
     assert run(main(), speed="max") == 10**9
@@ -535,8 +535,8 @@ def test_a_callback_may_jump_only_when_nothing_else_comes_first() -> None:
         loop = virtual_loop()
 
         def jumps_to(ns: int) -> bool:
-            loop._jumps = 0  # not this time the polling
-            return loop.try_jump(ns)
+            loop.jumps.made = 0  # not this time the polling
+            return loop.jumps.to(ns, loop.timers)
 
         assert jumps_to(10)
         assert now_ns() == 10
@@ -550,9 +550,9 @@ def test_a_callback_may_jump_only_when_nothing_else_comes_first() -> None:
         assert not jumps_to(100), "a callback is ready"
         await asyncio.sleep(0)
         assert jumps_to(100)
-        loop.threads_outstanding += 1
+        loop.jumps.threads_outstanding += 1
         assert not jumps_to(200), "a thread is computing"
-        loop.threads_outstanding -= 1
+        loop.jumps.threads_outstanding -= 1
         assert now_ns() == 100
 
     run(main(), speed="max")
@@ -560,6 +560,7 @@ def test_a_callback_may_jump_only_when_nothing_else_comes_first() -> None:
 
 def test_paced_time_is_not_jumped_by_a_callback() -> None:
     async def main() -> bool:
-        return virtual_loop().try_jump(10)
+        loop = virtual_loop()
+        return loop.jumps.to(10, loop.timers)
 
     assert run(main(), speed=1e6) is False
