@@ -5,6 +5,8 @@ All randomness comes from the generator that is passed in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import exp, inf
 from typing import Any
 
 import numpy as np
@@ -17,11 +19,13 @@ Row = NDArray[np.floating[Any]]
 # -- policies ----------------------------------------------------------------------------------------------------
 
 
-def boltzmann(q: Row, temperature: float) -> NDArray[np.float64]:
-    """Probabilities of the actions, exp(Q / T) / sum of exp(Q / T) (5.2); shape of q, actions along the last axis.
+def boltzmann(q: Row, temperature: float) -> list[float]:
+    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
 
     The largest Q is subtracted first, which changes nothing in the quotient and keeps every exponent at or below 0: no
     temperature and no Q overflows. Towards T = 0 it is the greedy policy (5.4), towards infinity a uniform one (5.3).
+
+    Plain numbers, as for so few of them an array costs ten times as much.
 
     Raises:
         ValueError: T is not positive, or a Q-value is not finite.
@@ -29,22 +33,25 @@ def boltzmann(q: Row, temperature: float) -> NDArray[np.float64]:
     """
     if not temperature > 0.0:
         raise ValueError(f"a temperature is positive, not {temperature:g}")
-    _check(q)
-    below = np.asarray(q, float) - np.max(q, axis=-1, keepdims=True)
-    with np.errstate(under="ignore", over="ignore"):  # a hopeless action's probability is 0
-        weights = np.exp(below / temperature)
-    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+    values: list[float] = q.tolist()
+    _check(values)
+    largest = max(values)
+    weights = [exp((value - largest) / temperature) for value in values]
+    total = 0.0
+    for weight in weights:
+        total += weight
+    return [weight / total for weight in weights]
 
 
-def choose(probabilities: Row, rng: np.random.Generator) -> int:
+def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
     """An action drawn with these probabilities: the one whose share of their cumulative sum holds a random number."""
     u = rng.random()
     cumulative = 0.0
-    for action, probability in enumerate(probabilities.tolist()):
+    for action, probability in enumerate(probabilities):
         cumulative += probability
         if u < cumulative:
             return action
-    return int(np.argmax(probabilities))  # the sum was rounded to a little less than 1
+    return max(range(len(probabilities)), key=probabilities.__getitem__)  # the sum was rounded to a little less than 1
 
 
 def boltzmann_action(q: Row, temperature: float, rng: np.random.Generator) -> int:
@@ -61,9 +68,11 @@ def greedy_action(q: Row, rng: np.random.Generator) -> int:
         ValueError: a Q-value is not finite.
 
     """
-    _check(q)
-    best = np.flatnonzero(q == np.max(q))
-    return int(best[0]) if len(best) == 1 else int(rng.choice(best))
+    values: list[float] = q.tolist()
+    _check(values)
+    largest = max(values)
+    best = [action for action, value in enumerate(values) if value == largest]
+    return best[0] if len(best) == 1 else int(rng.choice(best))
 
 
 def random_action(actions: int, rng: np.random.Generator) -> int:
@@ -71,10 +80,11 @@ def random_action(actions: int, rng: np.random.Generator) -> int:
     return int(rng.integers(actions))
 
 
-def _check(q: Row) -> None:
+def _check(values: list[float]) -> None:
     """Refuse Q-values that no comparison can order."""
-    if not np.isfinite(q).all():
-        raise ValueError(f"Q-values are finite numbers, not {np.asarray(q).tolist()}")
+    for value in values:
+        if not -inf < value < inf:
+            raise ValueError(f"Q-values are finite numbers, not {values}")
 
 
 # -- schedules ---------------------------------------------------------------------------------------------------
