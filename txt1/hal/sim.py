@@ -11,7 +11,7 @@ from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.simulator import Simulator
 from txt1.tuples import quick
 
-make_inputs = quick(Inputs)
+make_inputs: Final = quick(Inputs)
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
@@ -55,21 +55,8 @@ class SimHal:
 
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
-        simulator = self.simulator
-        simulator.advance_to(now)
-        state = simulator.state
-        return make_inputs(
-            simulator.encoder_counts(),
-            None,
-            now,
-            simulator.battery_readings(),
-            simulator.cut_off,
-            NO_BUTTON,
-            BACKLIGHT,
-            (state.x, state.y, state.theta),
-            None,
-            None,
-        )
+        counts, batteries, cut_off, pose = self.simulator.sense(now)
+        return make_inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""

@@ -13,7 +13,7 @@ from typing import Final
 from txt1.control.limits import Limits, clip
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
 from txt1.learning.sensors import LightSource
-from txt1.learning.trial import Phase, Pose, Trial
+from txt1.learning.trial import DONE, DRIVE, MOVE, REST, Pose, Trial
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import STEERING_MAX
 from txt1.sim.simulator import Simulator
@@ -43,7 +43,7 @@ class Bench:
     def __init__(self, simulator: Simulator, limits: Limits) -> None:
         self.simulator = simulator
         self.odometry = Odometry()
-        self.pose: Pose = (simulator.state.x, simulator.state.y, simulator.state.theta)
+        self.pose: Pose = simulator.pose
         self.command = (0.0, 0.0)
         self._limits = limits
         self._loops = VelocityLoops()
@@ -76,8 +76,7 @@ class Bench:
             )
             self.odometry = advance(self.odometry, v, omega, dt)
             self._still = not (right or left)
-        state = simulator.state
-        self.pose = (state.x, state.y, state.theta)
+        self.pose = simulator.pose
 
 
 def run_trial(trial: Trial, simulator: Simulator, source: LightSource, limits: Limits, first_ms: int = 0) -> None:
@@ -99,17 +98,16 @@ def run_trial(trial: Trial, simulator: Simulator, source: LightSource, limits: L
         elif ms < first_ms:
             continue
         elif what == LIGHT:
-            if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
+            if trial.phase is REST or trial.phase is DRIVE:
                 simulator.advance_to(now)
-                state = simulator.state
-                trial.agent.see(source.read((state.x, state.y, state.theta)), bench.odometry)
+                trial.agent.see(source.read(simulator.pose), bench.odometry)
         else:
-            if trial.phase is Phase.MOVE and bench.odometry.v == bench.odometry.omega == 0.0:
+            if trial.phase is MOVE and bench.odometry.v == bench.odometry.omega == 0.0:
                 simulator.advance_to(now)
                 simulator.place(*trial.start)
                 trial.placed(now)
             bench.command = trial.tick(now, True, bench.pose, bench.odometry)
-            if trial.phase is Phase.DONE:
+            if trial.phase is DONE:
                 return
 
 

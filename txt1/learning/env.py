@@ -118,8 +118,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
                 bench.control(ms / 1000.0)
             elif what == LIGHT:
                 simulator.advance_to(ms / 1000.0)
-                state = simulator.state
-                self._filter.step(self._source.read((state.x, state.y, state.theta)))
+                self._filter.step(self._source.read(simulator.pose))
         self._ms += duration_ms
 
     def _state(self, otherwise: int) -> int:

@@ -137,6 +137,10 @@ def spread_limit(
     return float(((nearest + r) / (nearest - r)) ** exponent * exp(4.0 * sqrt(2.0) * filtered))
 
 
+Lux = tuple[float, float, float, float]
+"""`Readings` as plain numbers, which cost less to make."""
+
+
 class LightFilter:
     """I(t) = w I(t-1) + (1 - w) I'(t) (5.10), and a watch over the four sensors; see the module for its rules.
 
@@ -151,7 +155,7 @@ class LightFilter:
 
     """
 
-    __slots__ = ("_changes", "_latest", "_samples", "high", "low", "readings", "spread", "weight")
+    __slots__ = ("_changes", "_filtered", "_latest", "_samples", "high", "low", "spread", "weight")
 
     def __init__(
         self, weight: float = FILTER_WEIGHT, spread: float | None = None, low: float = LUX_MIN, high: float = LUX_MAX
@@ -166,19 +170,23 @@ class LightFilter:
 
     def clear(self) -> None:
         """Forget the past: the next sample is the first."""
-        self.readings: Readings | None = None
-        """The filtered readings, lux; None before the first sample."""
-        self._latest: Readings | None = None
+        self._filtered: Lux = (0.0, 0.0, 0.0, 0.0)
+        self._latest: Lux = (0.0, 0.0, 0.0, 0.0)
         self._samples = 0
         self._changes = [0, 0, 0, 0]
+
+    @property
+    def readings(self) -> Readings | None:
+        """The filtered readings, lux; None before the first sample."""
+        return Readings(*self._filtered) if self._samples else None
 
     @property
     def settled(self) -> bool:
         """Whether enough samples have passed that the readings are filtered and the watch is on duty."""
         return self._samples >= SETTLING_SAMPLES
 
-    def step(self, sample: Readings) -> Readings:
-        """The filtered readings with this sample, lux.
+    def step(self, sample: Readings) -> None:
+        """Take in a sample, lux.
 
         Raises:
             LightFault: a sensor cannot be believed.
@@ -187,32 +195,36 @@ class LightFilter:
         fl, fr, rl, rr = sample
         if not (0.0 <= fl < inf and 0.0 <= fr < inf and 0.0 <= rl < inf and 0.0 <= rr < inf):
             _refuse(sample)
-        past, w = self.readings, self.weight
-        if past is None:
-            now = sample
-        else:
-            now = Readings(
-                w * past[0] + (1.0 - w) * fl,
-                w * past[1] + (1.0 - w) * fr,
-                w * past[2] + (1.0 - w) * rl,
-                w * past[3] + (1.0 - w) * rr,
-            )
-        if self._samples >= SETTLING_SAMPLES and max(now) > self.spread * min(now):
-            raise _odd_one_out(now)
-        self._watch_changes(sample)
-        self.readings = now
-        self._latest = sample
-        self._samples += 1
-        return now
-
-    def _watch_changes(self, sample: Readings) -> None:
-        """Raise when one sensor has frozen and the others have not."""
-        if self._latest is None:
+        if not self._samples:
+            self._filtered = self._latest = fl, fr, rl, rr
+            self._samples = 1
             return
-        changes = self._changes
-        for k in range(4):
-            if sample[k] != self._latest[k]:
-                changes[k] += 1
+        past_fl, past_fr, past_rl, past_rr = self._filtered
+        w = self.weight
+        now_fl = w * past_fl + (1.0 - w) * fl
+        now_fr = w * past_fr + (1.0 - w) * fr
+        now_rl = w * past_rl + (1.0 - w) * rl
+        now_rr = w * past_rr + (1.0 - w) * rr
+        if self._samples >= SETTLING_SAMPLES:
+            brightest = max(max(now_fl, now_fr), max(now_rl, now_rr))
+            if brightest > self.spread * min(min(now_fl, now_fr), min(now_rl, now_rr)):
+                raise _odd_one_out(Readings(now_fl, now_fr, now_rl, now_rr))
+        self._watch_changes((fl, fr, rl, rr))
+        self._filtered = now_fl, now_fr, now_rl, now_rr
+        self._latest = fl, fr, rl, rr
+        self._samples += 1
+
+    def _watch_changes(self, sample: Lux) -> None:
+        """Raise when one sensor has frozen and the others have not."""
+        changes, before = self._changes, self._latest
+        if sample[0] != before[0]:
+            changes[0] += 1
+        if sample[1] != before[1]:
+            changes[1] += 1
+        if sample[2] != before[2]:
+            changes[2] += 1
+        if sample[3] != before[3]:
+            changes[3] += 1
         if self._samples % FROZEN_SAMPLES:
             return
         self._changes = [0, 0, 0, 0]

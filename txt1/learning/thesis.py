@@ -102,7 +102,7 @@ class ThesisAgent:
         self._commands = commands
         self._direction = direction if settings.direction == "summed" else corrected_direction
         self._filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
-        self._sample: Readings | None = None
+        self._sample: Readings | None = None  # where there is no filter
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
 
@@ -121,8 +121,9 @@ class ThesisAgent:
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
         del odometry
-        filtered = self._filter.step(readings)
-        self._sample = filtered if self.settings.filtered else readings
+        self._filter.step(readings)
+        if not self.settings.filtered:
+            self._sample = readings
 
     @property
     def ready(self) -> bool:
@@ -131,9 +132,10 @@ class ThesisAgent:
 
     def state(self) -> int | None:
         """The sector the light is in now; None where the sensors tell no direction."""
-        assert self._sample is not None
+        sample = self._filter.readings if self.settings.filtered else self._sample
+        assert sample is not None
         try:
-            return sector(self._direction(self._sample))
+            return sector(self._direction(sample))
         except NoDirection:
             return None
 

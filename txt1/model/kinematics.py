@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from math import atan, cos, pi, sin, tan
+from typing import Final
 
-TWO_PI = 2.0 * pi
+TWO_PI: Final = 2.0 * pi
 
 
 def wrap_angle(angle: float) -> float:

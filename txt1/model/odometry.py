@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from txt1.model.kinematics import move_along_arc
 from txt1.model.vehicle import Geometry
@@ -28,7 +28,7 @@ class Odometry(NamedTuple):
     omega: float = 0.0
 
 
-make_odometry = quick(Odometry)
+make_odometry: Final = quick(Odometry)
 
 
 def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
@@ -50,7 +50,7 @@ def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
     """The odometry after moving for dt seconds at constant (v, omega)."""
     if v == 0.0 and omega == 0.0:
-        return Odometry(odometry.x, odometry.y, odometry.theta)
+        return make_odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
     distance = v * dt
     if abs(distance) > 1e-15:  # m; the curvature of less than that could overflow
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)

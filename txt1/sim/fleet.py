@@ -1,9 +1,9 @@
-"""Many vehicles at once: `txt1.sim.vehicle.advance` in a form that a compiler makes vector instructions of.
+"""Many vehicles at once: `txt1.sim.vehicle.move` in a form that a compiler makes vector instructions of.
 
 For vehicles that are driven and steer front and rear by opposite angles, as the velocity loops do. One pass over the
 arrays moves each of them by one piece of its tick, with the same equations in the same order; where the functions of
 `math` would break the vectors, series that are exact to the last bits of a double stand for them. Vehicles that coast
-go through `advance` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
+go through `txt1.sim.vehicle.move` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
 
 numba compiles it (extra `fast`). Without numba it is the same, slowly.
 """
@@ -99,7 +99,7 @@ def _drive(
     x: Array, y: Array, theta: Array, v: Array, phi: Array, right: Array, left: Array, target: Array, remaining: Array,
     motor: Array, drag: Array, p: VehicleParameters,
 ) -> float:  # fmt: skip
-    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `advance`."""
+    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `vehicle.move`."""
     (
         wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, _, _,
         servo_rate, scrub, slip, understeer, ramp_step,
@@ -156,7 +156,7 @@ _drive_compiled = compiled(_drive, reorder=True)
 
 # numba compiles Python functions, and `txt1.sim.vehicle` may be an extension by now
 _vehicle = source_module("txt1.sim.vehicle")
-_advance, _State = compiled(_vehicle.advance), _vehicle.VehicleState
+_move_one = compiled(_vehicle.move)
 
 
 def _move(
@@ -181,13 +181,13 @@ def _move(
         target[i] = p.steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
         remaining[i] = dt
         if abs(motor[i]) <= p.dead_band or not series_suffice:
-            before = _State(
+            before = (
                 fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i], fleet[PHI, i], -fleet[PHI, i],
                 fleet[RIGHT, i], fleet[LEFT, i],
             )  # fmt: skip
-            s = _advance(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
-            fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i] = s.x, s.y, s.theta, s.v
-            fleet[PHI, i], fleet[RIGHT, i], fleet[LEFT, i] = s.phi_front, s.right, s.left
+            x, y, theta, v, phi, _, right, left = _move_one(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
+            fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i] = x, y, theta, v
+            fleet[PHI, i], fleet[RIGHT, i], fleet[LEFT, i] = phi, right, left
             remaining[i] = 0.0
     while (
         _drive_compiled(

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings, make_readings
 
 NEAREST: Final = 0.03**2
 """Square of the lamp's radius, m^2: nearer than this it gets no brighter."""
@@ -73,8 +73,8 @@ def lux_at(x: float, y: float, theta: float, light: PointLight) -> tuple[float, 
     # the light in the vehicle's frame
     ahead = c * dx + s * dy
     left = c * dy - s * dx
-    front, rear = (ahead - SENSOR_X) ** 2, (ahead + SENSOR_X) ** 2
-    port, starboard = (left - SENSOR_Y) ** 2, (left + SENSOR_Y) ** 2
+    front, rear = (ahead - SENSOR_X) * (ahead - SENSOR_X), (ahead + SENSOR_X) * (ahead + SENSOR_X)
+    port, starboard = (left - SENSOR_Y) * (left - SENSOR_Y), (left + SENSOR_Y) * (left + SENSOR_Y)
     # I = I(1 m) / d^n, from the squares of the distances
     fl, fr, rl, rr = front + port, front + starboard, rear + port, rear + starboard
     if fl < NEAREST or fr < NEAREST or rl < NEAREST or rr < NEAREST:
@@ -200,7 +200,7 @@ class LightSensors:
             fr *= 1.0 + noise * draws.pop()
             rl *= 1.0 + noise * draws.pop()
             rr *= 1.0 + noise * draws.pop()
-        readings = Readings(
+        readings = make_readings(
             low if fl < low else high if fl > high else fl,
             low if fr < low else high if fr > high else fr,
             low if rl < low else high if rl > high else rl,

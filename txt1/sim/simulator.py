@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import floor, hypot, isfinite
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,15 +12,15 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Load, Packs, discharge
 from txt1.sim.room import Room, clearance
-from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+from txt1.sim.vehicle import Motion, VehicleParameters, VehicleState, move
 
-NOISE_RATE = 50
+NOISE_RATE: Final = 50
 """The floor's drag changes so many times a second."""
 
-SETTLE_PERIOD = 1.0
+SETTLE_PERIOD: Final = 1.0
 """The packs' charge is brought up to date once in so many seconds."""
 
-BATTERY_NOISE_PERIOD = 1.0
+BATTERY_NOISE_PERIOD: Final = 1.0
 """A voltage reading is good for so many seconds."""
 
 
@@ -92,7 +92,8 @@ class Simulator:
         self._drag_rng = np.random.default_rng(drag_seed)
         self._battery_rng = np.random.default_rng(battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
-        self._right_counts, self._left_counts = np.random.default_rng(phase_seed).random(2).tolist()
+        phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
+        self._right_counts, self._left_counts = phases[0], phases[1]
         self._drags: list[float] = []
         self._drag = 0.0
         self._drag_count = 0
@@ -112,8 +113,22 @@ class Simulator:
         # as long as the centre is inside this, the walls are out of reach whatever the heading
         reach = 0.5 * hypot(body.length, body.width)
         self._free = 0.5 * room.length - reach, 0.5 * room.width - reach
-        self.state = VehicleState()
+        self._motion: Motion = VehicleState()
         self.place(*start)
+
+    @property
+    def state(self) -> VehicleState:
+        """Where the vehicle is and what it does."""
+        return VehicleState(*self._motion)
+
+    @state.setter
+    def state(self, state: VehicleState) -> None:
+        self._motion = state
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The vehicle's pose (x, y, theta) in the room, m and rad."""
+        return self._motion[:3]
 
     # -- outputs -----------------------------------------------------------------------------------------------
 
@@ -155,26 +170,26 @@ class Simulator:
         motor, front, rear = self._outputs
         if self.cut_off or not self.esc_on:
             motor = 0.0
-        before = self.state
-        after = advance(before, motor, front, rear, dt, self._drag, self.parameters)
-        if after is not before:
+        before = self._motion
+        after = move(before, motor, front, rear, dt, self._drag, self.parameters)
+        if after != before:
             self._moved(before, after)
         if abs(motor) > self.parameters.dead_band:
             self._drawn += dt
         else:
             self._drawn += dt * (self.load.idle if self.atx_on else self.load.standby)
 
-    def _moved(self, before: VehicleState, after: VehicleState) -> None:
+    def _moved(self, before: Motion, after: Motion) -> None:
         """Stop at a wall, and count what the encoders see."""
         x_free, y_free = self._free
-        if not (-x_free < after.x < x_free and -y_free < after.y < y_free):
-            after = self._stop_at_wall(before, after)
-        self.state = after
+        if not (-x_free < after[0] < x_free and -y_free < after[1] < y_free):
+            after = self._stop_at_wall(VehicleState(*before), VehicleState(*after))
+        self._motion = after
         if self.atx_on and not self.cut_off:  # without the ATX supply's 5 V the encoders see nothing
             if not self.faults.right_encoder:
-                self._right_counts += (after.right - before.right) * self._counts_per_m
+                self._right_counts += (after[6] - before[6]) * self._counts_per_m
             if not self.faults.left_encoder:
-                self._left_counts += (after.left - before.left) * self._counts_per_m
+                self._left_counts += (after[7] - before[7]) * self._counts_per_m
 
     def _settle_batteries(self) -> None:
         """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
@@ -205,6 +220,11 @@ class Simulator:
         self._drag_ends = self._drag_count / NOISE_RATE
 
     # -- sensors -----------------------------------------------------------------------------------------------
+
+    def sense(self, time: float) -> tuple[tuple[int, int], tuple[float, float], bool, tuple[float, float, float]]:
+        """All that a HAL reports, at `time`: encoder counts, battery readings (V), whether they are cut off, pose."""
+        self.advance_to(time)
+        return self.encoder_counts(), self.battery_readings(), self.cut_off, self.pose
 
     def encoder_counts(self) -> tuple[int, int]:
         """Counts of the right and left encoder since the start, forward positive."""

@@ -101,7 +101,11 @@ def test_with_the_sensors_limits_it_is_the_same_jitter() -> None:
 
 def test_the_filter_makes_7_degrees_of_45() -> None:
     seen, sense = sensors(noise_for_jitter(), seed=9), LightFilter()
-    directions = [direction(sense.step(seen.read(-1.25, 0.0, 0.0))) for _ in range(20_000)]
+    directions = []
+    for _ in range(20_000):
+        sense.step(seen.read(-1.25, 0.0, 0.0))
+        assert sense.readings is not None
+        directions.append(direction(sense.readings))
     assert 6.0 < degrees(np.quantile(np.abs(directions[200:]), 0.95)) < 8.0
 
 
