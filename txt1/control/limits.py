@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
-from math import isfinite, trunc
-from typing import NamedTuple
+from math import inf, isfinite
+from typing import Final, NamedTuple
 
 from txt1.control.runaway import RunawayWatch
 from txt1.model.kinematics import yaw_rate_max
@@ -102,7 +102,7 @@ class Outputs(NamedTuple):
     omega: float = 0.0
 
 
-make_outputs = quick(Outputs)
+make_outputs: Final = quick(Outputs)
 
 
 def clip(value: float, limit: float) -> float:
@@ -196,7 +196,7 @@ class Gate:
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
-        if not (isfinite(v) and isfinite(omega)):
+        if not (-inf < v < inf and -inf < omega < inf):
             self.count(Fault.NOT_FINITE)
             return None
         limited = limit_velocity(v, omega, self.limits)
@@ -262,7 +262,7 @@ class Gate:
         """
         if not (self.armed and self._fresh):
             return self.neutral(servos)
-        if not isfinite(motor + front + rear + v + omega):  # one that is not finite spoils the sum
+        if not -inf < motor + front + rear + v + omega < inf:  # one that is not finite spoils the sum
             self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
         if abs(motor) > self.limits.motor_max:
@@ -272,10 +272,10 @@ class Gate:
             self.count(Fault.STEERING)
             front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
         v, omega = limit_velocity(v, omega, self.limits)
-        self._motor = trunc(motor)
+        self._motor = int(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos
-        return make_outputs(self._motor, trunc(front), trunc(rear), pwm4, pwm5, v, omega)
+        return make_outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 

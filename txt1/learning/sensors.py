@@ -34,7 +34,8 @@ class SimulatedSensors:
         """The present readings, lux."""
         if pose is None:
             raise HalError("simulated light sensors see from the true pose, and this HAL does not know it")
-        return self._sensors.read(*pose)
+        x, y, theta = pose
+        return self._sensors.read(x, y, theta)
 
     def close(self) -> None:
         """Nothing to let go of."""

@@ -17,7 +17,7 @@ from txt1.config import Config
 from txt1.errors import HalError, NotArmed
 from txt1.kernel.ticks import Ticks
 from txt1.learning.sensors import Compass, LightSource, PhidgetSensors, SimulatedSensors
-from txt1.learning.trial import TICK, Phase, Task, Trial
+from txt1.learning.trial import DONE, DRIVE, MOVE, REST, TICK, Task, Trial
 from txt1.model.light import SAMPLE_PERIOD, Readings
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
@@ -94,16 +94,17 @@ class LearningTask:
 
     async def light(self, ticks: Ticks) -> None:
         """Show the agent every sample of the light while a repetition is on."""
-        robot, trial, source = self._robot, self.trial, self._source
-        sees_pose = robot.hal.capabilities.pose
+        trial, source, observer = self.trial, self._source, self._observer
+        runtime = self._robot.runtime
+        look, state = runtime.look, runtime.state
+        sees_pose = self._robot.hal.capabilities.pose
         try:
             async for _ in ticks:
-                if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
-                    pose = robot.runtime.look().pose if sees_pose else None
-                    lux = source.read(pose)
-                    if self._observer is not None:
-                        self._observer.light(lux)
-                    trial.agent.see(lux, robot.odometry)
+                if trial.phase is REST or trial.phase is DRIVE:
+                    lux = source.read(look().pose if sees_pose else None)
+                    if observer is not None:
+                        observer.light(lux)
+                    trial.agent.see(lux, state.odometry)
         finally:
             source.close()
 
@@ -118,12 +119,12 @@ class LearningTask:
                     self._let_go()
                     if not robot.armed:
                         trial.void()
-                    trial.phase = Phase.DONE
+                    trial.phase = DONE
                     robot.command(0.0, 0.0)
                     self.ended.set()
                     continue
                 pose = self._pose.read()
-                if trial.phase is Phase.MOVE:
+                if trial.phase is MOVE:
                     if not self._moved(now):
                         continue
                     pose = self._pose.read()
@@ -132,8 +133,9 @@ class LearningTask:
                     robot.command(0.0, 0.0)
                     continue
                 before = trial.phase
-                robot.command(*trial.tick(now, robot.armed, pose, robot.odometry))
-                if trial.phase is Phase.DONE:
+                v, omega = trial.tick(now, robot.armed, pose, robot.odometry)
+                robot.command(v, omega)
+                if trial.phase is DONE:
                     self.ended.set()
                 elif trial.phase is not before:
                     robot.tell(f"repetition {len(trial.repetitions) + 1} {trial.phase.value}")

@@ -101,6 +101,12 @@ class Phase(StrEnum):
     DONE = "has done all repetitions"
 
 
+MOVE: Final = Phase.MOVE  # an attribute of an Enum is not found quickly, and these are asked for 80 times a second
+REST: Final = Phase.REST
+DRIVE: Final = Phase.DRIVE
+DONE: Final = Phase.DONE
+
+
 def starts(seed: int, trial: int, count: int) -> list[Start]:
     """The starts of a trial's repetitions: the same for every agent."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, trial, 1]))
@@ -145,7 +151,7 @@ class Trial:
         """Told the index of every action as it is decided, and OVER when a repetition has ended."""
         self._began = 0.0
         self._action = 0
-        self.phase = Phase.MOVE if starts else Phase.DONE
+        self.phase: Phase = MOVE if starts else DONE
 
     def carry_on(
         self, earlier: Sequence[Repetition], paths: Mapping[int, list[tuple[float, float]]], voided: int
@@ -154,7 +160,7 @@ class Trial:
         self.repetitions.extend(earlier)
         self.paths.update({number: path for number, path in paths.items() if number <= len(earlier)})
         self.voided += voided
-        self.phase = Phase.MOVE if len(self.repetitions) < len(self._starts) else Phase.DONE
+        self.phase = MOVE if len(self.repetitions) < len(self._starts) else DONE
 
     @property
     def start(self) -> Pose:
@@ -163,7 +169,7 @@ class Trial:
 
     def placed(self, now: float) -> None:
         """The robot stands on its start pose since `now`."""
-        self.phase = Phase.REST
+        self.phase = REST
         self._began = now
         self.agent.begin()
 
@@ -177,15 +183,15 @@ class Trial:
             odometry: what the encoders say.
 
         """
-        if self.phase in (Phase.MOVE, Phase.DONE):
+        if self.phase is MOVE or self.phase is DONE:
             return 0.0, 0.0
         if not armed:
             self.void()
             return 0.0, 0.0
-        if self.phase is Phase.REST:
+        if self.phase is REST:
             if now - self._began < self.task.settle - 1e-9 or not self.agent.ready:
                 return 0.0, 0.0
-            self.phase = Phase.DRIVE
+            self.phase = DRIVE
             self._began = now
         number = len(self.repetitions) + 1
         if number in self._keep_paths:
@@ -201,11 +207,11 @@ class Trial:
 
     def void(self) -> None:
         """Do the present repetition again, as if it had never begun."""
-        if self.phase in (Phase.REST, Phase.DRIVE):
+        if self.phase is REST or self.phase is DRIVE:
             self.agent.void()
             self.voided += 1
             self.paths.pop(len(self.repetitions) + 1, None)
-            self.phase = Phase.MOVE
+            self.phase = MOVE
 
     def _ended(self, now: float, pose: Pose) -> bool | None:
         """Whether it has ended, True in success; asked at decisions only, as the original's learner did (O)."""
@@ -224,7 +230,7 @@ class Trial:
         start = self._starts[number - 1]
         repetition = Repetition(number, start, now - self._began, success, start.optimal_time(self.task))
         self.repetitions.append(repetition)
-        self.phase = Phase.MOVE if number < len(self._starts) else Phase.DONE
+        self.phase = MOVE if number < len(self._starts) else DONE
         self._done(repetition)
 
 

@@ -26,6 +26,7 @@ from txt1.protocol.messages import (
     PwmTest,
     Switch,
     Velocity,
+    odometry_message,
 )
 from txt1.units import from_thousandths, to_thousandths
 
@@ -138,30 +139,13 @@ def _counts(message: Callable[..., Message], data: Struct) -> Reader:
     return lambda buffer, at: message(*unpack(buffer, at))
 
 
-class _Odometry:
-    """The slots of an odometry message, open for writing."""
-
-    __slots__ = ("omega", "theta", "v", "x", "y")
-
-
 def _odometry(message: type[EncoderOdometry] | type[CombinedOdometry], data: Struct) -> Reader:
-    """A quicker `_thousandths`, for most of what the line carries is odometry.
-
-    Filling in a frozen dataclass takes longer than checking its frame. So the fields go into a writable object with
-    the same slots, which then becomes the message: a third of the time.
-    """
+    """A quicker `_thousandths`, for most of what the line carries is odometry."""
     unpack = data.unpack_from
 
     def read(buffer: bytes, at: int) -> Message:
         x, y, theta, v, omega = unpack(buffer, at)
-        odometry: Any = _Odometry()
-        odometry.x = x / 1000.0
-        odometry.y = y / 1000.0
-        odometry.theta = theta / 1000.0
-        odometry.v = v / 1000.0
-        odometry.omega = omega / 1000.0
-        odometry.__class__ = message
-        return odometry  # type: ignore[no-any-return]
+        return odometry_message(message, x / 1000.0, y / 1000.0, theta / 1000.0, v / 1000.0, omega / 1000.0)
 
     return read
 

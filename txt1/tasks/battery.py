@@ -13,8 +13,8 @@ from txt1.protocol.messages import BatteryLevels, BoardMessage
 from txt1.tasks.fields import Battery, BatteryState
 from txt1.tasks.state import State
 
-PRIORITY = 1
-PERIOD = 1.0
+PRIORITY: Final = 1
+PERIOD: Final = 1.0
 
 OLD_WEIGHT: Final = 0.6
 """Weight of the old value in the smoothed voltage (the original firmware)."""

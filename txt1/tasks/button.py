@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Final
 
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal
@@ -10,8 +11,8 @@ from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import SCREENS, Panel
 from txt1.tasks.state import State
 
-PRIORITY = 1
-PERIOD = 0.1
+PRIORITY: Final = 1
+PERIOD: Final = 0.1
 
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf
+from typing import Final
 
 from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains, Pid
@@ -14,21 +15,22 @@ from txt1.tasks.fields import Command, Control, ManualPwm, Source
 from txt1.tasks.state import State
 from txt1.tuples import quick
 
-PRIORITY = 4
-PERIOD = 0.02
+PRIORITY: Final = 4
+PERIOD: Final = 0.02
 
-COMBINED_TIMEOUT = 0.1
+COMBINED_TIMEOUT: Final = 0.1
 """Age in seconds at which combined odometry is not used any more."""
 
-ODOMETRY_TIMEOUT = 0.5
+ODOMETRY_TIMEOUT: Final = 0.5
 """Age in seconds at which odometry is lost."""
 
-STEP_MAX = 0.1
+STEP_MAX: Final = 0.1
 """Longest s from one reading of the odometry to the next that a step of the loops may bridge."""
 
-_OFF = Gains()
-ENCODER, COMBINED = Source.ENCODER, Source.COMBINED  # an attribute of an Enum is not found quickly
-make_control = quick(Control)
+_OFF: Final = Gains()
+ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
+COMBINED: Final = Source.COMBINED
+make_control: Final = quick(Control)
 
 
 async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
@@ -66,7 +68,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         v = omega = 0.0
         gains = _OFF
         passes = given is not None and gate.passes(given.time, given.epoch, now)
-        if not isfinite(v_now + omega_now):
+        if not -inf < v_now + omega_now < inf:
             gate.count(Fault.MEASURED)
             passes = False
         at_rest = v_now == 0.0 and isinstance(given, Command) and given.v == 0.0  # nothing to control, so nothing hums

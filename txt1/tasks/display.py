@@ -6,15 +6,23 @@ Drawing takes longer than a controller period, so it is done elsewhere; this tas
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from txt1.control.limits import Gate
 from txt1.hal.base import Hal, Indicators
 from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import BatteryState, Snapshot, TaskReport
 from txt1.tasks.state import State
+from txt1.tuples import quick
 
-PRIORITY = 2
-PERIOD = 0.1
+PRIORITY: Final = 2
+PERIOD: Final = 0.1
+
+WARNING: Final = BatteryState.WARNING  # an attribute of an Enum is not found quickly
+BAD: Final = BatteryState.BAD
+
+make_indicators: Final = quick(Indicators)
+make_snapshot: Final = quick(Snapshot)
 
 
 async def display(
@@ -30,42 +38,42 @@ async def display(
     """Publish a snapshot, once per tick, and set buzzer and LEDs."""
     async for now in ticks:
         sounds = buzzer(state)
-        hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
-        state.snapshot = Snapshot(
-            time=now,
-            hal=name,
-            capabilities=hal.capabilities,
-            armed=gate.armed,
-            stopped=gate.stopped,
-            reason=gate.reason,
-            faults=faults(gate, state),
-            command=state.command,
-            gains=state.gains,
-            power=state.power,
-            servos=state.servos,
-            received=state.received,
-            transmitted=state.transmitted,
-            encoders=state.encoders,
-            odometry=state.odometry,
-            pose=state.pose,
-            board=state.board,
-            odometry_age=now - state.odometry_time,
-            link=state.link,
-            control=state.control,
-            battery=state.battery,
-            panel=state.panel,
-            backlight=state.backlight,
-            buzzer=sounds,
-            room=room,
-            light=light,
-            tasks=reports(),
-            events=tuple(state.events),
+        hal.indicate(make_indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
+        state.snapshot = make_snapshot(
+            now,
+            name,
+            hal.capabilities,
+            gate.armed,
+            gate.stopped,
+            gate.reason,
+            faults(gate, state),
+            state.command,
+            state.gains,
+            state.power,
+            state.servos,
+            state.received,
+            state.transmitted,
+            state.encoders,
+            state.odometry,
+            state.pose,
+            state.board,
+            now - state.odometry_time,
+            state.link,
+            state.control,
+            state.battery,
+            state.panel,
+            state.backlight,
+            sounds,
+            room,
+            light,
+            reports(),
+            tuple(state.events),
         )
 
 
 def buzzer(state: State) -> bool:
     """Whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
-    return not state.link.alive or state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
+    return not state.link.alive or state.battery.state is WARNING or state.battery.state is BAD
 
 
 def faults(gate: Gate, state: State) -> dict[str, int]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from txt1.errors import HalError
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
@@ -11,11 +13,11 @@ from txt1.tasks.fields import Encoders
 from txt1.tasks.state import State
 from txt1.tuples import quick
 
-PRIORITY = 3
-PERIOD = 0.02
+PRIORITY: Final = 3
+PERIOD: Final = 0.02
 
-STILL = Encoders(0, 0)
-make_encoders = quick(Encoders)
+STILL: Final = Encoders(0, 0)
+make_encoders: Final = quick(Encoders)
 
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:

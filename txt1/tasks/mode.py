@@ -9,8 +9,8 @@ from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import Link
 from txt1.tasks.state import State
 
-PRIORITY = 2
-PERIOD = 1.0
+PRIORITY: Final = 2
+PERIOD: Final = 1.0
 
 VELOCITY_MIN: Final = 1
 """The link is alive when more Velocity messages than this came in a second (the original firmware)."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.messages import BoardMessage, EncoderOdometry
+from txt1.protocol.messages import BoardMessage, EncoderOdometry, odometry_message
 from txt1.tasks.state import State
 
-PRIORITY = 2
-PERIOD = 0.05
+PRIORITY: Final = 2
+PERIOD: Final = 0.05
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:
@@ -17,5 +18,6 @@ async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], No
     async for _ in ticks:
         if not state.link.alive:
             continue
-        send(EncoderOdometry(*state.odometry))
+        x, y, theta, v, omega = state.odometry
+        send(odometry_message(EncoderOdometry, x, y, theta, v, omega))
         state.transmitted += 1  # for the transmit LED; the few other messages do not show beside these

@@ -30,7 +30,7 @@ from txt1.protocol.messages import (
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power
 from txt1.tasks.state import State
 
-PRIORITY = 4
+PRIORITY: Final = 4
 
 INBOX_MAX: Final = 1000
 """Messages that may wait for the task; a host that floods it loses the oldest."""
