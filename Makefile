@@ -17,9 +17,9 @@ test-sources: $(VENV)/.dev  ## the tests that concern these modules, without com
 	PURE_PYTHON=1 $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal tests/unit/kernel tests/unit/sim \
 		tests/unit/control tests/unit/tasks tests/unit/model tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
 
-compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run twice as fast
+compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run two to three times as fast
 	@if command -v cc >/dev/null && $(BIN)/python -c $(HEADERS); then $(BIN)/python setup.py --quiet build_ext --inplace; \
-	else echo "no C compiler (cc) or no Python.h: everything runs from its Python source, at half the speed"; fi
+	else echo "no C compiler (cc) or no Python.h: everything runs from its Python source, at a half to a third of the speed"; fi
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
