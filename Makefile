@@ -15,7 +15,8 @@ test: compiled  ## all tests, of the compiled modules where there is a C compile
 
 test-sources: $(VENV)/.dev  ## the tests that concern these modules, without compiling
 	PURE_PYTHON=1 $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal tests/unit/kernel tests/unit/sim \
-		tests/unit/control tests/unit/tasks tests/unit/model tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
+		tests/unit/control tests/unit/tasks tests/unit/model tests/unit/learning \
+		tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
 
 compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run two to three times as fast
 	@if command -v cc >/dev/null && $(BIN)/python -c $(HEADERS); then $(BIN)/python setup.py --quiet build_ext --inplace; \

@@ -150,11 +150,11 @@ class Runtime:
             "button", button.PRIORITY, button.PERIOD,
             partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
         )  # fmt: skip
-        # What exists by now stays: the collector need not look through it in the middle of a cycle. In virtual time
-        # nobody is late, and looking through it now would take as long as ten seconds of the run.
         if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            # What exists by now stays: the collector need not look through it in the middle of a cycle. In virtual
+            # time nobody is late, and looking through it now would take as long as ten seconds of the run.
             gc.collect()
-        gc.freeze()
+            gc.freeze()
         gc.set_threshold(COLLECT_AFTER, *_COLLECTOR[1:])
         self.scheduler.start()
 

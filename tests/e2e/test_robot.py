@@ -52,6 +52,12 @@ async def test_the_garbage_collector_looks_seldom_while_a_robot_runs_and_as_befo
     assert gc.get_threshold() == before
 
 
+async def test_what_one_run_in_virtual_time_leaves_behind_is_collected_while_others_follow() -> None:
+    for _ in range(3):
+        async with Robot.open(hal="sim"):
+            assert gc.get_freeze_count() == 0  # else it would be out of the collector's sight with each new run
+
+
 async def test_drive_takes_as_long_as_asked_and_ends_at_rest(robot: Robot) -> None:
     start = robot.now
     await robot.drive(0.5, 0.0, 3.0)

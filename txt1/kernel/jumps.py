@@ -31,7 +31,7 @@ class Jumps:
         self._paced = paced
 
     def must_poll(self) -> bool:
-        """True once in POLL_EVERY jumps: whether to ask the operating system for input before this one."""
+        """Whether the loop asks the operating system for input this time: once in POLL_EVERY, always when paced."""
         self.made += 1
         return self._paced or self.made % POLL_EVERY == 0
 

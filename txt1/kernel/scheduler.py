@@ -179,7 +179,7 @@ class Scheduler:
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._running = True
-        for entry in self._entries:
+        for entry in self._entries.copy():  # what a task adds before its first tick is run up to it as it is added
             if self._running:  # not after a fault
                 self._prime(entry)
         self._wake()

@@ -12,6 +12,8 @@ NEXT_TICK: Final = object()
 class Ticks:
     """The cycles of one task: ``async for now in ticks``, with `now` in seconds since the run started.
 
+    They never end, so ``anext(ticks)`` takes no default.
+
     Attributes:
         period: seconds between two ticks; None for a task that runs on arrival.
         missed: cycles missed immediately before the present one.

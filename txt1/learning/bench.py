@@ -1,6 +1,6 @@
 """A trial on the bare simulation: the same vehicle, loops, odometry and instants as on the runtime, without its tasks.
 
-For studies over thousands of trials. Nothing is modelled anew: `Simulator` (and with it `txt1.sim.vehicle.advance`),
+For studies over thousands of trials. Nothing is modelled anew: `Simulator` (and with it `txt1.sim.vehicle.move`),
 `VelocityLoops` and the odometry's equations are the runtime's own, called in the order in which the scheduler runs the
 tasks. So a trial here and one on the running robot agree to the last bit (tests/unit/learning/test_bench.py).
 """

@@ -84,19 +84,6 @@ class VehicleParameters(NamedTuple):
     ramp_step: float = 0.005
 
 
-def advance(
-    state: VehicleState,
-    motor: float,
-    front: float,
-    rear: float,
-    dt: float,
-    drag: float,
-    p: VehicleParameters,
-) -> VehicleState:
-    """The vehicle's state `dt` seconds later; arguments as of `move`."""
-    return VehicleState(*move(state, motor, front, rear, dt, drag, p))
-
-
 def move(
     state: Motion,
     motor: float,

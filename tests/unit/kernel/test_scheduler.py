@@ -628,6 +628,25 @@ def test_a_task_added_while_others_wait_or_are_late_falls_in_by_priority_and_dis
     assert order == sorted(order)
 
 
+def test_a_task_may_add_another_one_before_its_own_first_tick() -> None:
+    async def main() -> Log:
+        log: Log = []
+        scheduler = Scheduler(no_fault)
+
+        async def parent(ticks: Ticks) -> None:
+            scheduler.add("child", 1, 0.1, logging_task("child", log))
+            async for _ in ticks:
+                pass
+
+        scheduler.add("parent", 1, 0.1, parent)
+        scheduler.start()
+        scheduler.end_at(0.25)
+        await scheduler.ended
+        return log
+
+    assert run(main(), speed="max") == [(k * MS, "child") for k in (0, 100, 200)]
+
+
 def test_there_is_room_for_a_thousand_tasks_and_no_more() -> None:
     async def main() -> None:
         scheduler = Scheduler(no_fault)

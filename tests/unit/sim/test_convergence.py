@@ -9,9 +9,10 @@ from math import atan, cos, hypot, pi, sin, tan
 from typing import NamedTuple
 
 import pytest
+from sim_steps import advance
 
 from txt1.model.kinematics import wrap_angle
-from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+from txt1.sim.vehicle import VehicleParameters, VehicleState
 
 FINE = 0.001
 """Step of the reference, s: fourth order, and never across an instant at which a servo arrives, so exact to 1e-10."""

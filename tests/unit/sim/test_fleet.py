@@ -8,9 +8,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sim_steps import advance
 
 from txt1.sim import fleet
-from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+from txt1.sim.vehicle import VehicleParameters, VehicleState
 
 COUNT = 40
 PARAMETERS = st.fixed_dictionaries(

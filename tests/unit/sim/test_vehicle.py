@@ -7,10 +7,11 @@ from math import atan, cos, exp, hypot, pi, radians, sin, tan
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sim_steps import advance
 
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.sim.vehicle import VehicleParameters, VehicleState, advance
+from txt1.sim.vehicle import VehicleParameters, VehicleState
 
 P = VehicleParameters()
 BODY = Geometry()
