@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,6 +49,8 @@ TABLE_5_3: Final = (
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1
+
+LARGEST: Final = sys.float_info.max
 
 RELEARN: Final = "take a sound copy, or learn it again with 'txt1 learn'"
 
@@ -117,11 +120,12 @@ def save(path: Path, table: StoredTable) -> None:
     values = np.asarray(table.values, float)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
         raise ValueError(f"a Q-table is one row of finite numbers for each state; this has the shape {values.shape}")
-    content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": dict(table.about)}
     try:
-        content["sha256"] = _checksum(content)
-    except TypeError as error:
+        about = json.loads(json.dumps(dict(table.about), allow_nan=False))  # as it will be read: keys are strings
+    except (TypeError, ValueError) as error:
         raise ValueError(f"what is to be kept with a Q-table is no JSON: {error}") from error
+    content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": about}
+    content["sha256"] = _checksum(content)
     text = _text(content)
     part = path.with_name(path.name + ".part")
     try:
@@ -211,7 +215,7 @@ def _values(path: Path, values: Any) -> Table:
                 str(path), f"has {len(row)} actions in state {state} and {len(values[0])} in state 0", RELEARN
             )
         for action, value in enumerate(row):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
                 raise QTableError(str(path), f"has no finite number for state {state}, action {action}", RELEARN)
     return np.array(values, float)
 

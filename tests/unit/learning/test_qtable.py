@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from math import inf, nan
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from txt1.errors import QTableError
@@ -92,6 +94,32 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tmp_path: Path, file: Path) ->
     save(tmp_path / "other.json", StoredTable(values))
     assert np.array_equal(load(tmp_path / "other.json").values, values)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other.json", "qtable.json"], "no leftovers"
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text() | st.integers(), inner, max_size=3),
+    max_leaves=10,
+)
+
+
+@given(
+    st.integers(1, 4).flatmap(
+        lambda actions: st.lists(
+            st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=actions, max_size=actions), min_size=1
+        )
+    ),
+    st.dictionaries(st.text(), JSON, max_size=4),
+)
+@example([[1.7e308]], {"paths": {2: 0, 10: 0}})
+@settings(deadline=None)
+def test_whatever_finite_table_was_saved_can_be_loaded(rows: list[list[float]], about: dict[str, Any]) -> None:
+    with TemporaryDirectory() as directory:
+        path = Path(directory, "qtable.json")
+        save(path, StoredTable(np.array(rows), about))
+        stored = load(path)
+    assert np.array_equal(stored.values, np.array(rows))
+    assert stored.about == json.loads(json.dumps(about))
 
 
 def test_saving_again_replaces_the_file(file: Path) -> None:
