@@ -366,9 +366,7 @@ class Scheduler:
 
     def _jump_to_next(self) -> bool:
         """True when virtual time was moved to the next deadline; else a timer is set for it."""
-        due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
-        if due_ns > self._stop_ns:
-            due_ns = self._stop_ns
+        due_ns = self._next_due_ns()
         virtual = self._virtual
         if due_ns != NEVER and virtual is not None and virtual.jumps.to(due_ns + self._origin_ns, virtual.timers):
             return True

@@ -186,6 +186,7 @@ class Simulator:
             after = self._stop_at_wall(VehicleState(*before), VehicleState(*after))
         self._motion = after
         if self.atx_on and not self.cut_off:  # without the ATX supply's 5 V the encoders see nothing
+            # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
             if not self.faults.right_encoder:
                 self._right_counts += (after[6] - before[6]) * self._counts_per_m
             if not self.faults.left_encoder:
