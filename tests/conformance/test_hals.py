@@ -14,7 +14,8 @@ import pytest
 from txt1 import cli
 from txt1.board import create_hal
 from txt1.cli import execute
-from txt1.config import Config, LineFaultsConfig, RoomConfig, SerialConfig, SimConfig
+from txt1.config import Config
+from txt1.config.schema import LineFaultsConfig, RoomConfig, SerialConfig, SimConfig
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.hal.conformance import HalConformance, promises

@@ -10,7 +10,8 @@ import pytest
 
 from tests.e2e.conftest import ENDLESS
 from txt1.board import Board
-from txt1.config import ControlConfig, load
+from txt1.config import load
+from txt1.config.schema import ControlConfig
 from txt1.hal.base import Button
 from txt1.hal.link import Link, connect, paced
 from txt1.hal.sim import SimHal

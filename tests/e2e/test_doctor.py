@@ -9,7 +9,8 @@ from pytest import approx
 
 from txt1.board import VirtualPort
 from txt1.cli import execute
-from txt1.config import ControlConfig, load
+from txt1.config import load
+from txt1.config.schema import ControlConfig
 from txt1.doctor import Findings, Remark, examine, remarks
 from txt1.errors import HalError
 from txt1.hal import ports

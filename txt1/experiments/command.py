@@ -20,7 +20,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from txt1.board import VIRTUAL
 from txt1.command_line import DISARMED, FAULT, OK, SIGNALS, count
-from txt1.config import Config, ControlConfig, GainsConfig, GainSetConfig, load
+from txt1.config import Config, load
+from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused, ConfigError, NotArmed
 from txt1.experiments import figures, metrics, report, run_folder
 from txt1.experiments.identify import identify, require_pwm_and_ticks, try_out
