@@ -34,8 +34,7 @@ def extensions() -> list[Extension]:
     assert spec is not None and spec.loader is not None
     compiled = module_from_spec(spec)
     spec.loader.exec_module(compiled)
-    sources = [PACKAGE / "tuples.py"]
-    sources += [PACKAGE / package / f"{module}.py" for package, modules in MODULES.items() for module in modules]
+    sources = [PACKAGE / package / f"{module}.py" for package, modules in MODULES.items() for module in modules]
     library = compiled.library(source.parent for source in sources)
     wanted = {compiled.library_file(PACKAGE, library)}
     wanted |= {source.with_name(source.stem + compiled.SUFFIX) for source in sources}

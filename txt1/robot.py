@@ -30,7 +30,6 @@ from txt1.protocol.messages import (
     PwmTest,
     Switch,
     Velocity,
-    velocity_message,
 )
 from txt1.runtime import Runtime
 from txt1.tasks.fields import Battery, Snapshot
@@ -289,7 +288,7 @@ class Robot:
         now = self.now
         self._command = (v, omega, now)
         self._commanded = True
-        self._runtime.post(velocity_message(v, omega), now)
+        self._runtime.post(Velocity(v, omega), now)
 
     async def drive(self, v: float, omega: float, duration: float) -> None:
         """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.
@@ -477,7 +476,7 @@ class Robot:
             v, omega, given = self._command
             if now - given > timeout:
                 v = omega = 0.0
-            self._runtime.post(velocity_message(v, omega), given)
+            self._runtime.post(Velocity(v, omega), given)
 
     async def _repeat(self, give: Callable[[], None], duration: float) -> None:
         """Give a command again and again for `duration` s, as long as the gate is open."""

@@ -16,12 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import StrEnum
 from math import inf, isfinite
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from txt1.control.runaway import RunawayWatch
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
-from txt1.tuples import quick
 
 
 class Fault(StrEnum):
@@ -100,9 +99,6 @@ class Outputs(NamedTuple):
     pwm5: int = 0
     v: float = 0.0
     omega: float = 0.0
-
-
-make_outputs: Final = quick(Outputs)
 
 
 def clip(value: float, limit: float) -> float:
@@ -275,7 +271,7 @@ class Gate:
         self._motor = int(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos
-        return make_outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
+        return Outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 

@@ -9,9 +9,6 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.simulator import Simulator
-from txt1.tuples import quick
-
-make_inputs: Final = quick(Inputs)
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
@@ -56,7 +53,7 @@ class SimHal:
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
         counts, batteries, cut_off, pose = self.simulator.sense(now)
-        return make_inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+        return Inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""

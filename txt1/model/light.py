@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from txt1.tuples import quick
-
 SENSOR_X: Final = 0.2286
 """Sensors sit so far in front of and behind the robot's centre, m."""
 SENSOR_Y: Final = 0.127
@@ -31,6 +29,3 @@ class Readings(NamedTuple):
     front_right: float
     rear_left: float
     rear_right: float
-
-
-make_readings: Final = quick(Readings)

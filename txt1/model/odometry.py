@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from txt1.model.kinematics import move_along_arc
 from txt1.model.vehicle import Geometry
-from txt1.tuples import quick
 
 
 class Odometry(NamedTuple):
@@ -28,9 +27,6 @@ class Odometry(NamedTuple):
     omega: float = 0.0
 
 
-make_odometry: Final = quick(Odometry)
-
-
 def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
     """Wheel speed v_W in m/s from encoder ticks in dt seconds, (3.1); `count_length` is C_W / CPR in m."""
     return ticks * count_length / dt
@@ -50,10 +46,10 @@ def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[
 def advance(odometry: Odometry, v: float, omega: float, dt: float) -> Odometry:
     """The odometry after moving for dt seconds at constant (v, omega)."""
     if v == 0.0 and omega == 0.0:
-        return make_odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
+        return Odometry(odometry.x, odometry.y, odometry.theta, 0.0, 0.0)
     distance = v * dt
     if abs(distance) > 1e-15:  # m; the curvature of less than that could overflow
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta, distance, omega / v, 0.0)
     else:  # wheels that turn against each other, which only slip can make them do
         x, y, theta = move_along_arc(odometry.x, odometry.y, odometry.theta + omega * dt, 0.0, 0.0, 0.0)
-    return make_odometry(x, y, theta, v, omega)
+    return Odometry(x, y, theta, v, omega)

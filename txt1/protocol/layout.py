@@ -26,7 +26,6 @@ from txt1.protocol.messages import (
     PwmTest,
     Switch,
     Velocity,
-    odometry_message,
 )
 from txt1.units import from_thousandths, to_thousandths
 
@@ -145,7 +144,7 @@ def _odometry(message: type[EncoderOdometry] | type[CombinedOdometry], data: Str
 
     def read(buffer: bytes, at: int) -> Message:
         x, y, theta, v, omega = unpack(buffer, at)
-        return odometry_message(message, x / 1000.0, y / 1000.0, theta / 1000.0, v / 1000.0, omega / 1000.0)
+        return message(x / 1000.0, y / 1000.0, theta / 1000.0, v / 1000.0, omega / 1000.0)
 
     return read
 

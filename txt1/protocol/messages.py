@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, TypeVar
 
 
 class Switch(IntEnum):
@@ -98,48 +97,6 @@ class PidResponse:
     """The board's answer to a PID set."""
 
     accepted: bool
-
-
-OdometryMessage = TypeVar("OdometryMessage", bound=EncoderOdometry | CombinedOdometry)
-
-
-class _OpenOdometry:
-    """The slots of an odometry message, open for writing."""
-
-    __slots__ = ("omega", "theta", "v", "x", "y")
-
-
-def odometry_message(
-    kind: type[OdometryMessage], x: float, y: float, theta: float, v: float, omega: float
-) -> OdometryMessage:
-    """An odometry message, made in a third of the time that its class takes, as most of what the line carries is such.
-
-    Filling in a frozen dataclass takes longer than checking its frame. So the fields go into a writable object with
-    the same slots, which then becomes the message.
-    """
-    message: Any = _OpenOdometry()
-    message.x = x
-    message.y = y
-    message.theta = theta
-    message.v = v
-    message.omega = omega
-    message.__class__ = kind
-    return message  # type: ignore[no-any-return]
-
-
-class _OpenVelocity:
-    """Likewise of a set-point."""
-
-    __slots__ = ("omega", "v")
-
-
-def velocity_message(v: float, omega: float) -> Velocity:
-    """A set-point, made as quickly: hosts send one 20 times a second."""
-    message: Any = _OpenVelocity()
-    message.v = v
-    message.omega = omega
-    message.__class__ = Velocity
-    return message  # type: ignore[no-any-return]
 
 
 HostMessage = Velocity | CombinedOdometry | PwmTest | PowerControl | PwmCommand | PidSet

@@ -26,7 +26,6 @@ from txt1.record import topics
 from txt1.record.encoder import INFO, WARN, Block, Encoder, Extra, Input, Sample, Tick
 from txt1.runtime import Runtime
 from txt1.tasks import controller
-from txt1.tuples import quick
 
 PRIORITY: Final = -100
 """Below every task of the robot's and the user's: it sees what they have done in the same instant."""
@@ -50,9 +49,6 @@ ROBOT_TASKS: Final = (
     "controller", "serial", "encoder", "mode", "display", "odometry", "battery", "button", "recorder",
 )  # fmt: skip
 """The robot's own; their places here are their numbers in the messages about ticks."""
-
-
-make_sample, make_extra, make_input = quick(Sample), quick(Extra), quick(Input)
 
 
 class Sink(Protocol):
@@ -194,7 +190,7 @@ class Recorder:
             async for now in ticks:
                 samples = self._samples
                 samples.append(
-                    make_sample(
+                    Sample(
                         now, state.odometry, state.control, state.gains.linear, state.encoders, state.pose,
                         state.battery, gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel,
                     )
@@ -261,7 +257,7 @@ class Recorder:
             self._extra(event.time, topics.LOG, (WARN if warn else INFO, event.text))
 
     def _extra(self, now: float, topic: str, content: Any) -> None:
-        self._extras.append(make_extra(len(self._samples), now, topic, content))
+        self._extras.append(Extra(len(self._samples), now, topic, content))
 
     def _take_batch(self) -> _Batch:
         if self._ticks:
@@ -341,7 +337,7 @@ class Recorder:
     def _input(self, now: float, kind: str, text: str, given: float, values: tuple[float, ...]) -> None:
         tick = self._ticks_before + len(self._ticks)
         received = self._runtime.state.received
-        self._extra(now, topics.INPUT, make_input(self._cycle, tick, received, self.source, kind, text, given, values))
+        self._extra(now, topics.INPUT, Input(self._cycle, tick, received, self.source, kind, text, given, values))
 
     def line(self, direction: str, data: bytes) -> None:
         """Bytes have come ("in") or gone ("out") on the line."""

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings, make_readings
+from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
 NEAREST: Final = 0.03**2
 """Square of the lamp's radius, m^2: nearer than this it gets no brighter."""
@@ -200,7 +200,7 @@ class LightSensors:
             fr *= 1.0 + noise * draws.pop()
             rl *= 1.0 + noise * draws.pop()
             rr *= 1.0 + noise * draws.pop()
-        readings = make_readings(
+        readings = Readings(
             low if fl < low else high if fl > high else fl,
             low if fr < low else high if fr > high else fr,
             low if rl < low else high if rl > high else rl,

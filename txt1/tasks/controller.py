@@ -13,7 +13,6 @@ from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.tasks.fields import Command, Control, ManualPwm, Source
 from txt1.tasks.state import State
-from txt1.tuples import quick
 
 PRIORITY: Final = 4
 PERIOD: Final = 0.02
@@ -30,7 +29,6 @@ STEP_MAX: Final = 0.1
 _OFF: Final = Gains()
 ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
 COMBINED: Final = Source.COMBINED
-make_control: Final = quick(Control)
 
 
 async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
@@ -90,7 +88,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
-            state.control = make_control(outputs, v, omega, source, gains)
+            state.control = Control(outputs, v, omega, source, gains)
 
 
 class VelocityLoops:

@@ -13,16 +13,12 @@ from txt1.hal.base import Hal, Indicators
 from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import BatteryState, Snapshot, TaskReport
 from txt1.tasks.state import State
-from txt1.tuples import quick
 
 PRIORITY: Final = 2
 PERIOD: Final = 0.1
 
 WARNING: Final = BatteryState.WARNING  # an attribute of an Enum is not found quickly
 BAD: Final = BatteryState.BAD
-
-make_indicators: Final = quick(Indicators)
-make_snapshot: Final = quick(Snapshot)
 
 
 async def display(
@@ -38,8 +34,8 @@ async def display(
     """Publish a snapshot, once per tick, and set buzzer and LEDs."""
     async for now in ticks:
         sounds = buzzer(state)
-        hal.indicate(make_indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
-        state.snapshot = make_snapshot(
+        hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
+        state.snapshot = Snapshot(
             now,
             name,
             hal.capabilities,

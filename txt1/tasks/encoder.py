@@ -11,13 +11,11 @@ from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import Geometry
 from txt1.tasks.fields import Encoders
 from txt1.tasks.state import State
-from txt1.tuples import quick
 
 PRIORITY: Final = 3
 PERIOD: Final = 0.02
 
 STILL: Final = Encoders(0, 0)
-make_encoders: Final = quick(Encoders)
 
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
@@ -48,7 +46,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
                     wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
                 )
                 odometry = advance(odometry, v, omega, dt)
-                state.encoders = make_encoders(right, left) if right or left else STILL
+                state.encoders = Encoders(right, left) if right or left else STILL
                 state.odometry = odometry
             state.odometry_time = now
         last_counts, last_time = counts, now

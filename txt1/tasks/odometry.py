@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.messages import BoardMessage, EncoderOdometry, odometry_message
+from txt1.protocol.messages import BoardMessage, EncoderOdometry
 from txt1.tasks.state import State
 
 PRIORITY: Final = 2
@@ -19,5 +19,5 @@ async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], No
         if not state.link.alive:
             continue
         x, y, theta, v, omega = state.odometry
-        send(odometry_message(EncoderOdometry, x, y, theta, v, omega))
+        send(EncoderOdometry(x, y, theta, v, omega))
         state.transmitted += 1  # for the transmit LED; the few other messages do not show beside these
