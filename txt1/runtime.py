@@ -18,13 +18,18 @@ from txt1.hal.base import Button, Hal, Inputs
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
+from txt1.kernel.ticks import Ticks
 from txt1.model.light import Readings
 from txt1.protocol.messages import BoardMessage, Message, PidResponse
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.fields import TaskReport
 from txt1.tasks.state import State
+from txt1.telemetry.bus import Bus
 
 OnFault = Callable[[str, BaseException], None]
+
+TELEMETRY_PRIORITY: Final = -100
+"""Below every task of the robot's and the user's: it sees what they have done in the same instant."""
 
 COLLECT_AFTER: Final = 50_000
 """New objects after which the collector looks for cycles while a robot runs: the tasks make none, so seldom."""
@@ -83,6 +88,8 @@ class Runtime:
         self.state = State()
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = scheduler(self._task_failed)
+        self.bus = Bus(begin=self._begin_sampling)
+        """What the robot tells."""
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
         self.witness: Witness | None = None
@@ -312,6 +319,13 @@ class Runtime:
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name."""
         return self.scheduler.statistics()
+
+    def _begin_sampling(self) -> None:
+        self.add_task("telemetry", TELEMETRY_PRIORITY, controller.PERIOD, self._sample)
+
+    async def _sample(self, ticks: Ticks) -> None:
+        async for now in ticks:
+            self.bus.sample(now)
 
     # -- inside ------------------------------------------------------------------------------------------------
 

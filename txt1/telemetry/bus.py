@@ -1,0 +1,162 @@
+"""The bus of one robot: what its tasks tell goes to whoever has subscribed, and costs nothing while nobody has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, TypeVar
+
+from txt1.telemetry.topics import Rule, Topic
+
+T = TypeVar("T")
+
+Take = Callable[[Topic[Any], Any, float], None]
+"""Takes a topic, a value and its time in s of the run; in the loop, so it must not wait."""
+TakeCycle = Callable[[tuple[Topic[Any], ...], list[Any], float], None]
+"""Takes all topics that are told every cycle and their values, None where there is none."""
+Unsubscribe = Callable[[], None]
+
+
+class _Subscriber(NamedTuple):
+    take: Take
+    topics: frozenset[Topic[Any]] | None
+    cycle: TakeCycle
+
+    def wants(self, topic: Topic[Any]) -> bool:
+        return self.topics is None or topic in self.topics
+
+
+class _Change:
+    """A topic that is told when it differs from what was told last."""
+
+    def __init__(self, topic: Topic[Any], read: Callable[[], Any]) -> None:
+        self.topic, self.read = topic, read
+        self.last: Any = None
+
+
+class Bus:
+    """Carries one robot's topics.
+
+    Args:
+        name: of the robot, put before the names of its topics; empty for one that is alone.
+        cycles_per_second: how often `sample` is called.
+        begin: called at the first subscription: `sample` is wanted from now on.
+
+    """
+
+    def __init__(self, name: str = "", cycles_per_second: int = 50, begin: Callable[[], None] = lambda: None) -> None:
+        self.name = name
+        self._second = cycles_per_second
+        self._begin: Callable[[], None] | None = begin
+        self._count = 0
+        self._offers: dict[Topic[Any], Callable[[], Any]] = {}
+        self._subscribers: list[_Subscriber] = []
+        self._takes: dict[Topic[Any], list[Take]] = {}
+        self._cycle_takes: list[TakeCycle] = []
+        self._cycle: tuple[Topic[Any], ...] = ()
+        self._reads: list[Callable[[], Any]] = []
+        self._changes: list[_Change] = []
+        self._seconds: list[_Change] = []
+
+    def full_name(self, topic: Topic[Any]) -> str:
+        """The name of a topic with the robot's name before it, where it has one."""
+        return f"/{self.name}{topic.name}" if self.name else topic.name
+
+    # -- who has something to tell -----------------------------------------------------------------------------
+
+    def offer(self, topic: Topic[T], read: Callable[[], T | None]) -> None:
+        """Offer a topic that is sampled; `read` returns its value now, None as long as there is none."""
+        self._offers[topic] = read
+        self._arrange()
+
+    def publish(self, topic: Topic[T], value: T, time: float) -> None:
+        """Tell a value of a topic that comes as it comes; `time` in s of the run."""
+        if self._subscribers:
+            for take in self._takers(topic):
+                take(topic, value, time)
+
+    def wanted(self, topic: Topic[Any]) -> bool:
+        """Whether anybody listens to a topic, where making its value costs something."""
+        return bool(self._subscribers) and bool(self._takers(topic))
+
+    # -- who listens -------------------------------------------------------------------------------------------
+
+    @property
+    def offered(self) -> tuple[Topic[Any], ...]:
+        """The topics that are sampled."""
+        return tuple(self._offers)
+
+    def read(self, topic: Topic[T]) -> T | None:
+        """What a sampled topic is now; None where nobody offers it."""
+        read = self._offers.get(topic)
+        return None if read is None else read()
+
+    def subscribe(
+        self, take: Take, topics: Iterable[Topic[Any]] | None = None, cycle: TakeCycle | None = None
+    ) -> Unsubscribe:
+        """Have `take` told of these topics, of all when there are none given, until the function returned is called.
+
+        What is told on change is told to everybody once more, so whoever comes late knows it, too. Where there is a
+        `cycle`, that takes all the topics of a controller cycle in one call instead.
+        """
+        chosen = None if topics is None else frozenset(topics)
+
+        def one_by_one(every: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
+            for topic, value in zip(every, values, strict=True):
+                if value is not None and (chosen is None or topic in chosen):
+                    take(topic, value, now)
+
+        entry = _Subscriber(take, chosen, one_by_one if cycle is None else cycle)
+        self._subscribers.append(entry)
+        self._arrange()
+        if self._begin is not None:
+            begin, self._begin = self._begin, None
+            begin()
+
+        def leave() -> None:
+            if entry in self._subscribers:
+                self._subscribers.remove(entry)
+                self._arrange()
+
+        return leave
+
+    def sample(self, now: float) -> None:
+        """Tell what is offered, by the rules of the topics: called once per controller cycle."""
+        self._count += 1
+        if self._cycle_takes:
+            values = [read() for read in self._reads]
+            for take_cycle in self._cycle_takes:
+                take_cycle(self._cycle, values, now)
+        for change in self._changes:
+            value = change.read()
+            if value is not change.last and value != change.last:
+                self._tell(change, value, now)
+        if self._seconds:
+            turn = self._count % self._second  # one a cycle, as some take their time
+            for change in self._seconds[turn :: self._second]:
+                value = change.read()
+                if value != change.last:
+                    self._tell(change, value, now)
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _tell(self, change: _Change, value: Any, now: float) -> None:
+        change.last = value
+        if value is not None:
+            for take in self._takers(change.topic):
+                take(change.topic, value, now)
+
+    def _takers(self, topic: Topic[Any]) -> list[Take]:
+        takes = self._takes.get(topic)
+        if takes is None:
+            takes = self._takes[topic] = [each.take for each in self._subscribers if each.wants(topic)]
+        return takes
+
+    def _arrange(self) -> None:
+        """Note who wants what of all that is offered."""
+        self._takes.clear()
+        heard = {rule: [(t, r) for t, r in self._offers.items() if t.rule is rule] for rule in Rule}
+        self._cycle = tuple(topic for topic, _ in heard[Rule.CYCLE])
+        self._reads = [read for _, read in heard[Rule.CYCLE]]
+        self._cycle_takes = [each.cycle for each in self._subscribers if any(map(each.wants, self._cycle))]
+        self._changes = [_Change(topic, read) for topic, read in heard[Rule.CHANGE] if self._takers(topic)]
+        self._seconds = [_Change(topic, read) for topic, read in heard[Rule.SECOND] if self._takers(topic)]
