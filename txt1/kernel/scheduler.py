@@ -233,74 +233,59 @@ class Scheduler:
 
     def _dispatch(self) -> None:
         """Run everything that is due, then set the timer for what is due next."""
-        waiting, ready = self._waiting, self._ready
-        if self._virtual is None:
+        waiting, ready, ranked, origin_ns = self._waiting, self._ready, self._ranked, self._origin_ns
+        virtual, clock = self._virtual, self._virtual_clock
+        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
+        if virtual is None:
             self._spin_to_next_deadline()
         self._dispatching = True
-        late_cycles = 0
+        cycles = 0  # in this turn of the loop, or since virtual time has moved
         try:
             while self._running:
-                if self._virtual is not None and not ready and not self._run_punctual(self._virtual):
-                    return
-                now_ns = self._elapsed_ns()
+                now_ns = (self._clock.now_ns() if clock is None else clock.ns) - origin_ns
                 if now_ns >= self._stop_ns:
                     self._end()
                     return
-                while waiting and waiting[0] >> TASKS_BITS <= now_ns:
-                    heappush(ready, heappop(waiting) & INDEX)
-                if ready:
-                    if late_cycles > len(self._entries):  # overloaded: signals, input and coroutines have a turn
-                        self._timer = self._loop.call_soon(self._dispatch)
-                        return
-                    late_cycles += 1
-                    entry = self._ranked[heappop(ready)]
-                    self._cycle(entry, now_ns, self._take_late(entry, now_ns))
-                elif self._jump_to_next():
-                    late_cycles = 0
-                else:
+                due_ns = waiting[0] >> TASKS_BITS if waiting else NEVER
+                late = due_ns < now_ns or len(ready) > 0
+                if cycles > PUNCTUAL_MAX or (late and cycles > len(ranked)):
+                    self._timer = self._loop.call_soon(self._dispatch)  # signals, input and coroutines have a turn
                     return
+                cycles += 1
+                if late:
+                    while waiting and waiting[0] >> TASKS_BITS <= now_ns:
+                        heappush(ready, heappop(waiting) & INDEX)
+                    entry = ranked[heappop(ready)]
+                    late_ns = self._take_late(entry, now_ns)
+                else:
+                    if due_ns > now_ns:
+                        if virtual is None or due_ns >= self._stop_ns:
+                            break
+                        if not virtual.jumps.to(due_ns + origin_ns, virtual.timers):
+                            break
+                        now_ns = due_ns
+                        cycles = 0
+                    entry = ranked[waiting[0] & INDEX]  # the heap's own order is that of the priorities
+                    if entry.period_ns:
+                        entry.due_ns = due_ns = due_ns + entry.period_ns
+                        replace(waiting, due_ns << TASKS_BITS | entry.index)
+                    else:
+                        entry.queued = False
+                        heappop(waiting)
+                started_ns = time_ns()
+                try:
+                    if entry.send(now_ns / NS_PER_S) is not next_tick:
+                        self._waited(entry)
+                except BaseException as error:  # CancelledError too: asyncio would only log it
+                    self._raised(entry, error)
+                entry.run_time.add(time_ns() - started_ns)
+                if late:
+                    entry.statistics.add_lateness(late_ns)
+                    entry.ticks.missed = 0  # as it is for a cycle in time
         finally:
             self._dispatching = False
-
-    def _run_punctual(self, loop: VirtualTimeLoop) -> bool:
-        """Run cycle after cycle in virtual time as long as each is in time; False when one of them ended the run.
-
-        It stops before a late cycle, before the end of the run, and when the event loop is to have a turn. Nobody is
-        late, so the heap's own order is that of the priorities. What `_take_late` and `_cycle` do is done here without
-        the calls: a simulation does little else.
-        """
-        clock, jumps, timers, origin_ns = loop.clock, loop.jumps, loop.timers, self._origin_ns
-        waiting, ranked = self._waiting, self._ranked
-        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
-        now = self.now
-        for _ in range(PUNCTUAL_MAX):
-            if not waiting:
-                break
-            place = waiting[0]
-            due_ns = place >> TASKS_BITS
-            if due_ns >= self._stop_ns:
-                break
-            if due_ns != clock.ns - origin_ns:
-                if due_ns < clock.ns - origin_ns or not jumps.to(due_ns + origin_ns, timers):
-                    break
-                now = due_ns / NS_PER_S
-            entry = ranked[place & INDEX]
-            if entry.period_ns:
-                entry.due_ns = due_ns + entry.period_ns
-                replace(waiting, place + (entry.period_ns << TASKS_BITS))
-            else:
-                heappop(waiting)
-                entry.queued = False
-            started_ns = time_ns()
-            try:
-                if entry.send(now) is not next_tick:
-                    self._waited(entry)
-            except BaseException as error:
-                self._raised(entry, error)
-            entry.run_time.add(time_ns() - started_ns)
-            if not self._running:
-                break
-        return self._running
+        if self._running:
+            self._set_timer()
 
     def _take_late(self, entry: _Entry, now_ns: int) -> int:
         """How late a task's present cycle starts, ns; counts the cycles it has missed and queues the next one."""
@@ -315,18 +300,6 @@ class Scheduler:
         entry.due_ns += (missed + 1) * period_ns
         heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
         return late_ns - missed * period_ns
-
-    def _cycle(self, entry: _Entry, now_ns: int, late_ns: int) -> None:
-        """Run one cycle of a task and measure it."""
-        started_ns = stopwatch_ns()
-        try:
-            if entry.send(now_ns / NS_PER_S) is not NEXT_TICK:
-                self._waited(entry)
-        except BaseException as error:  # CancelledError too: asyncio would only log it
-            self._raised(entry, error)
-        entry.run_time.add(stopwatch_ns() - started_ns)
-        entry.statistics.add_lateness(late_ns)
-        entry.ticks.missed = 0  # as it is for a cycle in time
 
     def _waited(self, entry: _Entry) -> None:
         entry.coroutine.close()
@@ -364,20 +337,13 @@ class Scheduler:
         due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
         return min(due_ns, self._stop_ns)
 
-    def _jump_to_next(self) -> bool:
-        """True when virtual time was moved to the next deadline; else a timer is set for it."""
-        due_ns = self._next_due_ns()
-        virtual = self._virtual
-        if due_ns != NEVER and virtual is not None and virtual.jumps.to(due_ns + self._origin_ns, virtual.timers):
-            return True
+    def _set_timer(self) -> None:
+        """See to it that what is due next is dispatched in time."""
+        due_ns = self._next_due_ns() + self._origin_ns
         self._timer = None
-        if due_ns == NEVER:
-            return False
-        due_ns += self._origin_ns
-        if self._virtual is None:
-            due_ns -= self._margin_ns
-        self._timer = self._loop.call_at(due_ns / NS_PER_S, self._dispatch)
-        return False
+        if due_ns < NEVER:
+            margin_ns = self._margin_ns if self._virtual is None else 0
+            self._timer = self._loop.call_at((due_ns - margin_ns) / NS_PER_S, self._dispatch)
 
     def _spin_to_next_deadline(self) -> None:
         """Wait out the margin by which the timer was set early, and learn how large it has to be.
