@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
+from txt1.beside import PERIOD as SCREENS_PERIOD
+from txt1.beside import PRIORITY as SCREENS_PRIORITY
 from txt1.board import Board, Listen
 from txt1.command_line import DISARMED, FAULT, OK, SIGNALS
 from txt1.config import Config
@@ -26,8 +28,6 @@ from txt1.learning.agent import Agent
 from txt1.record.session import open_view, recording
 from txt1.robot import REFRESH, Robot
 from txt1.runtime import Runtime
-from txt1.ui.terminal import PERIOD as SCREENS_PERIOD
-from txt1.ui.terminal import PRIORITY as SCREENS_PRIORITY
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:

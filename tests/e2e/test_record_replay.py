@@ -16,7 +16,7 @@ from txt1.hal.base import Button
 from txt1.record.film import Film
 from txt1.record.replay import KEYS, Player
 from txt1.ui.screens import render
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +64,7 @@ def test_the_film_shows_what_the_robot_did(circle: Path) -> None:
     assert during.encoders.right is not None and during.encoders.right > during.encoders.left > 0
     assert [event.text for event in during.events] == ["armed"]
     for screen in range(6):
-        render(during._replace(panel=during.panel._replace(screen=screen)), View(), 100, 30)
+        render(during._replace(panel=during.panel._replace(screen=screen)), Viewer(), 100, 30)
 
 
 def test_it_plays_at_its_speed_and_stays_at_the_end(circle: Path) -> None:

@@ -141,11 +141,12 @@ class _ReplayTerminal(Terminal):
         super().__init__(player)
         self._player = player
 
-    def _obey(self, key: str) -> None:
+    def obey(self, key: str) -> None:
+        """Do what a key means to the player, or else to the terminal."""
         if key in ("a", "d", "w", "+", "-"):
             self._player.key(key)
         elif key != "s":
-            super()._obey(key)
+            super().obey(key)
 
 
 async def play(film: Film, speed: float, start: float | None, loop: bool) -> None:

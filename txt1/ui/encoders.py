@@ -14,7 +14,7 @@ from rich.text import Text
 from txt1.tasks.fields import Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.text import DASH, DIM, LABEL, centred_bar, number
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 V_MAX: Final = 1.5
 """m/s, full scale of the bar: what the controller accepts."""
@@ -26,12 +26,12 @@ WIDE: Final = 130
 """Columns from which the path is drawn beside the numbers."""
 
 
-def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableType:
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """ENCODERS for a body of width x rows cells."""
     if width < WIDE:
         return _numbers(snapshot, width, rows)
     left = width // 2
-    lines = draw_map(snapshot, view, width - left - 2, rows - 2)
+    lines = draw_map(snapshot, viewer, width - left - 2, rows - 2)
     layout = Layout()
     layout.split_row(
         Layout(_numbers(snapshot, left, rows), size=left),

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from txt1.tasks.fields import Snapshot
 from txt1.ui.text import DIM
-from txt1.ui.view import View, pose_of
+from txt1.ui.viewer import Viewer, pose_of
 
 BODY: Final = (0.510, 0.385)
 """Length and width of the robot, m."""
@@ -132,18 +132,18 @@ def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
     )
 
 
-def draw_map(snapshot: Snapshot, view: View, columns: int, rows: int) -> list[Text]:
+def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> list[Text]:
     """The map and, as its last row, the legend with the scale."""
     rows = max(1, rows - 1)
     room = snapshot.room if snapshot.room is not None and all(map(isfinite, snapshot.room)) else None
     if room is None:
-        bounds = around(snapshot, view)
+        bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
         canvas = Canvas(walls(*room), columns, rows)
         _draw_room(canvas, walls(*room))
     _draw_axes(canvas)
-    canvas.path(view.path, PATH)
+    canvas.path(viewer.path, PATH)
     x, y, theta = pose_of(snapshot)
     if isfinite(x) and isfinite(y) and isfinite(theta):
         _draw_robot(canvas, x, y, theta)
@@ -157,13 +157,13 @@ def walls(length: float, width: float) -> Bounds:
     return Bounds(-length / 2.0, -width / 2.0, length / 2.0, width / 2.0)
 
 
-def around(snapshot: Snapshot, view: View) -> Bounds:
+def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
     """What a view without a room has to show: path, robot and light, with a margin, on a coarse grid.
 
     The grid keeps the picture still while the robot moves.
     """
     x, y, _ = pose_of(snapshot)
-    points = [*view.path, (x, y), *([snapshot.light] if snapshot.light else [])]
+    points = [*viewer.path, (x, y), *([snapshot.light] if snapshot.light else [])]
     xs = [x for x, _ in points if isfinite(x)] or [0.0]
     ys = [y for _, y in points if isfinite(y)] or [0.0]
     span = max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))

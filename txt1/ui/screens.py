@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from txt1.tasks.fields import SCREENS, Snapshot
-from txt1.ui import channels, encoders, gains, status, tasks
+from txt1.ui import encoders, gains, pwm, status, tasks
 from txt1.ui.map import draw_map
 from txt1.ui.text import DIM, clean, field_table, run_time
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 HEADER_ROWS = 2
 FOOTER_ROWS = 1
@@ -33,7 +33,7 @@ _KEYS = (
 )
 
 
-def render(snapshot: Snapshot | None, view: View, width: int, height: int) -> RenderableType:
+def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> RenderableType:
     """What to print on a window of width x height cells; None: the robot has not reported yet."""
     if snapshot is None:
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
@@ -43,25 +43,25 @@ def render(snapshot: Snapshot | None, view: View, width: int, height: int) -> Re
     layout.split_column(
         Layout(_header(snapshot), size=1),
         Layout(_state_line(snapshot), size=1),
-        Layout(_help() if view.help else _screen(snapshot, view, width, rows)),
+        Layout(_help() if viewer.help else _screen(snapshot, viewer, width, rows)),
         Layout(_keys(), size=1),
     )
     return layout
 
 
-def _screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableType:
+def _screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """The current screen for a body of width x rows cells."""
     match SCREENS[snapshot.panel.screen % len(SCREENS)]:
         case "STATUS":
-            return status.screen(snapshot, view, width, rows)
+            return status.screen(snapshot, viewer, width, rows)
         case "PWM":
-            return channels.screen(snapshot, width, rows)
+            return pwm.screen(snapshot, width, rows)
         case "ENCODERS":
-            return encoders.screen(snapshot, view, width, rows)
+            return encoders.screen(snapshot, viewer, width, rows)
         case "PID GAINS":
             return gains.screen(snapshot, rows)
         case "MAP":
-            lines = draw_map(snapshot, view, width - BORDER, rows - BORDER)
+            lines = draw_map(snapshot, viewer, width - BORDER, rows - BORDER)
             return Panel(Text("\n").join(lines), title="MAP", padding=0, border_style=DIM)
         case _:
             return tasks.screen(snapshot, width)

@@ -12,7 +12,7 @@ from txt1.control.pid import Gains
 from txt1.tasks.fields import BatteryState, Snapshot
 from txt1.ui.map import draw_map
 from txt1.ui.text import BAD, DASH, DIM, GOOD, LABEL, WARNING, clean, field_table, minutes, number, on_off
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 LEFT = 43
 """Columns of the left half in a window of 80."""
@@ -40,7 +40,7 @@ def state_of(snapshot: Snapshot) -> Text:
     return Text(f" ▌▌disarmed{reason} ", style="black on yellow", no_wrap=True, overflow="ellipsis")
 
 
-def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableType:
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """STATUS for a body of width x rows cells; a large window has room for a small map."""
     left_width = max(LEFT, width * 2 // 5)
     layout = Layout()
@@ -49,7 +49,7 @@ def screen(snapshot: Snapshot, view: View, width: int, rows: int) -> RenderableT
     state = Group(_robot(snapshot), _batteries(snapshot), _gains(snapshot))
     map_rows = rows - LEFT_ROWS - 1
     if map_rows >= 10:
-        lines = draw_map(snapshot, view, left_width - 2, map_rows - 2)
+        lines = draw_map(snapshot, viewer, left_width - 2, map_rows - 2)
         small_map = Panel(Text("\n").join(lines), title="map", padding=0, border_style=DIM)
         left.split_column(Layout(state), Layout(small_map, size=map_rows))
     else:

@@ -31,7 +31,7 @@ class Drawing:
         self.link.settimeout(15.0)
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "txt1.ui.drawing", "--fd", str(theirs.fileno()), "--interval", "0.02"],
+                [sys.executable, "-m", "txt1.beside", str(theirs.fileno()), "txt1.ui.drawing:main", "0.02", "{}"],
                 stdin=self.tty.slave,
                 stdout=self.tty.slave,
                 pass_fds=[theirs.fileno()],
@@ -81,7 +81,7 @@ def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
     assert tty.modes() != tty.before
     drawing.show(full(screen=0))
     tty.until(lambda: "set-point" in tty.text() and "ARMED" in tty.text())
-    while drawing.beat()["drawn"] != 1:
+    while drawing.beat()["received"] != 1:
         pass
     tty.type(b"\x1b[C\x1bOD\x1b\xc3\xa4 ")
     assert drawing.keys(3) == ["right", "left", "space"]
@@ -99,7 +99,7 @@ def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
     for second in range(100, 200):
         drawing.show(full(float(second)))
     tty.until(lambda: "0:03:19.0" in tty.text())
-    while drawing.beat()["drawn"] != 101:
+    while drawing.beat()["received"] != 101:
         pass
 
     tty.resize(120, 40)

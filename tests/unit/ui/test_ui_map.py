@@ -9,7 +9,7 @@ from ui_snapshots import blind, full
 
 from txt1.tasks.fields import Snapshot
 from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 
 def dots(lines: list[str]) -> set[tuple[int, int]]:
@@ -26,8 +26,8 @@ def dots(lines: list[str]) -> set[tuple[int, int]]:
     }
 
 
-def drawn(snapshot: Snapshot, columns: int = 78, rows: int = 19, view: View | None = None) -> list[str]:
-    return [line.plain for line in draw_map(snapshot, view or View(), columns, rows)]
+def drawn(snapshot: Snapshot, columns: int = 78, rows: int = 19, viewer: Viewer | None = None) -> list[str]:
+    return [line.plain for line in draw_map(snapshot, viewer or Viewer(), columns, rows)]
 
 
 @pytest.mark.parametrize("size", [(78, 19), (198, 45), (40, 40)])
@@ -71,11 +71,11 @@ def test_the_light_stands_where_it_is() -> None:
 
 
 def test_without_a_room_the_view_holds_the_whole_path() -> None:
-    view = View()
+    viewer = Viewer()
     for i in range(200):
         snapshot = blind(i * 0.1)._replace(odometry=blind().odometry._replace(x=0.05 * i, y=0.0, theta=0.0))
-        view.follow(snapshot)
-    lines = drawn(snapshot, view=view)
+        viewer.follow(snapshot)
+    lines = drawn(snapshot, viewer=viewer)
     xs = [x for x, _ in dots(lines[:-1])]
     assert max(xs) - min(xs) > 60
     assert "odometry x 9.95" in lines[-1]
@@ -109,34 +109,34 @@ def test_the_scale_lets_everything_fit() -> None:
 
 
 def test_the_path_is_bounded_and_survives_decimation() -> None:
-    view = View()
+    viewer = Viewer()
     for i in range(6_000):
-        view.follow(full()._replace(time=i * 0.1, pose=(0.03 * i, 0.0, 0.0)))
-        assert len(view.path) <= 4000
-    assert view.path[0] == (0.0, 0.0)
-    assert view.path[-1][0] == pytest.approx(0.03 * 5_999, abs=2 * view.spacing)
+        viewer.follow(full()._replace(time=i * 0.1, pose=(0.03 * i, 0.0, 0.0)))
+        assert len(viewer.path) <= 4000
+    assert viewer.path[0] == (0.0, 0.0)
+    assert viewer.path[-1][0] == pytest.approx(0.03 * 5_999, abs=2 * viewer.spacing)
 
 
 def test_placing_the_robot_starts_a_new_path() -> None:
-    view = View()
+    viewer = Viewer()
     for i in range(50):
-        view.follow(full()._replace(time=i * 0.1, pose=(0.1 * i, 0.0, 0.0)))
-    assert len(view.path) == 50
-    view.follow(full()._replace(time=5.0, pose=(4.9, 0.6, 0.0)))
-    assert view.path == [(4.9, 0.6)]
+        viewer.follow(full()._replace(time=i * 0.1, pose=(0.1 * i, 0.0, 0.0)))
+    assert len(viewer.path) == 50
+    viewer.follow(full()._replace(time=5.0, pose=(4.9, 0.6, 0.0)))
+    assert viewer.path == [(4.9, 0.6)]
 
 
 def test_fast_motion_is_no_placing_and_a_new_run_is() -> None:
-    view = View()
-    view.follow(full()._replace(time=0.0, pose=(0.0, 0.0, 0.0)))
-    view.follow(full()._replace(time=2.0, pose=(1.5, 0.0, 0.0)))
-    assert len(view.path) == 2
-    view.follow(full()._replace(time=0.5, pose=(1.5, 0.1, 0.0)))
-    assert view.path == [(1.5, 0.1)]
+    viewer = Viewer()
+    viewer.follow(full()._replace(time=0.0, pose=(0.0, 0.0, 0.0)))
+    viewer.follow(full()._replace(time=2.0, pose=(1.5, 0.0, 0.0)))
+    assert len(viewer.path) == 2
+    viewer.follow(full()._replace(time=0.5, pose=(1.5, 0.1, 0.0)))
+    assert viewer.path == [(1.5, 0.1)]
 
 
 def test_a_robot_that_stands_adds_no_points() -> None:
-    view = View()
+    viewer = Viewer()
     for i in range(50):
-        view.follow(full()._replace(time=i * 0.1, pose=(1.0, 1.0, 0.0)))
-    assert view.path == [(1.0, 1.0)]
+        viewer.follow(full()._replace(time=i * 0.1, pose=(1.0, 1.0, 0.0)))
+    assert viewer.path == [(1.0, 1.0)]

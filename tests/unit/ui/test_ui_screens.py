@@ -14,7 +14,7 @@ from txt1.tasks.fields import SCREENS, Event, GainTable, Panel, Snapshot
 from txt1.ui.gains import in_force, visible
 from txt1.ui.screens import render
 from txt1.ui.text import count, duration, minutes, number, run_time
-from txt1.ui.view import View
+from txt1.ui.viewer import Viewer
 
 SIZES = [(80, 24), (110, 30), (133, 40), (200, 50)]
 
@@ -31,17 +31,17 @@ FIELDS = {
 }
 
 
-def printed(snapshot: Snapshot | None, view: View, width: int, height: int) -> list[str]:
+def printed(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> list[str]:
     console = Console(file=StringIO(), width=width, height=height, color_system=None, highlight=False)
     with console.capture() as capture:
-        console.print(render(snapshot, view, width, height), end="")
+        console.print(render(snapshot, viewer, width, height), end="")
     return capture.get().rstrip("\n").split("\n")
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("screen", range(len(SCREENS)))
 def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tuple[int, int]) -> None:
-    lines = printed(full(screen=screen), View(), *size)
+    lines = printed(full(screen=screen), Viewer(), *size)
     text = "\n".join(lines)
     assert len(lines) == size[1]
     assert all(cell_len(line) <= size[0] for line in lines)
@@ -54,7 +54,7 @@ def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tu
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("screen", range(len(SCREENS)))
 def test_a_hal_that_knows_little_still_gets_every_screen(screen: int, size: tuple[int, int]) -> None:
-    lines = printed(blind(screen=screen), View(), *size)
+    lines = printed(blind(screen=screen), Viewer(), *size)
     assert len(lines) == size[1]
     assert all(cell_len(line) <= size[0] for line in lines)
 
@@ -68,14 +68,14 @@ def test_a_hal_that_knows_little_still_gets_every_screen(screen: int, size: tupl
     ],
 )
 def test_what_the_hal_cannot_know_is_a_dash(screen: int, names: list[str]) -> None:
-    lines = printed(blind(screen=screen), View(), 80, 24)
+    lines = printed(blind(screen=screen), Viewer(), 80, 24)
     for name in names:
         assert any(f"{name} " in line and "–" in line.split(name, 1)[1] for line in lines), name
 
 
 def test_no_set_is_marked_when_a_board_does_the_scheduling() -> None:
     assert in_force(blind()) is None
-    assert "in force: –" in "\n".join(printed(blind(screen=3), View(), 80, 24))
+    assert "in force: –" in "\n".join(printed(blind(screen=3), Viewer(), 80, 24))
 
 
 def test_equal_gains_are_told_apart_by_the_speed() -> None:
@@ -88,26 +88,26 @@ def test_equal_gains_are_told_apart_by_the_speed() -> None:
 
 
 def test_the_state_line_cannot_be_misread() -> None:
-    assert "ARMED" in printed(full(), View(), 80, 24)[1]
+    assert "ARMED" in printed(full(), Viewer(), 80, 24)[1]
     stopped = full()._replace(armed=False, stopped=True, reason="emergency stop")
-    assert "EMERGENCY STOP" in printed(stopped, View(), 80, 24)[1]
-    assert "ARMED" not in printed(stopped, View(), 80, 24)[1]
+    assert "EMERGENCY STOP" in printed(stopped, Viewer(), 80, 24)[1]
+    assert "ARMED" not in printed(stopped, Viewer(), 80, 24)[1]
     disarmed = full()._replace(armed=False, reason="link lost")
-    assert "disarmed (link lost)" in printed(disarmed, View(), 80, 24)[1]
+    assert "disarmed (link lost)" in printed(disarmed, Viewer(), 80, 24)[1]
     long = full()._replace(armed=False, reason="a very long reason " * 5)
-    assert "link alive  RX" in printed(long, View(), 80, 24)[1]
+    assert "link alive  RX" in printed(long, Viewer(), 80, 24)[1]
 
 
 def test_buzzer_and_leds_follow_the_robot() -> None:
     snapshot = full()._replace(received=1, transmitted=2, buzzer=False)
-    assert "RX ●  TX ○" in printed(snapshot, View(), 80, 24)[1]
-    assert "BUZZER" not in printed(snapshot, View(), 80, 24)[1]
-    assert "RX ○  TX ●" in printed(snapshot._replace(received=2, transmitted=3), View(), 80, 24)[1]
+    assert "RX ●  TX ○" in printed(snapshot, Viewer(), 80, 24)[1]
+    assert "BUZZER" not in printed(snapshot, Viewer(), 80, 24)[1]
+    assert "RX ○  TX ●" in printed(snapshot._replace(received=2, transmitted=3), Viewer(), 80, 24)[1]
 
 
 @pytest.mark.parametrize("screen", range(len(SCREENS)))
 def test_help_covers_the_screen_but_not_the_state(screen: int) -> None:
-    lines = printed(full(screen=screen), View(help=True), 80, 24)
+    lines = printed(full(screen=screen), Viewer(help=True), 80, 24)
     text = "\n".join(lines)
     assert "HELP" in text
     assert "ARMED" in lines[1]
@@ -116,16 +116,16 @@ def test_help_covers_the_screen_but_not_the_state(screen: int) -> None:
 
 
 def test_before_the_first_snapshot_it_waits_for_the_robot() -> None:
-    assert "waiting for the robot" in "\n".join(printed(None, View(), 80, 24))
+    assert "waiting for the robot" in "\n".join(printed(None, Viewer(), 80, 24))
 
 
 def test_the_gains_scroll_and_the_last_row_stays_visible() -> None:
     small = full(screen=3)._replace(panel=Panel(3, 2))
-    text = "\n".join(printed(small, View(), 80, 16))
+    text = "\n".join(printed(small, Viewer(), 80, 16))
     assert "-1.15" not in text
     assert "-0.95" in text
     far = full(screen=3)._replace(panel=Panel(3, 100))
-    text = "\n".join(printed(far, View(), 80, 16))
+    text = "\n".join(printed(far, Viewer(), 80, 16))
     assert "1.35  " in text
     assert "-1.35" not in text
     assert visible(14, 20, 5) == range(14)
@@ -133,7 +133,7 @@ def test_the_gains_scroll_and_the_last_row_stays_visible() -> None:
 
 def test_without_gains_the_table_says_so() -> None:
     empty = full(screen=3)._replace(gains=GainTable(angular=Schedule()))
-    text = "\n".join(printed(empty, View(), 80, 24))
+    text = "\n".join(printed(empty, Viewer(), 80, 24))
     assert "no sets" in text
     assert "not loaded" in text
 
@@ -142,7 +142,7 @@ def test_an_event_cannot_command_the_terminal() -> None:
     nasty = full()._replace(events=(Event(1.0, "a\x1b[2Jb\x07\nc\x9bd"),), reason="\x1b]0;x\x07", armed=False)
     console = Console(file=StringIO(), width=80, height=24, color_system=None)
     with console.capture() as capture:
-        console.print(render(nasty, View(), 80, 24), end="")
+        console.print(render(nasty, Viewer(), 80, 24), end="")
     assert "\x1b" not in capture.get()
     assert "\x07" not in capture.get()
     assert "\x9b" not in capture.get()
@@ -150,7 +150,7 @@ def test_an_event_cannot_command_the_terminal() -> None:
 
 def test_many_faults_leave_room_for_the_events() -> None:
     many = full()._replace(faults={f"fault_{i}": i for i in range(1, 40)})
-    text = "\n".join(printed(many, View(), 80, 24))
+    text = "\n".join(printed(many, Viewer(), 80, 24))
     assert "more" in text
     assert "number 19" in text
 
@@ -158,7 +158,7 @@ def test_many_faults_leave_room_for_the_events() -> None:
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
 @pytest.mark.parametrize("screen", range(len(SCREENS)))
 def test_a_window_that_is_too_small_is_no_error(screen: int, size: tuple[int, int]) -> None:
-    assert all(cell_len(line) <= size[0] for line in printed(full(screen=screen), View(), *size))
+    assert all(cell_len(line) <= size[0] for line in printed(full(screen=screen), Viewer(), *size))
 
 
 def test_values_are_written_for_people() -> None:

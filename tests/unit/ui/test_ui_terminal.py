@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -18,9 +15,9 @@ import pytest
 from ui_snapshots import full
 from ui_tty import Tty
 
+from txt1.beside import Request
 from txt1.errors import CommandRefused, TerminalLost
 from txt1.hal.base import Button
-from txt1.ui import terminal as module
 from txt1.ui.frames import decode
 from txt1.ui.terminal import Terminal
 
@@ -148,139 +145,75 @@ async def test_without_a_terminal_it_says_so() -> None:
             pass
 
 
-class Peer:
-    """This test in the place of the drawing process."""
-
-    def __init__(self, terminal: Terminal, robot: Mock, link: socket.socket) -> None:
-        self.terminal, self.robot, self.link = terminal, robot, link
-
-    async def beat(self, *keys: str, drawn: int = 0, times: int = 1) -> None:
-        line = json.dumps({"keys": keys, "drawn": drawn}).encode() + b"\n"
-        await self.send(line * times)
-
-    async def send(self, data: bytes) -> None:
-        self.link.sendall(data)
-        for _ in range(20):
-            await asyncio.sleep(0)
-
-    def received(self) -> bytes:
-        try:
-            return self.link.recv(1 << 20)
-        except BlockingIOError:
-            return b""
+@pytest.fixture
+def robot() -> Mock:
+    return Mock(snapshot=None, now=0.0)
 
 
 @pytest.fixture
-async def peer(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Peer]:
-    ends: list[socket.socket] = []
-
-    def start(fd: int, beat: float) -> Mock:
-        ends.append(socket.socket(fileno=os.dup(fd)))
-        ends[0].setblocking(False)
-        return Mock()
-
-    monkeypatch.setattr(module, "_start_drawing", start)
-    monkeypatch.setattr(module, "_end_drawing", lambda child, saved: None)
-    monkeypatch.setattr(module.modes, "saved", lambda *_: [])
-    robot = Mock(snapshot=None, now=0.0)
-    async with Terminal(robot) as terminal:
-        yield Peer(terminal, robot, ends[0])
-    ends[0].close()
+def terminal(robot: Mock) -> Terminal:
+    return Terminal(robot)
 
 
-async def test_a_snapshot_is_sent_only_when_the_last_one_arrived(peer: Peer) -> None:
-    await peer.beat()
-    assert peer.received() == b""
-    peer.robot.snapshot = full(1.0)
-    await peer.beat(drawn=0)
-    assert decode(peer.received()).time == 1.0
-    for second in range(2, 50):
-        peer.robot.snapshot = full(float(second))
-        await peer.beat(drawn=0)
-    assert peer.received() == b""
-    await peer.beat(drawn=1)
-    assert decode(peer.received()).time == 49.0
-    await peer.beat(drawn=2)
-    assert peer.received() == b"", "the same snapshot is not sent twice"
+def beat(terminal: Terminal, *keys: str, age: float = 0.01) -> None:
+    """A heartbeat of the drawing process, with what was typed since the last."""
+    terminal.request(Request("keys", {"keys": keys}, age))
 
 
-async def test_a_viewer_that_reads_nothing_costs_the_robot_nothing(peer: Peer) -> None:
-    peer.robot.snapshot = full(1.0)._replace(reason="x" * 3_000_000)
-    await peer.beat(drawn=0)
-    for _ in range(50):
-        await peer.beat(drawn=0)
-    assert len(peer.terminal._unsent) < 3_100_000
-    data = b""
-    while not data.endswith(b"\n"):
-        data += peer.received()
-        await peer.beat(drawn=0)
-    assert decode(data) == peer.robot.snapshot
+def test_the_same_snapshot_is_not_sent_twice(terminal: Terminal, robot: Mock) -> None:
+    assert terminal.telemetry() is None
+    robot.snapshot = full(1.0)
+    line = terminal.telemetry()
+    assert line is not None and decode(line).time == 1.0
+    assert terminal.telemetry() is None
 
 
-async def test_a_command_is_renewed_by_heartbeats_and_by_nothing_else(peer: Peer) -> None:
-    await peer.beat("w")
-    assert peer.robot.command.call_count == 1
-    await asyncio.sleep(0.2)
-    assert peer.robot.command.call_count == 1
-    await peer.beat()
-    assert peer.robot.command.call_count == 2
+def test_a_command_is_renewed_by_heartbeats_and_by_nothing_else(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "w")
+    assert robot.command.call_count == 1
+    beat(terminal)
+    assert robot.command.call_count == 2
+    beat(terminal, age=0.6)
+    assert robot.command.call_count == 2, "from before a standstill"
 
 
-async def test_the_emergency_stop_lets_go_of_the_keys(peer: Peer) -> None:
-    await peer.beat("w", "space")
-    peer.robot.stop.assert_called_once_with()
-    await peer.beat()
-    peer.robot.command.assert_not_called()
+def test_the_emergency_stop_lets_go_of_the_keys(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "w", "space")
+    robot.stop.assert_called_once_with()
+    beat(terminal)
+    robot.command.assert_not_called()
 
 
-async def test_a_key_pressed_while_stopped_does_not_drive_after_arming(peer: Peer) -> None:
-    await peer.beat("space", "w")
-    peer.robot.command.reset_mock()
-    await peer.beat("m")
-    peer.robot.arm.assert_called_once_with()
-    await peer.beat()
-    peer.robot.command.assert_not_called()
+def test_a_key_pressed_while_stopped_does_not_drive_after_arming(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "space", "w")
+    robot.command.reset_mock()
+    beat(terminal, "m")
+    robot.arm.assert_called_once_with()
+    beat(terminal)
+    robot.command.assert_not_called()
 
 
-async def test_keys_from_before_a_standstill_stop_but_do_not_drive(peer: Peer) -> None:
-    old = json.dumps({"keys": ["w", "m", "space"], "drawn": 0}).encode() + b"\n"
-    beats = json.dumps({"keys": [], "drawn": 0}).encode() + b"\n"
-    await peer.send(old + beats * 200)
-    peer.robot.stop.assert_called_once_with()
-    peer.robot.arm.assert_not_called()
-    peer.robot.command.assert_not_called()
+def test_keys_from_before_a_standstill_stop_but_do_not_drive(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "w", "m", "space", age=10.0)
+    beat(terminal)
+    robot.stop.assert_called_once_with()
+    robot.arm.assert_not_called()
+    robot.command.assert_not_called()
 
 
-async def test_every_button_is_pressed(peer: Peer) -> None:
-    await peer.beat("left", "right", "up", "down", "c")
-    pressed = [call.args[0] for call in peer.robot.press.call_args_list]
+def test_every_button_is_pressed(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "left", "right", "up", "down", "c")
+    pressed = [call.args[0] for call in robot.press.call_args_list]
     assert pressed == [Button.LEFT, Button.RIGHT, Button.UP, Button.DOWN, Button.CENTRE]
 
 
-async def test_a_refusal_is_shown_once(peer: Peer) -> None:
-    peer.robot.command.side_effect = CommandRefused("manual mode")
-    await peer.beat("w")
-    await peer.beat()
-    peer.robot.tell.assert_called_once_with("manual mode")
+def test_a_refusal_is_shown_once(terminal: Terminal, robot: Mock) -> None:
+    robot.command.side_effect = CommandRefused("manual mode")
+    beat(terminal, "w")
+    beat(terminal)
+    robot.tell.assert_called_once_with("manual mode")
 
 
-async def test_a_bug_in_the_robot_reaches_the_user(peer: Peer) -> None:
-    peer.robot.stop.side_effect = ZeroDivisionError("bug")
-    await peer.beat("space")
-    with pytest.raises(ZeroDivisionError, match="bug"):
-        await peer.terminal.wait()
-
-
-async def test_the_end_of_the_stream_disarms(peer: Peer) -> None:
-    await peer.beat("w")
-    peer.link.close()
-    assert await asyncio.wait_for(peer.terminal.wait(), 5.0) == "lost"
-    peer.robot.disarm.assert_called_once_with("terminal lost")
-    assert peer.robot.command.call_count == 1
-
-
-async def test_half_a_heartbeat_waits_for_its_other_half(peer: Peer) -> None:
-    await peer.send(b'{"keys": ["spa')
-    peer.robot.stop.assert_not_called()
-    await peer.send(b'ce"], "drawn": 0}\n')
-    peer.robot.stop.assert_called_once_with()
+async def test_the_quit_key_ends_the_wait_and_drives_no_more(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "w", "q", "w")
+    robot.command.assert_not_called()

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
+IN: Final = 0
+OUT: Final = 1
+
 ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"
 """Alternate screen, no cursor, cleared."""
 
@@ -86,6 +89,13 @@ def restore(tty_in: int, modes: Modes) -> None:
     with suppress(OSError, termios.error):
         termios.tcflush(tty_in, termios.TCIFLUSH)
         termios.tcsetattr(tty_in, termios.TCSANOW, modes)
+
+
+def put_back(modes: Modes, killed: bool) -> None:
+    """Put the terminal back behind a process that was drawing on it, also when it was killed over it."""
+    if killed:
+        leave_screen(OUT)
+    restore(IN, modes)
 
 
 def write(fd: int, data: bytes) -> None:

@@ -29,7 +29,7 @@ def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
 
 
 @dataclass
-class View:
+class Viewer:
     """The viewer's own state.
 
     Attributes:

@@ -1,0 +1,76 @@
+"""What runs in the process beside the loop in these tests."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from txt1.beside import Connection
+
+
+def echo(connection: Connection, **options: object) -> None:
+    """Answers telemetry with a request that holds it."""
+    connection.request("began", **options)
+    for telemetry in connection:
+        connection.request("echo", telemetry=telemetry)
+        if telemetry.get("end"):
+            return
+
+
+def drive(connection: Connection) -> None:
+    """Commands 20 times a second as long as it lives."""
+    for _ in iter(lambda: connection.receive(0.05), 0):
+        connection.request("drive", v=0.5, omega=0.0)
+
+
+def hang(connection: Connection) -> None:
+    connection.request("drive", v=0.5, omega=0.0)
+    time.sleep(60.0)
+
+
+def flood(connection: Connection, rate: float = 1e5) -> None:
+    """Writes `rate` messages a second, hundreds at a time."""
+    began, sent, piece = time.monotonic(), 0, 200
+    while True:
+        line = b'{"time": %d, "request": "drive", "v": 0.5, "omega": 0.0}\n' % time.monotonic_ns()
+        os.write(connection.fileno(), line * piece)
+        sent += piece
+        time.sleep(max(0.0, began + sent / rate - time.monotonic()))
+
+
+def endless(connection: Connection) -> None:
+    while True:
+        os.write(connection.fileno(), b"x" * 10_000)
+
+
+def leak(connection: Connection, total: int = 1 << 30, rate: int = 100 << 20) -> None:
+    """Takes `rate` bytes of memory a second, and keeps them, up to `total`."""
+    kept: list[bytes] = []
+    for _ in iter(lambda: connection.receive(0.05), 0):
+        connection.request("drive", v=0.5, omega=0.0)
+        if len(kept) * (rate // 20) < total:
+            kept.append(b"x" * (rate // 20))
+            connection.request("leaked", bytes=len(kept) * (rate // 20))
+
+
+def fail(connection: Connection) -> None:
+    connection.request("began")
+    raise SystemExit(3)
+
+
+def garbage(connection: Connection) -> None:
+    now = time.monotonic_ns()
+    for line in (
+        b"nonsense",
+        b"[]",
+        b"{}",
+        b'{"time": "yesterday"}',
+        b'{"time": %d, "request": "future"}' % (now + 10**12),
+        b'{"time": %d, "received": 99}' % now,
+        b"[" * 5000,
+        b"\xff\xfe",
+    ):
+        os.write(connection.fileno(), line + b"\n")
+    connection.request("proper")
+    for _ in connection:
+        pass

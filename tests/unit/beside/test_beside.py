@@ -1,0 +1,177 @@
+"""A process beside the loop: what it is sent, what it may ask for, and that nothing it does delays the loop."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from txt1.beside import MESSAGES, PERIOD, Beside, Request, Restart
+
+
+class Owner:
+    """Whoever started the process: writes down what it asks for."""
+
+    def __init__(self, *lines: dict[str, Any]) -> None:
+        self.lines = list(lines)
+        self.requests: list[Request] = []
+        self.told: list[str] = []
+        self.lost = 0
+
+    def telemetry(self) -> bytes | None:
+        return json.dumps(self.lines.pop(0)).encode() + b"\n" if self.lines else None
+
+    def request(self, request: Request) -> None:
+        if request.name:
+            self.requests.append(request)
+
+    def of(self, name: str) -> list[Request]:
+        return [request for request in self.requests if request.name == name]
+
+    def gone(self) -> None:
+        self.lost += 1
+
+    def beside(self, target: str, **more: Any) -> Beside:
+        where = f"beside_targets:{target}"
+        return Beside(where, self.telemetry, self.request, tell=self.told.append, lost=self.gone, **more)
+
+
+async def until(condition: Callable[[], object], limit: float = 20.0) -> None:
+    async with asyncio.timeout(limit):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def test_telemetry_goes_in_requests_come_out_and_the_process_ends_by_itself() -> None:
+    owner = Owner({"x": 1.5}, {"end": True})
+    async with owner.beside("echo", options={"rate": 10}) as beside:
+        assert await asyncio.wait_for(beside.ended(), 20.0) == "ended"
+    began, first, second = owner.requests
+    assert (began.name, began.fields) == ("began", {"rate": 10})
+    assert (first.fields, second.fields) == ({"telemetry": {"x": 1.5}}, {"telemetry": {"end": True}})
+    assert 0.0 <= began.age < 1.0
+    assert beside.returncode == 0
+    assert beside.counts["malformed"] == beside.counts["dropped"] == 0
+
+
+async def test_leaving_the_block_ends_the_process() -> None:
+    owner = Owner()
+    async with owner.beside("echo") as beside:
+        await until(lambda: owner.requests)
+        pid = beside.pid
+        assert pid is not None
+    assert (beside.returncode, beside.pid) == (0, None)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+async def test_a_process_that_hangs_is_killed_when_the_block_is_left() -> None:
+    owner = Owner()
+    async with owner.beside("hang") as beside:
+        await until(lambda: owner.requests)
+    assert beside.returncode == -signal.SIGKILL
+
+
+async def test_one_that_fails_is_started_again_so_often_and_no_more() -> None:
+    owner = Owner()
+    async with owner.beside("fail", restart=Restart(limit=2, pause=0.02)) as beside:
+        assert await asyncio.wait_for(beside.ended(), 30.0) == "failed"
+    assert len(owner.of("began")) == owner.lost == 3
+    assert beside.counts["restarts"] == 2
+    assert owner.told == [
+        "ended with 3 and is started again in 0.02 s",
+        "ended with 3 and is started again in 0.04 s",
+        "ended with 3 and is not started again",
+    ]
+
+
+async def test_leaving_the_block_does_not_wait_for_a_restart() -> None:
+    owner = Owner()
+    async with asyncio.timeout(20.0), owner.beside("fail", restart=Restart(limit=1, pause=1000.0)) as beside:
+        await until(lambda: owner.told)
+    assert beside.pid is None
+
+
+async def test_silence_is_told_and_ends_a_hung_process() -> None:
+    owner = Owner()
+    async with owner.beside("echo", silence=0.5) as beside:
+        await until(lambda: owner.requests)
+        assert not beside.silent
+        assert beside.pid is not None
+        os.kill(beside.pid, signal.SIGSTOP)
+        serving = asyncio.ensure_future(serve(beside))
+        assert await asyncio.wait_for(beside.ended(), 20.0) == "failed"
+        serving.cancel()
+        assert beside.silent
+    assert owner.told[0] == "is silent"
+    assert owner.told[1].startswith("was silent for 0.5")
+    assert (beside.returncode, owner.lost) == (-signal.SIGKILL, 1)
+
+
+class RealTicks:
+    """Ticks of the real clock, for a task without a scheduler."""
+
+    def __aiter__(self) -> RealTicks:
+        return self
+
+    async def __anext__(self) -> float:
+        await asyncio.sleep(PERIOD)
+        return 0.0
+
+
+async def serve(beside: Beside) -> None:
+    await beside.serve(RealTicks())  # type: ignore[arg-type]
+
+
+async def test_a_flood_is_read_a_few_messages_at_a_time_and_the_rest_is_counted() -> None:
+    owner = Owner()
+    async with owner.beside("flood") as beside:
+        serving = asyncio.ensure_future(serve(beside))
+        await until(lambda: beside.counts["dropped"])
+        taken, began = beside.counts["taken"], asyncio.get_running_loop().time()
+        await asyncio.sleep(1.0)
+        turns = (asyncio.get_running_loop().time() - began) / PERIOD + 2
+        serving.cancel()
+    assert beside.counts["taken"] - taken <= turns * MESSAGES
+    assert beside.counts["dropped"] > 1000
+    assert max(request.age for request in owner.of("drive")[-5:]) < 0.5, "the newest are taken, not the oldest"
+
+
+async def test_a_message_without_end_ends_the_process() -> None:
+    owner = Owner()
+    async with owner.beside("endless") as beside:
+        assert await asyncio.wait_for(beside.ended(), 20.0) == "failed"
+    assert "more than 32768 bytes" in owner.told[-1]
+    assert not owner.requests
+
+
+async def test_malformed_messages_are_counted_and_harm_nobody() -> None:
+    owner = Owner()
+    async with owner.beside("garbage") as beside:
+        await until(lambda: owner.of("proper"))
+    assert beside.counts["malformed"] == 8
+    assert len(owner.requests) == 1
+
+
+async def test_never_more_than_one_piece_of_telemetry_is_under_way() -> None:
+    owner = Owner(*({"n": n} for n in range(100)))
+    async with owner.beside("hang") as beside:
+        await until(lambda: owner.requests)
+        serving = asyncio.ensure_future(serve(beside))
+        await asyncio.sleep(5 * PERIOD)
+        serving.cancel()
+    assert len(owner.lines) == 99
+
+
+async def test_an_error_of_the_owner_is_handed_on() -> None:
+    def bug(request: Request) -> None:
+        raise ZeroDivisionError("bug")
+
+    async with Beside("beside_targets:echo", lambda: None, bug) as beside:
+        with pytest.raises(ZeroDivisionError, match="bug"):
+            await asyncio.wait_for(beside.ended(), 20.0)

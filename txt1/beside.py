@@ -1,0 +1,441 @@
+"""A process beside the event loop: telemetry in, requests out, a heartbeat. Both ends of the line between them.
+
+Whatever draws, talks to other programs or may hang runs in a process of its own; this side of it never waits. The line
+carries one JSON object a line. The robot sends telemetry, and nothing before the last piece was received; the other
+process sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with "request" and further fields
+when it wants something. Their "time" is the origin's, in ns of the machine's monotonic clock.
+
+Nothing that process does delays the robot: a flood is read a few messages at a time behind the tasks (the rest is
+dropped and counted, but for an emergency stop), a message too long or a heartbeat too late ends it, memory it may have
+so much of, and when it is silent its commands go stale by the ordinary rule.
+
+The other process is ``python -m txt1.beside``; it calls the function it was told with its `Connection`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Final, Literal, NamedTuple, Self
+
+from txt1.kernel.clock import RealClock, nanoseconds, seconds
+from txt1.kernel.ticks import Ticks
+
+Reason = Literal["ended", "failed"]
+
+BEAT: Final = 0.05
+"""s between heartbeats."""
+SILENT: Final = 0.25
+"""s without a heartbeat after which the process counts as silent."""
+START: Final = 10.0
+"""s that a process has for its first heartbeat."""
+PATIENCE: Final = 1.0
+"""s of real time that it has to end by itself."""
+NICENESS: Final = 10
+"""On a processor they share the robot's process is woken at once, not when a slice ends."""
+MEMORY: Final = 1 << 30
+"""Bytes of memory it may take."""
+MESSAGES: Final = 20
+"""Messages taken between two ticks; the newest count."""
+LINE_MAX: Final = 1 << 15
+"""Bytes of the longest message, and of one reading."""
+PERIOD: Final = 0.05
+PRIORITY: Final = -50
+"""Of the task `Beside.serve`: behind all the robot's and the user's."""
+
+_STOP: Final = b'"stop"'
+_clock: Final = RealClock()
+
+
+class Request(NamedTuple):
+    """What the process asks for: a name, further fields, and its age in s of real time when it was read."""
+
+    name: str
+    fields: Mapping[str, Any]
+    age: float
+
+
+class Restart(NamedTuple):
+    """How often a process that failed is started again, and the s before the first time; they double each time."""
+
+    limit: int = 0
+    pause: float = 0.5
+
+
+NEVER: Final = Restart()
+
+
+class Beside:
+    """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task.
+
+    Args:
+        target: the function that the process calls with its `Connection` and the options.
+        telemetry: the next line to send, or None when there is nothing new; called when the last one was received.
+        request: told what the process asks for, and with an empty name of every heartbeat without a request.
+        options: keyword arguments of the function.
+        beat: s of real time between heartbeats.
+        restart: what to do when it fails.
+        silence: s without a heartbeat after which it is ended as hung; None: never.
+        tell: told in words when it fails, falls silent or is started again.
+        lost: called at once when it has gone.
+
+    """
+
+    def __init__(
+        self,
+        target: str,
+        telemetry: Callable[[], bytes | None],
+        request: Callable[[Request], None],
+        *,
+        options: Mapping[str, object] | None = None,
+        beat: float = BEAT,
+        restart: Restart = NEVER,
+        silence: float | None = None,
+        tell: Callable[[str], None] = lambda text: None,
+        lost: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.target = target
+        self.counts: Counter[str] = Counter()
+        """Messages taken, dropped (there were too many) and malformed; restarts; and times it was silent."""
+        self.returncode: int | None = None
+        """Of the process, once it has ended."""
+        self._telemetry, self._request = telemetry, request
+        self._command = [target, str(beat), json.dumps(options or {})]
+        self._restart, self._silence, self._tell, self._lost = restart, silence, tell, lost
+        self._allowance = MESSAGES
+        self._ticking = False
+        self._child: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        self._ending: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._loop = asyncio.get_running_loop()
+        self._ended: asyncio.Future[Reason] = self._loop.create_future()
+        self._closing = asyncio.Event()
+        await self._start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.set()
+        # shielded: a second Ctrl-C must not leave the process behind
+        await asyncio.shield(self._end())
+        if self._child is not None:  # it was just being started again
+            await asyncio.shield(self._end())
+
+    @property
+    def pid(self) -> int | None:
+        """The process's id; None when there is none."""
+        return None if self._child is None else self._child.pid
+
+    @property
+    def silent(self) -> bool:
+        """Whether its heartbeat has been missing for longer than `SILENT`."""
+        return self._child is None or seconds(_clock.now_ns() - self._heard) > SILENT
+
+    async def ended(self) -> Reason:
+        """Wait until it has ended for good: by itself, or failed more often than it is started again.
+
+        Raises whatever `telemetry`, `request` or `lost` raised.
+        """
+        return await asyncio.shield(self._ended)
+
+    async def serve(self, ticks: Ticks) -> None:
+        """The task that sends telemetry and reads a flood, of the lowest priority: both wait for the controller."""
+        self._ticking = True
+        async for _ in ticks:
+            self._turn()
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    async def _start(self) -> None:
+        ours, theirs = socket.socketpair()
+        try:
+            with theirs:
+                # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
+                self._child = await asyncio.to_thread(_start, theirs.fileno(), self._command)
+        except BaseException:
+            ours.close()
+            raise
+        ours.setblocking(False)
+        self._socket, self._tail, self._unsent = ours, b"", b""
+        self._sent = self._received = 0
+        self._heard = _clock.now_ns() + nanoseconds(START)
+        self._hushed = self._paused = False
+        self._loop.add_reader(ours, self._readable)
+
+    def _readable(self) -> None:
+        """Take a few messages; in a flood the rest waits for the next turn."""
+        try:
+            fault = self._take()
+            if fault is not None:
+                self._gone(fault)
+            elif self._allowance <= 0 and self._socket is not None:
+                self._loop.remove_reader(self._socket)
+                self._paused = True
+            if not self._ticking:
+                self._loop.call_later(PERIOD, self._turn) if self._paused else self._turn()
+        except Exception as error:
+            self._fail(error)
+
+    def _turn(self) -> None:
+        """Read on, look after the process, and send the newest telemetry."""
+        self._allowance = MESSAGES
+        if self._socket is None:
+            return
+        if self._paused:
+            self._paused = False
+            self._loop.add_reader(self._socket, self._readable)
+            self._readable()
+            return
+        quiet = seconds(_clock.now_ns() - self._heard)
+        if self._silence is not None and quiet > self._silence:
+            self._gone(f"was silent for {quiet:.1f} s")
+        elif quiet > SILENT and not self._hushed:
+            self._hushed = True
+            self.counts["silent"] += 1
+            self._tell("is silent")
+        try:
+            self._send()
+        except Exception as error:
+            self._fail(error)
+
+    def _take(self) -> str | None:
+        """Act on what has arrived; why the process is lost, if it is."""
+        assert self._socket is not None
+        try:
+            data = self._socket.recv(LINE_MAX)
+        except BlockingIOError:
+            return None
+        except ConnectionError:
+            data = b""
+        if not data:
+            return ""
+        lines = (self._tail + data).rsplit(b"\n", self._allowance + 1)
+        self._tail = lines.pop()
+        if len(lines) > self._allowance:
+            dropped = lines.pop(0)
+            self.counts["dropped"] += dropped.count(b"\n") + 1
+            if _STOP in dropped:
+                self._request(Request("stop", {}, 0.0))
+        self._allowance -= len(lines)
+        for line in lines:
+            self._obey(line)
+        return f"sent a message of more than {LINE_MAX} bytes" if len(self._tail) > LINE_MAX else None
+
+    def _obey(self, line: bytes) -> None:
+        """Act on one message."""
+        now = _clock.now_ns()
+        try:
+            message = json.loads(line)
+            age = seconds(now - int(message.pop("time")))
+            received = int(message.pop("received", self._received))
+            name = str(message.pop("request", ""))
+            if age < 0.0 or not self._received <= received <= self._sent:
+                raise ValueError
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+            self.counts["malformed"] += 1
+            return
+        self.counts["taken"] += 1
+        self._heard, self._received, self._hushed = now, received, False
+        self._request(Request(name, message, age))
+
+    def _send(self) -> None:
+        """Send the newest telemetry if the last has been received: never more than one is on its way."""
+        if self._socket is None:
+            return
+        if not self._unsent:
+            line = self._telemetry() if self._received == self._sent else None
+            if line is None:
+                return
+            self._sent, self._unsent = self._sent + 1, line
+        with suppress(BlockingIOError, ConnectionError):  # next time, if there is one
+            self._unsent = self._unsent[self._socket.send(self._unsent) :]
+
+    def _fail(self, error: Exception) -> None:
+        """Hand on an error of the owner's, which asyncio would only log."""
+        self._closing.set()
+        self._end()
+        if not self._ended.done():
+            self._ended.set_exception(error)
+
+    def _gone(self, fault: str) -> None:
+        """The process is lost, or is to be ended for a fault."""
+        self._end(fault)
+        self._lost()
+
+    def _end(self, fault: str = "") -> asyncio.Task[None]:
+        """The task that ends the process, and starts it again if it failed and that is allowed."""
+        if self._socket is not None:
+            self._loop.remove_reader(self._socket)
+            self._socket.close()
+            self._socket = None
+        if self._ending is None or self._ending.done():
+            self._ending = self._loop.create_task(self._end_and_restart(fault))
+        return self._ending
+
+    async def _end_and_restart(self, fault: str) -> None:
+        if self._child is None:
+            return
+        child = self._child
+        self.returncode = await asyncio.to_thread(_end, child, 0.0 if fault else PATIENCE)
+        self._child = None
+        if self._closing.is_set():
+            return
+        if not fault and self.returncode == 0:
+            self._finish("ended")
+            return
+        why = fault or f"ended with {self.returncode}"
+        if self.counts["restarts"] >= self._restart.limit:
+            self._tell(f"{why} and is not started again")
+            self._finish("failed")
+            return
+        pause = self._restart.pause * 2.0 ** self.counts["restarts"]
+        self.counts["restarts"] += 1
+        self._tell(f"{why} and is started again in {pause:g} s")
+        try:
+            await asyncio.wait_for(self._closing.wait(), pause)
+        except TimeoutError:
+            await self._start()
+
+    def _finish(self, reason: Reason) -> None:
+        if not self._ended.done():
+            self._ended.set_result(reason)
+
+
+def _start(fd: int, command: list[str]) -> subprocess.Popen[bytes]:
+    """The process, which inherits the terminal and the socket `fd`; to be called in a thread."""
+    # Ctrl-C goes to the whole foreground group: the child is born deaf to it, before it can say so itself
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        child = subprocess.Popen([sys.executable, "-m", "txt1.beside", str(fd), *command], pass_fds=(fd,))  # noqa: S603
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with suppress(OSError):  # it has ended already
+        os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
+        if hasattr(resource, "prlimit"):
+            resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
+            Path(f"/proc/{child.pid}/oom_score_adj").write_text("1000")  # the first to go when memory runs out
+    return child
+
+
+def _end(child: subprocess.Popen[bytes], patience: float) -> int:
+    """The exit code of a process that is given `patience` s to end and is killed then; in a thread."""
+    try:
+        return child.wait(patience)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.wait()
+
+
+# -- in the other process --------------------------------------------------------------------------------------
+
+
+class Connection:
+    """The other process's end: ``for telemetry in connection: ... connection.request("drive", v=0.5, omega=0.0)``.
+
+    Its heartbeat comes from `receive`, which the process has to call again and again, as iterating does: when the
+    process hangs the heartbeat ceases, which is the point of it.
+
+    Attributes:
+        received: pieces of telemetry that arrived.
+
+    """
+
+    def __init__(self, link: socket.socket, beat: float = BEAT) -> None:
+        self.received = 0
+        self._socket, self._beat = link, nanoseconds(beat)
+        self._tail = b""
+        self._next = _clock.now_ns()
+
+    def fileno(self) -> int:
+        """The descriptor to wait on."""
+        return self._socket.fileno()
+
+    def due(self) -> float:
+        """S until the next heartbeat; 0 when it is due."""
+        return max(0.0, seconds(self._next - _clock.now_ns()))
+
+    def request(self, name: str, **fields: object) -> None:
+        """Ask the robot for something, as of now.
+
+        Raises:
+            OSError: the robot's process is gone.
+
+        """
+        now = _clock.now_ns()
+        named = {"request": name} if name else {}
+        message = {"time": now, "received": self.received, **named, **fields}
+        self._socket.sendall(json.dumps(message).encode() + b"\n")
+        self._next = now + self._beat
+
+    def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
+        """The newest telemetry; None when there is none within `timeout` s, and after each heartbeat.
+
+        Raises:
+            EOFError: the robot's process is gone.
+
+        """
+        if self.due() <= 0.0:
+            self.request("")
+        line = self.newest() if select.select([self._socket], [], [], min(timeout, self.due()))[0] else None
+        return None if line is None else json.loads(line)
+
+    def newest(self) -> bytes | None:
+        """The last of the lines that have arrived, None if none is complete yet; waits for at least a piece.
+
+        Raises:
+            EOFError: the robot's process is gone.
+
+        """
+        chunk = self._socket.recv(1 << 18)
+        if not chunk:
+            raise EOFError
+        *lines, self._tail = (self._tail + chunk).split(b"\n")
+        self.received += len(lines)
+        return lines[-1] if lines else None
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Every piece of telemetry until the run ends."""
+        while True:
+            try:
+                telemetry = self.receive(seconds(self._beat))
+            except (EOFError, ConnectionError):
+                return
+            if telemetry is not None:
+                yield telemetry
+
+
+def _terminated(signum: int, _: FrameType | None) -> None:
+    """End this process by way of every `finally`; once is enough."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    sys.exit(128 + signum)
+
+
+def main(fd: str, target: str, beat: str, options: str) -> None:
+    """Call the target with the connection that the socket `fd` is."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the robot's process, which then closes the socket
+    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGHUP, _terminated)
+    module, _, function = target.partition(":")
+    with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):  # the robot's process ended
+        getattr(import_module(module), function)(Connection(link, float(beat)), **json.loads(options))
+
+
+if __name__ == "__main__":
+    import_module("txt1.beside").main(*sys.argv[1:])  # under its own name, which is how the target knows it
