@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).parent / "txt1"
 
 MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
-    "model": ["kinematics", "light", "odometry", "vehicle"],
+    "model": ["kinematics", "light", "odometry"],
     "sim": ["battery", "light", "room", "simulator", "vehicle"],
     "control": ["limits", "pid", "runaway"],
     "tasks": ["controller", "display", "encoder", "odometry", "serial", "state"],

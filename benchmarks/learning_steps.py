@@ -15,13 +15,13 @@ from statistics import median
 import numpy as np
 from gymnasium.envs.classic_control.cartpole import CartPoleVectorEnv
 
-from txt1.control.limits import Limits
+from txt1.control.parameters import Safety
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.learning.batch import Batch
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.light import PointLight
-from txt1.sim.vehicle import VehicleParameters
+from txt1.sim.parameters import VehicleParameters
 
 COUNT, TICKS, ROUNDS = 4000, 25, 7
 
@@ -29,7 +29,7 @@ COUNT, TICKS, ROUNDS = 4000, 25, 7
 def robots(*, sense: bool) -> Callable[[], int]:
     """A round of the robots: twenty decisions of 0.5 s; returns the vehicle steps."""
     rng = np.random.default_rng(1)
-    many = Batch(COUNT, PointLight(), 0.3, 0.03, VehicleParameters(), Geometry(), Limits())
+    many = Batch(COUNT, PointLight(), 0.3, 0.03, VehicleParameters(), Geometry(), Safety())
     many.place(np.ones(COUNT, bool), rng.uniform(-2.0, 2.0, (COUNT, 3)), rng)
     commands = np.array(COMMANDS)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import replace
 from math import inf
 from typing import Final
 
@@ -67,7 +68,7 @@ class Board:
 
     def __init__(self, config: Config, *, manual: bool = False) -> None:
         timeout = config.board.link_timeout
-        limits = config.limits()._replace(command_timeout=inf if timeout is None else timeout)
+        limits = replace(config.limits(), command_timeout=inf if timeout is None else timeout)
         own = config.model_copy(update={"hal": "sim"})
         self.runtime = Runtime(own, self._send, create(own), limits=limits, name="board")
         if manual:
@@ -284,7 +285,7 @@ class _DevicePlace:
 
 def _with_faults(board: Board, config: Config) -> End:
     """The board behind the configured faults of its line."""
-    return faulty(board, config.board.fault.faults(), SeedSequence([config.seed, BOARD_LINE]))
+    return faulty(board, config.board.fault, SeedSequence([config.seed, BOARD_LINE]))
 
 
 class VirtualPort:

@@ -12,7 +12,8 @@ from math import isfinite
 from typing import Any, Final, Protocol
 
 from txt1.config import Config
-from txt1.control.limits import Fault, Gate, Limits
+from txt1.control.limits import Fault, Gate
+from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
 from txt1.hal.base import Button, Hal, Inputs
 from txt1.kernel.loop import VirtualTimeLoop
@@ -118,7 +119,7 @@ class Runtime:
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
-        geometry = config.geometry.geometry()
+        geometry = config.geometry
         simulated = hal.capabilities.simulated
         room = (config.sim.room.length, config.sim.room.width)
         # in the order in which tasks of equal priority run

@@ -1,4 +1,4 @@
-"""Wire integers and SI values (thesis 3.5).
+"""Wire integers and SI values (thesis 3.5), and the numbers a parameter may be.
 
 The wire counts mm, mm/s, mrad, mrad/s and mV, and carries the gains times 1000: always thousandths of the SI value.
 """
@@ -6,7 +6,14 @@ The wire counts mm, mm/s, mrad, mrad/s and mV, and carries the gains times 1000:
 from __future__ import annotations
 
 from math import isfinite
-from typing import Final
+from typing import Annotated, Final
+
+from annotated_types import Ge, Gt, Le
+
+Positive = Annotated[float, Gt(0.0)]
+PositiveInt = Annotated[int, Gt(0)]
+NotNegative = Annotated[float, Ge(0.0)]
+Share = Annotated[float, Ge(0.0), Le(1.0)]
 
 PER_UNIT: Final = 1000
 """Wire counts per m, m/s, rad, rad/s, V, or 1 of a gain."""

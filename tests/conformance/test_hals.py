@@ -15,7 +15,7 @@ from txt1 import cli
 from txt1.board import create_hal
 from txt1.cli import execute
 from txt1.config import Config
-from txt1.config.schema import LineFaultsConfig, RoomConfig, SerialConfig, SimConfig
+from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.hal.conformance import HalConformance, promises
@@ -23,6 +23,7 @@ from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.sim.line import LineFaults
 
 
 def sim() -> SimHal:
@@ -418,6 +419,6 @@ class TestSerialOverANoisyLine(HalConformance):
     """A line that loses, damages and delays frames breaks no promise."""
 
     def make(self) -> Hal:
-        noisy = LineFaultsConfig(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
+        noisy = LineFaults(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
         serial = SerialConfig(port="virtual", fault=noisy)
         return create_hal(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))

@@ -15,7 +15,7 @@ from txt1.hal.sim import SimHal
 from txt1.kernel import Ticks, clock_of
 from txt1.protocol.messages import Switch, Velocity
 from txt1.robot import Robot
-from txt1.sim.simulator import Faults
+from txt1.sim.parameters import Faults
 from txt1.tasks.fields import CombinedSample, Link
 
 TICK = 0.02

@@ -3,73 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from txt1.control.limits import Limits
+from txt1.control.parameters import Limits, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
-from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import PidSet
-from txt1.sim.battery import Load
 from txt1.sim.line import LineFaults
-from txt1.sim.simulator import Faults, Noise
-from txt1.sim.vehicle import VehicleParameters
-
-
-def _number(value: Any) -> Any:
-    """The value, unless it is true or false: pydantic would take YAML's ``yes`` for the number 1."""
-    if isinstance(value, bool):
-        raise ValueError("input should be a number, not true or false")
-    return value
-
-
-Real = Annotated[float, BeforeValidator(_number)]
-Whole = Annotated[int, BeforeValidator(_number)]
-Positive = Annotated[Real, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[Real, Field(ge=0.0, allow_inf_nan=False)]
-Share = Annotated[Real, Field(ge=0.0, le=1.0)]
-Finite = Annotated[Real, Field(allow_inf_nan=False)]
+from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
+from txt1.units import NotNegative, Positive, PositiveInt
 
 
 class Section(BaseModel):
-    """A part of the configuration: immutable, and strict about its keys."""
+    """A part of the configuration: immutable, and strict about its keys.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    Sections that are dataclasses are defined where their parameters are used, and are checked by the same rules.
+    """
 
-
-class GeometryConfig(Section):
-    """The vehicle's dimensions."""
-
-    radius_min: Positive = Geometry().radius_min
-    """Minimum turning radius, m."""
-    wheelbase: Positive = Geometry().wheelbase
-    """Between the axles, m; assumed."""
-    track_width: Positive = Geometry().track_width
-    """Between the encoder wheels, m."""
-    circumference: Positive = Geometry().circumference
-    """Of a tyre, m."""
-    counts_per_rev: Annotated[Whole, Field(gt=0)] = Geometry().counts_per_rev
-    """Encoder counts per wheel revolution."""
-    length: Positive = Geometry().length
-    """Of the body, m."""
-    width: Positive = Geometry().width
-    """Of the body, m."""
-
-    def geometry(self) -> Geometry:
-        """The dimensions as a plain value."""
-        return Geometry(**self.model_dump())
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
 
 class GainsConfig(Section):
     """PID gains, PWM counts per mm/s (linear) or mrad/s (angular) of error."""
 
-    kp: Finite
+    kp: float
     """Proportional gain."""
-    ki: Finite
+    ki: float
     """Integral gain, 1/s."""
-    kd: Finite
+    kd: float
     """Derivative gain, s."""
 
     def gains(self) -> Gains:
@@ -80,7 +45,7 @@ class GainsConfig(Section):
 class GainSetConfig(GainsConfig):
     """Angular gains up to a speed."""
 
-    v_max: Finite
+    v_max: float
     """The set is in force up to this measured speed, m/s."""
 
 
@@ -113,98 +78,15 @@ def _schedule(angular: Iterable[GainSetConfig]) -> Schedule:
     return Schedule([GainSet(s.v_max, s.gains()) for s in angular])
 
 
-class SafetyConfig(Section):
-    """What the safety gate lets through, and when it closes."""
-
-    v_max: Annotated[Real, Field(gt=0.0, le=1.5)] = Limits().v_max
-    """Largest absolute speed, m/s."""
-    v_dead_band: NotNegative = Limits().v_dead_band
-    """A slower set-point counts as 0, m/s."""
-    motor_max: Annotated[Whole, Field(gt=0, le=PWM_MAX)] = Limits().motor_max
-    """Largest absolute motor output, PWM counts."""
-    command_timeout: Annotated[Real, Field(gt=0.0, le=2.0)] = Limits().command_timeout
-    """Age at which a command is stale, s."""
-    runaway_motor: Annotated[Whole, Field(gt=0, le=PWM_MAX)] = Limits().runaway_motor
-    """Motor output above which a silent encoder means a runaway, PWM counts."""
-    runaway_time: Positive = Limits().runaway_time
-    """How long it may be silent, s."""
-    runaway_counts: Annotated[Whole, Field(gt=0)] = Limits().runaway_counts
-    """Encoder counts of one wheel during which the other may be silent."""
-    runaway_speed: Positive = Limits().runaway_speed
-    """Measured speed that means the controller has gone astray, m/s."""
-    missed_ticks_max: Annotated[Whole, Field(gt=0)] = Limits().missed_ticks_max
-    """Controller cycles missed in a row that disarm."""
-    auto_arm: Literal["auto", "always", "never"] = "auto"
-    """Whether the robot arms when it starts: "auto" does in simulation only."""
-
-
 class RoomConfig(Section):
     """The simulated room, around the origin."""
 
-    length: Annotated[Real, Field(gt=0.0)] = 5.0
+    length: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 5.0
     """Along x, m; .inf for none."""
-    width: Annotated[Real, Field(gt=0.0)] = 5.0
+    width: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 5.0
     """Along y, m; .inf for none."""
-    light: tuple[Finite, Finite] = (0.0, 0.0)
+    light: tuple[float, float] = (0.0, 0.0)
     """Where the light is, x and y in m."""
-
-
-class VehicleConfig(Section):
-    """The simulated vehicle's dynamics."""
-
-    speed_gain: Positive = VehicleParameters().speed_gain
-    """Free speed per PWM count beyond the dead band, m/s; assumed."""
-    dead_band: NotNegative = VehicleParameters().dead_band
-    """Counts around neutral at which the motors coast; assumed."""
-    speed_time_constant: Positive = VehicleParameters().speed_time_constant
-    """Of the driven speed response, s; assumed."""
-    coast_time_constant: Positive = VehicleParameters().coast_time_constant
-    """Of the viscous part of rolling to a stop, s; assumed."""
-    coast_friction: Positive = VehicleParameters().coast_friction
-    """Of the dry part, as a speed in m/s; assumed."""
-    servo_rate: Positive = VehicleParameters().servo_rate
-    """Of the steering servos, rad/s: 60 degrees in 0.15 s; assumed."""
-    scrub: Share = VehicleParameters().scrub
-    """Share of the free speed that full lock costs; assumed."""
-    slip: Share = VehicleParameters().slip
-    """Share by which driven wheels turn more than the ground passes; 0 is no slip."""
-    understeer: NotNegative = VehicleParameters().understeer
-    """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is no sideways slip."""
-
-
-class NoiseConfig(Section):
-    """Standard deviations of what is random in the simulation; 0 switches it off."""
-
-    drag: Annotated[float, Field(ge=0.0, le=0.2)] = Noise().drag
-    """Of the floor's drag, as a share of the speed, drawn anew every 20 ms; assumed."""
-    battery: NotNegative = Noise().battery
-    """Of a voltage reading, V; assumed."""
-
-
-class FaultsConfig(Section):
-    """What is broken in the simulation."""
-
-    right_encoder: bool = False
-    """The right encoder's counter stands still."""
-    left_encoder: bool = False
-    """The left encoder's counter stands still."""
-
-    def faults(self) -> Faults:
-        """The faults as a plain value."""
-        return Faults(**self.model_dump())
-
-
-class BatteryConfig(Section):
-    """The simulated batteries."""
-
-    used_1: NotNegative | None = 0.0
-    """Minutes under full load that pack 1 has given; null when none is fitted."""
-    used_2: NotNegative | None = None
-    """The same of pack 2."""
-    idle_load: Share = Load().idle
-    """Current with the motors off, as a share of the full load; assumed."""
-    standby_load: Share = Load().standby
-    """Current with the ATX supply off as well; assumed."""
 
 
 class LightConfig(Section):
@@ -223,41 +105,14 @@ class LightConfig(Section):
 class SimConfig(Section):
     """The simulated world."""
 
-    start: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Start pose in the room: x and y in m, theta in rad."""
     room: RoomConfig = RoomConfig()
-    vehicle: VehicleConfig = VehicleConfig()
-    battery: BatteryConfig = BatteryConfig()
-    noise: NoiseConfig = NoiseConfig()
-    faults: FaultsConfig = FaultsConfig()
+    vehicle: VehicleParameters = VehicleParameters()
+    battery: Batteries = Batteries()
+    noise: Noise = Noise()
+    faults: Faults = Faults()
     light: LightConfig = LightConfig()
-
-
-class LineFaultsConfig(Section):
-    """What is wrong with a line, both ways; see `txt1.sim.line`. A piece is what one write or read brings: a frame."""
-
-    drop: Share = LineFaults().drop
-    """Share of the pieces that are lost."""
-    flip: Share = LineFaults().flip
-    """Probability of each bit to arrive inverted."""
-    duplicate: Share = LineFaults().duplicate
-    """Share of the pieces that come twice."""
-    split: bool = LineFaults().split
-    """Every byte arrives as a piece of its own."""
-    delay: NotNegative = LineFaults().delay
-    """Every piece arrives so much later, s."""
-    jitter: NotNegative = LineFaults().jitter
-    """Each piece arrives up to that much later still, s."""
-    stall: NotNegative = LineFaults().stall
-    """How long the line holds everything back each time, s."""
-    stall_every: Positive = LineFaults().stall_every
-    """Mean time between two stalls, s."""
-    cut: NotNegative = LineFaults().cut
-    """Time after which the line is lost, s; 0: never."""
-
-    def faults(self) -> LineFaults:
-        """The faults as a plain value."""
-        return LineFaults(**self.model_dump())
 
 
 class HostLoopsConfig(ControlConfig):
@@ -278,7 +133,7 @@ class SerialConfig(Section):
 
     port: Annotated[str, Field(min_length=1)] | None = None
     """Device, socket://host:port, or virtual: a board in this process; null: the only device there is."""
-    baud: Annotated[Whole, Field(gt=0)] = 57600
+    baud: PositiveInt = 57600
     """Bits a second, 8N1."""
     control: Literal["board", "host"] = "board"
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
@@ -287,7 +142,7 @@ class SerialConfig(Section):
     host: HostLoopsConfig = HostLoopsConfig()
     rearm: bool = False
     """Arm again by itself when a lost board is back."""
-    fault: LineFaultsConfig = LineFaultsConfig()
+    fault: LineFaults = LineFaults()
 
 
 class OdometryConfig(Section):
@@ -302,15 +157,15 @@ class BoardConfig(Section):
 
     link_timeout: Positive | None = 0.25
     """Age at which a command from the host is stale, s; null: only the link rule, as on original boards."""
-    fault: LineFaultsConfig = LineFaultsConfig()
+    fault: LineFaults = LineFaults()
 
 
 class TeleopConfig(Section):
     """Driving from the keyboard."""
 
-    speed: Annotated[Real, Field(ge=0.1, le=1.5)] = 0.5
+    speed: Annotated[float, Field(ge=0.1, le=1.5)] = 0.5
     """Speed at the start, m/s; + and - change it."""
-    turn: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.8
+    turn: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
     """Share of the largest yaw rate that a and d ask for."""
 
 
@@ -335,15 +190,15 @@ class LearningConfig(Section):
     """Its remedy for the delay: update what was commanded; hold until that is reached; update what was sensed."""
     policy: Literal["boltzmann", "greedy", "random"] = "boltzmann"
     """How it chooses."""
-    alpha: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.3
+    alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
     """Its learning rate."""
     rate: Literal["constant", "fading", "per_state"] = "constant"
     """How its learning rate goes on: over repetitions, or by visits of each state."""
-    gamma: Annotated[Real, Field(ge=0.0, lt=1.0)] = 0.5
+    gamma: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
     """Its discount factor."""
     temperature: Positive = 5.0
     """Its temperature in the first repetition."""
-    temperature_decay: Annotated[Real, Field(gt=0.0, le=1.0)] = 0.65
+    temperature_decay: Annotated[float, Field(gt=0.0, le=1.0)] = 0.65
     """Factor on it from one repetition to the next."""
     temperature_floor: Positive = 0.05
     """The lowest."""
@@ -351,7 +206,7 @@ class LearningConfig(Section):
     """Whether its readings pass the filter (5.10)."""
     direction: Literal["summed", "corrected"] = "summed"
     """How it makes a direction of them: the thesis's sum (5.3), or the same without its compression."""
-    training: Annotated[Whole, Field(ge=0)] | None = None
+    training: Annotated[int, Field(ge=0)] | None = None
     """Repetitions after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning then."""
@@ -384,11 +239,11 @@ class Config(Section):
     """Name of the hardware layer."""
     hal_options: dict[str, Any] = {}
     """Settings of a hardware layer from another package, handed to it as they are."""
-    seed: Annotated[Whole, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
-    geometry: GeometryConfig = GeometryConfig()
+    geometry: Geometry = Geometry()
     control: ControlConfig = ControlConfig()
-    safety: SafetyConfig = SafetyConfig()
+    safety: Safety = Safety()
     sim: SimConfig = SimConfig()
     serial: SerialConfig = SerialConfig()
     odometry: OdometryConfig = OdometryConfig()
@@ -404,4 +259,4 @@ class Config(Section):
 
     def limits(self) -> Limits:
         """The safety gate's limits."""
-        return Limits(radius_min=self.geometry.radius_min, **self.safety.model_dump(exclude={"auto_arm"}))
+        return Limits(**asdict(self.safety), radius_min=self.geometry.radius_min)

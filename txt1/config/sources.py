@@ -2,6 +2,9 @@
 
 A later source wins: the defaults, then the file, then the environment (``TXT1_CONTROL__LINEAR__KP=9``), then
 ``--set control.linear.kp=9``. Unknown keys are refused; an error names the key, the value, its origin and the remedy.
+
+Other programs have variables that begin with ``TXT1_`` too. One is taken for a setting when its name has a double
+underscore, or is a key of the first level or nearly one (a typing mistake, which is refused); any other is ignored.
 """
 
 from __future__ import annotations
@@ -9,16 +12,24 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, get_args, get_origin, get_type_hints
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from txt1.config.schema import Config, Section
+from txt1.config.schema import Config
 from txt1.errors import ConfigError
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
+
+NEARLY: Final = 0.7
+"""Likeness from which an environment variable's name is a key mistyped."""
+
+DEPTH_MAX: Final = 20
+"""Levels of lists and mappings in a value."""
 
 
 class Setting(NamedTuple):
@@ -65,7 +76,7 @@ def load(
     tree = Config().model_dump()
     origins: dict[str, str] = {}
     for setting in settings:
-        _check_key(setting)
+        _check(setting)
         _insert(tree, setting)
         key = ".".join(setting.path)
         # what was set below this key before is gone with it
@@ -84,7 +95,7 @@ def flatten(config: Config) -> Iterator[tuple[str, Any]]:
 
 def _leaves(tree: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
-        if isinstance(value, dict) and (*path, key) != ("hal_options",):
+        if isinstance(value, dict) and not _is_free((*path, key)):
             yield from _leaves(value, (*path, key))
         else:
             yield ".".join((*path, key)), value
@@ -110,10 +121,7 @@ def _from_file(path: Path) -> list[Setting]:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}; check --config") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    try:
-        tree = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}{_place(error)}: not valid YAML: {_problem(error)}") from None
+    tree = _parse(text, str(path), "not valid YAML")
     if tree is None or tree == {}:
         return []
     if not isinstance(tree, dict):
@@ -123,18 +131,20 @@ def _from_file(path: Path) -> list[Setting]:
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
     """A value as settings: a mapping sets what is in it and leaves the rest of its section alone."""
-    if isinstance(value, dict) and value and path != ("hal_options",):
+    if isinstance(value, dict) and value and not _is_free(path):
         for key, inner in value.items():
             yield from _walk(inner, (*path, str(key)), origin)
-    elif value is not None or not _is_section(path):  # an empty section sets nothing
+    elif value is not None or not _keys(_kind_at(path)):  # an empty section sets nothing
         yield Setting(path, value, origin)
 
 
 def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
     for name, text in sorted(environment.items()):
-        if name.startswith(ENVIRONMENT_PREFIX):
-            path = tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__"))
-            yield from _walk(_parse(text, name), path, f"environment {name}")
+        key = name.removeprefix(ENVIRONMENT_PREFIX).lower()
+        if key == name.lower() or ("__" not in key and not difflib.get_close_matches(key, _keys(Config), 1, NEARLY)):
+            continue
+        path = tuple(key.split("__"))
+        yield from _walk(_parse(text, name), path, f"environment {name}")
 
 
 def _from_override(text: str) -> Iterator[Setting]:
@@ -144,12 +154,26 @@ def _from_override(text: str) -> Iterator[Setting]:
     yield from _walk(_parse(value, f"--set {text}"), tuple(key.strip().split(".")), f"--set {text}")
 
 
-def _parse(text: str, origin: str) -> Any:
+def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
     """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
     try:
-        return yaml.safe_load(text)
+        value = yaml.safe_load(text)
+        _check_depth(value)
     except yaml.YAMLError as error:
-        raise ConfigError(f"{origin}: not a valid value: {_problem(error)}") from None
+        raise ConfigError(f"{origin}{_place(error)}: {problem}: {_problem(error)}") from None
+    except RecursionError:
+        raise ConfigError(f"{origin}: {problem}: nested more than {DEPTH_MAX} deep") from None
+    except (ValueError, LookupError, AttributeError) as error:  # of YAML's constructors, for "!!int x" and the like
+        raise ConfigError(f"{origin}: {problem}: {error}") from None
+    return value
+
+
+def _check_depth(value: Any, left: int = DEPTH_MAX) -> None:
+    if isinstance(value, dict | list):
+        if not left:
+            raise RecursionError
+        for inner in value.values() if isinstance(value, dict) else value:
+            _check_depth(inner, left - 1)
 
 
 def _insert(tree: dict[str, Any], setting: Setting) -> None:
@@ -164,35 +188,58 @@ def _insert(tree: dict[str, Any], setting: Setting) -> None:
 # -- clear errors ----------------------------------------------------------------------------------------------
 
 
-def _check_key(setting: Setting) -> None:
-    """Refuse a key that does not exist, with the nearest one that does."""
-    model: Any = Config
+def _check(setting: Setting) -> None:
+    """Refuse a key that does not exist, with the nearest one that does, and yes or no in place of a number."""
+    kind: Any = Config
+    key = ".".join(setting.path)
     for depth, name in enumerate(setting.path):
-        if not (isinstance(model, type) and issubclass(model, Section)):
-            if model is dict:
-                return
+        if get_origin(kind) is dict:
+            return
+        keys = _keys(kind)
+        if not keys:
             raise ConfigError(
-                f"{'.'.join(setting.path)}: there is nothing below '{'.'.join(setting.path[:depth])}' "
+                f"{key}: there is nothing below '{'.'.join(setting.path[:depth])}' "
                 f"(from {setting.origin}); give that key one value"
             )
-        fields = model.model_fields
-        if name not in fields:
-            near = difflib.get_close_matches(name, fields, n=1)
+        if name not in keys:
+            near = difflib.get_close_matches(name, keys, n=1)
             prefix = "".join(f"{p}." for p in setting.path[:depth])
-            remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(fields)}"
-            raise ConfigError(f"{'.'.join(setting.path)}: unknown key (from {setting.origin}); {remedy}")
-        annotation = fields[name].annotation
-        model = dict if name == "hal_options" else annotation
+            remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(keys)}"
+            raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
+        kind = keys[name]
+    if setting.value is True or setting.value is False:  # pydantic would take them for 1 and 0
+        kinds = {kind, *get_args(kind)}
+        if bool not in kinds and kinds & {int, float}:
+            raise ConfigError(
+                f"{key}: {setting.value}: input should be a number, not true or false (from {setting.origin}); "
+                "see 'txt1 config show' for the defaults"
+            )
 
 
-def _is_section(path: tuple[str, ...]) -> bool:
-    model: Any = Config
+@cache
+def _keys(kind: Any) -> dict[str, Any]:
+    """The keys of a section with their types; none for anything else."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        names = list(kind.model_fields)
+    elif is_dataclass(kind):
+        names = [field.name for field in fields(kind)]
+    else:
+        return {}
+    hints = get_type_hints(kind)
+    return {name: hints[name] for name in names}
+
+
+def _kind_at(path: Sequence[str]) -> Any:
+    """The type of the value at a path; None where there is none."""
+    kind: Any = Config
     for name in path:
-        field = model.model_fields.get(name) if isinstance(model, type) and issubclass(model, Section) else None
-        if field is None:
-            return False
-        model = field.annotation
-    return isinstance(model, type) and issubclass(model, Section)
+        kind = _keys(kind).get(name)
+    return kind
+
+
+def _is_free(path: Sequence[str]) -> bool:
+    """Whether the mapping at a path holds keys that are not ours."""
+    return get_origin(_kind_at(path)) is dict
 
 
 def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:
@@ -202,7 +249,7 @@ def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     # a list or a mapping is long, and the message names the part of it that is wrong
-    given = "" if isinstance(first["input"], dict | list | tuple | Section) else f": {first['input']!r}"
+    given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"
     return f"{key}{given}: {message} (from {origin_of(key, origins)}); see 'txt1 config show' for the defaults"
 
 

@@ -18,6 +18,7 @@ from enum import StrEnum
 from math import inf, isfinite
 from typing import NamedTuple
 
+from txt1.control.parameters import Limits
 from txt1.control.runaway import RunawayWatch
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
@@ -45,35 +46,6 @@ class Fault(StrEnum):
     BATTERY = "battery_bad"
     TASK = "task_fault"
     STOP = "emergency_stop"
-
-
-class Limits(NamedTuple):
-    """What the gate lets through.
-
-    Attributes:
-        v_max: largest absolute speed, m/s (thesis 4.2).
-        v_dead_band: a slower set-point counts as 0, m/s.
-        radius_min: R_min, m.
-        motor_max: largest absolute motor output, PWM counts.
-        command_timeout: age at which a command is stale, s.
-        runaway_motor: motor output, PWM counts, above which silent encoders mean a runaway.
-        runaway_time: how long they may be silent, s.
-        runaway_counts: encoder counts of one wheel during which the other may be silent.
-        runaway_speed: measured speed that means the controller has gone astray, m/s.
-        missed_ticks_max: controller cycles missed in a row that disarm.
-
-    """
-
-    v_max: float = 1.5
-    v_dead_band: float = 0.0
-    radius_min: float = 0.56
-    motor_max: int = 8000
-    command_timeout: float = 0.25
-    runaway_motor: int = 2000
-    runaway_time: float = 0.3
-    runaway_counts: int = 150
-    runaway_speed: float = 2.0
-    missed_ticks_max: int = 5
 
 
 class Outputs(NamedTuple):

@@ -221,7 +221,7 @@ def tune_command(arguments: argparse.Namespace) -> int:
     )
     _say("trying gains on its model")
     old = config.control
-    proposal = propose(plant, config.geometry.geometry(), old.linear.gains(), old.schedule(), config.safety.motor_max)
+    proposal = propose(plant, config.geometry, old.linear.gains(), old.schedule(), config.safety.motor_max)
     new = ControlConfig(
         linear=GainsConfig(**proposal.linear._asdict()),
         angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in proposal.angular),

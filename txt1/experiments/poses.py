@@ -64,7 +64,7 @@ async def trips(robot: Robot, count: int, room: Room, seed: int, *, by_truth: bo
     """
     chance = random.Random(seed)
     reach_x, reach_y = 0.5 * room.length - FROM_THE_WALLS, 0.5 * room.width - FROM_THE_WALLS
-    body = robot.config.geometry.geometry()
+    body = robot.config.geometry
     driven, clear, last = 0.0, inf, robot.pose
 
     async def watch(ticks: Ticks) -> None:

@@ -32,31 +32,18 @@ GROUP: Final = "txt1.hal"
 def create_sim(config: Config) -> Hal:
     """The simulated robot as configured."""
     from txt1.hal.sim import SimHal
-    from txt1.sim.battery import Load, Packs
     from txt1.sim.room import Room
-    from txt1.sim.simulator import Noise, Simulator
-    from txt1.sim.vehicle import VehicleParameters
+    from txt1.sim.simulator import Simulator
 
-    geometry, sim = config.geometry.geometry(), config.sim
+    sim = config.sim
     try:
         simulator = Simulator(
-            VehicleParameters(
-                wheelbase=geometry.wheelbase,
-                track_width=geometry.track_width,
-                steering_max=geometry.steering_max,
-                **sim.vehicle.model_dump(),
-            ),
-            geometry,
-            Room(sim.room.length, sim.room.width),
-            Packs(sim.battery.used_1, sim.battery.used_2),
-            Load(sim.battery.idle_load, sim.battery.standby_load),
-            Noise(**sim.noise.model_dump()),
-            sim.start,
+            sim.vehicle, config.geometry, Room(sim.room.length, sim.room.width), sim.battery, sim.noise, sim.start,
             config.seed,
-        )
+        )  # fmt: skip
     except ValueError as error:
         raise ConfigError(f"sim.start: {error}; choose another start or a larger sim.room") from None
-    simulator.faults = sim.faults.faults()
+    simulator.faults = sim.faults
     return SimHal(simulator)
 
 
@@ -70,7 +57,7 @@ def create_serial(config: Config, port: Port | None = None) -> Hal:
     serial = config.serial
 
     def wrap(end: End) -> End:
-        return faulty(end, serial.fault.faults(), SeedSequence([config.seed, HOST_LINE]))
+        return faulty(end, serial.fault, SeedSequence([config.seed, HOST_LINE]))
 
     return SerialHal(
         DevicePort(serial.port, serial.baud) if port is None else port,

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from txt1.command_line import processors
 from txt1.compiled import source_module
-from txt1.control.limits import Limits
+from txt1.control.parameters import Safety
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.light import PointLight
-from txt1.sim.vehicle import VehicleParameters
+from txt1.sim.parameters import VehicleParameters
+from txt1.sim.vehicle import Dynamics, dynamics
 
 TICK_MS: Final = 20
 """One vehicle step, ms: the controller's period. The light is sampled with it."""
@@ -106,7 +107,7 @@ _look_all = compiled(_look)
 
 
 def _run(
-    robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: VehicleParameters,
+    robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
     light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Array,
     begin: int, end: int,
 ) -> None:  # fmt: skip
@@ -141,7 +142,7 @@ class Batch:
         drag: of the floor's drag, as a share of the speed.
         parameters: of the vehicle's dynamics.
         body: its dimensions.
-        limits: of its motor.
+        safety: limits of its motor.
 
     """
 
@@ -153,7 +154,7 @@ class Batch:
         drag: float,
         parameters: VehicleParameters,
         body: Geometry,
-        limits: Limits,
+        safety: Safety,
     ) -> None:
         self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
@@ -161,9 +162,9 @@ class Batch:
         self.noise = noise
         self.drag = drag
         self.tick = 0
-        self._parameters = parameters
+        self._parameters = dynamics(parameters, body)
         self._body = body
-        self._limits = limits
+        self._safety = safety
         shares = min(processors(), 1 + count // SHARE_MIN)
         self._shares = [(count * k // shares, count * (k + 1) // shares) for k in range(shares)]
         self._threads = ThreadPoolExecutor(shares, "txt1-batch") if shares > 1 else None
@@ -201,7 +202,7 @@ class Batch:
         """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
             _run_some, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
-            float(self._limits.motor_max), self._body.count_length, self._body.track_width, _GAINS, _LINEAR,
+            float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, _LINEAR,
         )  # fmt: skip
         if self._threads is None:
             run(*self._shares[0])

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from txt1.control.limits import Limits, clip
+from txt1.control.limits import clip
+from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
 from txt1.learning.sensors import LightSource
 from txt1.learning.trial import DONE, DRIVE, MOVE, REST, Pose, Trial

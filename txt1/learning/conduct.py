@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ def ready_to_learn(config: Config) -> Config:
     side = 2.0 * (config.learning.boundary + MARGIN)
     sim = config.sim
     room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
-    battery = sim.battery.model_copy(update={"used_1": None, "used_2": None})
+    battery = replace(sim.battery, used_1=None, used_2=None)
     return config.model_copy(update={"sim": sim.model_copy(update={"room": room, "battery": battery})})
 
 

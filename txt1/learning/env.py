@@ -29,7 +29,6 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
-from txt1.control.limits import Limits
 from txt1.errors import NoDirection
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
@@ -42,7 +41,6 @@ from txt1.learning.task import simulated_light, task_of
 from txt1.learning.trial import COMMANDS, Start
 from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
 from txt1.sim.light import PointLight, noise_for_jitter
-from txt1.sim.vehicle import VehicleParameters
 
 Observation = NDArray[np.float32]
 
@@ -154,12 +152,8 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         light, (x, y) = one.sim.light, self._task.light
         exponent = float(light.exponent)
         noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
-        geometry = one.geometry.geometry()
-        vehicle = VehicleParameters(geometry.wheelbase, geometry.track_width, geometry.steering_max,
-                                    **one.sim.vehicle.model_dump())  # fmt: skip
-        limits: Limits = one.limits()
         source = PointLight(x, y, light.intensity, exponent)
-        self._robots = Batch(num_envs, source, noise, one.sim.noise.drag, vehicle, geometry, limits)
+        self._robots = Batch(num_envs, source, noise, one.sim.noise.drag, one.sim.vehicle, one.geometry, one.safety)
         self._commands = np.array(COMMANDS)
         self._sectors = np.zeros(num_envs, int)
         self._steps = np.zeros(num_envs, int)

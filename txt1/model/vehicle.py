@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
+
+from txt1.units import Positive, PositiveInt
 
 PWM_MAX: Final = 24000
 """Counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse."""
@@ -12,27 +15,24 @@ STEERING_MAX: Final = 18000
 """Counts at which the steering linkage is at its stop; more only makes the servo draw current (thesis 4.3)."""
 
 
-class Geometry(NamedTuple):
-    """Lengths of the vehicle, in metres.
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Lengths of the vehicle, in metres; a section of the configuration."""
 
-    Attributes:
-        radius_min: minimum turning radius R_min (thesis 2.2.3).
-        wheelbase: L, between the axles; assumed.
-        track_width: W, between the encoder wheels.
-        circumference: of a tyre (thesis 3.7.1).
-        counts_per_rev: encoder counts per wheel revolution: 400 CPR in quadrature.
-        length: of the body.
-        width: of the body.
-
-    """
-
-    radius_min: float = 0.56
-    wheelbase: float = 0.34
-    track_width: float = 0.25
-    circumference: float = 0.5125
-    counts_per_rev: int = 1600
-    length: float = 0.510
-    width: float = 0.385
+    radius_min: Positive = 0.56
+    """Minimum turning radius R_min, m (thesis 2.2.3)."""
+    wheelbase: Positive = 0.34
+    """Between the axles, m; assumed."""
+    track_width: Positive = 0.25
+    """Between the encoder wheels, m."""
+    circumference: Positive = 0.5125
+    """Of a tyre, m (thesis 3.7.1)."""
+    counts_per_rev: PositiveInt = 1600
+    """Encoder counts per wheel revolution: 400 CPR in quadrature."""
+    length: Positive = 0.510
+    """Of the body, m."""
+    width: Positive = 0.385
+    """Of the body, m."""
 
     @property
     def tan_steering_max(self) -> float:

@@ -98,7 +98,7 @@ async def go_to(
     if not CRAWL <= speed <= robot.config.safety.v_max:
         raise CommandRefused(f"speed must be from {CRAWL} to {robot.config.safety.v_max} m/s, not {speed!r}")
     source = wheel_pose(robot) if pose_source is None else pose_source
-    body = robot.config.geometry.geometry()
+    body = robot.config.geometry
     best: Arrival | None = None
     for plans in range(1, ATTEMPTS + 1):
         start = _read(source)
@@ -129,7 +129,7 @@ async def _drive(robot: Robot, source: PoseSource, start: Pose, path: Path, spee
 
 async def _drive_stretch(robot: Robot, source: PoseSource, stretch: Stretch, speed: float) -> None:
     """Drive a stretch to its end and come to rest."""
-    geometry = robot.config.geometry.geometry()
+    geometry = robot.config.geometry
     schedule = robot.runtime.state.gains.angular
     sharpest = 1.0 / geometry.radius_min
     in_curves = curve_speed(speed, stretch.gear, schedule, geometry)

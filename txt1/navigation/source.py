@@ -54,7 +54,7 @@ class _WheelPose:
 
     def __init__(self, robot: Robot, at: Pose | None) -> None:
         self._robot = robot
-        self._geometry = robot.config.geometry.geometry()
+        self._geometry = robot.config.geometry
         self._last: Pose = robot.odometry[:3]
         self._pose = self._last if at is None else at
 

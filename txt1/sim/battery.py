@@ -7,19 +7,6 @@ from typing import NamedTuple
 from txt1.model.battery import pack_voltage
 
 
-class Load(NamedTuple):
-    """Battery current as a share of the full load under which the thesis measured; assumed.
-
-    Attributes:
-        idle: computer and sensors on, motors off.
-        standby: the ATX supply off as well.
-
-    """
-
-    idle: float = 0.4
-    standby: float = 0.1
-
-
 class Packs(NamedTuple):
     """Minutes under full load that each pack has given; None where no pack is fitted.
 

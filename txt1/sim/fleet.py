@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from txt1.compiled import source_module
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
-from txt1.sim.vehicle import SHORT_RAMP, VehicleParameters
+from txt1.sim.vehicle import SHORT_RAMP, Dynamics
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ sine_cosine = compiled(_sine_cosine, reorder=True, forceinline=True)
 
 def _drive(
     x: Array, y: Array, theta: Array, v: Array, phi: Array, right: Array, left: Array, target: Array, remaining: Array,
-    motor: Array, drag: Array, p: VehicleParameters,
+    motor: Array, drag: Array, p: Dynamics,
 ) -> float:  # fmt: skip
     """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `vehicle.move`."""
     (
@@ -160,7 +160,7 @@ _move_one = compiled(_vehicle.move)
 
 
 def _move(
-    fleet: Array, motor: Array, steering: Array, drag: Array, dt: float, p: VehicleParameters,
+    fleet: Array, motor: Array, steering: Array, drag: Array, dt: float, p: Dynamics,
     target: Array, remaining: Array,
 ) -> None:  # fmt: skip
     """Let vehicles move for `dt` seconds.
@@ -176,11 +176,12 @@ def _move(
         remaining: likewise.
 
     """
-    series_suffice = p.steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * p.speed_time_constant
+    _, _, steering_max, _, dead_band, speed_time_constant, _, _, _, _, _, _, _ = p
+    series_suffice = steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * speed_time_constant
     for i in range(fleet.shape[1]):
-        target[i] = p.steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
+        target[i] = steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
         remaining[i] = dt
-        if abs(motor[i]) <= p.dead_band or not series_suffice:
+        if abs(motor[i]) <= dead_band or not series_suffice:
             before = (
                 fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i], fleet[PHI, i], -fleet[PHI, i],
                 fleet[RIGHT, i], fleet[LEFT, i],

@@ -6,9 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, Literal, NamedTuple
+from dataclasses import astuple, dataclass, replace
+from typing import Final, Literal
 
 from numpy.random import Generator
+
+from txt1.units import NotNegative, Positive, Share
 
 BITS_PER_BYTE: Final = 10
 """On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
@@ -18,38 +21,33 @@ Arrival = tuple[float, bytes]
 """When a piece arrives, s, and its bytes."""
 
 
-class LineFaults(NamedTuple):
-    """What is wrong with a line; as it stands here, nothing.
+@dataclass(frozen=True, slots=True)
+class LineFaults:
+    """The faults of a line, both ways; none by default. A piece is what one write or one read brought: a frame."""
 
-    A piece is what one write or one read brought, as a rule a frame.
-
-    Attributes:
-        drop: share of the pieces that are lost.
-        flip: probability of each bit to arrive inverted.
-        duplicate: share of the pieces that come twice.
-        split: every byte arrives as a piece of its own.
-        delay: every piece arrives so much later, s.
-        jitter: each piece arrives up to that much later still, s; the order is kept.
-        stall: how long the line holds everything back each time, s.
-        stall_every: mean time between two stalls, s.
-        cut: time after which the line is lost, s; 0: never.
-
-    """
-
-    drop: float = 0.0
-    flip: float = 0.0
-    duplicate: float = 0.0
+    drop: Share = 0.0
+    """Share of the pieces that are lost."""
+    flip: Share = 0.0
+    """Probability of each bit to arrive inverted."""
+    duplicate: Share = 0.0
+    """Share of the pieces that come twice."""
     split: bool = False
-    delay: float = 0.0
-    jitter: float = 0.0
-    stall: float = 0.0
-    stall_every: float = 10.0
-    cut: float = 0.0
+    """Every byte arrives as a piece of its own."""
+    delay: NotNegative = 0.0
+    """Every piece arrives so much later, s."""
+    jitter: NotNegative = 0.0
+    """Each piece arrives up to that much later still, s; the order is kept."""
+    stall: NotNegative = 0.0
+    """How long the line holds everything back each time, s."""
+    stall_every: Positive = 10.0
+    """Mean time between two stalls, s."""
+    cut: NotNegative = 0.0
+    """Time after which the line is lost, s; 0: never."""
 
     @property
     def harmless(self) -> bool:
         """Whether nothing at all is wrong."""
-        return not any(self._replace(stall_every=0.0))
+        return not any(astuple(replace(self, stall_every=0.0)))
 
 
 class Line:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from math import floor, hypot, isfinite
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
-from txt1.sim.battery import Load, Packs, discharge
+from txt1.sim.battery import Packs, discharge
+from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
 from txt1.sim.room import Room, clearance
-from txt1.sim.vehicle import Motion, VehicleParameters, VehicleState, move
+from txt1.sim.vehicle import DEAD_BAND, Motion, VehicleState, dynamics, move
 
 NOISE_RATE: Final = 50
 """The floor's drag changes so many times a second."""
@@ -24,32 +25,6 @@ BATTERY_NOISE_PERIOD: Final = 1.0
 """A voltage reading is good for so many seconds."""
 
 
-class Noise(NamedTuple):
-    """Standard deviations of what is random; 0 switches it off.
-
-    Attributes:
-        drag: of the floor's drag, as a share of the speed, drawn anew every 20 ms.
-        battery: of a voltage reading, V.
-
-    """
-
-    drag: float = 0.03
-    battery: float = 0.01
-
-
-class Faults(NamedTuple):
-    """What is broken.
-
-    Attributes:
-        right_encoder: its counter stands still.
-        left_encoder: its counter stands still.
-
-    """
-
-    right_encoder: bool = False
-    left_encoder: bool = False
-
-
 class Simulator:
     """A vehicle in a room, with batteries, encoders, power switches and seeded noise.
 
@@ -59,8 +34,7 @@ class Simulator:
         vehicle: parameters of the dynamics.
         body: dimensions.
         room: the four walls.
-        packs: the batteries' charge.
-        load: what the electronics draw.
+        batteries: their charge, and the load of the electronics.
         noise: what is random.
         start: pose (x, y, theta) in the room, m and rad.
         seed: repeats every random value.
@@ -72,17 +46,16 @@ class Simulator:
         vehicle: VehicleParameters,
         body: Geometry,
         room: Room,
-        packs: Packs,
-        load: Load,
+        batteries: Batteries,
         noise: Noise,
         start: tuple[float, float, float],
         seed: int,
     ) -> None:
-        self.parameters = vehicle
+        self.dynamics = dynamics(vehicle, body)
         self.body = body
         self.room = room
-        self.packs = packs
-        self.load = load
+        self.packs = Packs(batteries.used_1, batteries.used_2)
+        self.batteries = batteries
         self.noise = noise
         self.faults = Faults()
         self.atx_on = True
@@ -104,7 +77,7 @@ class Simulator:
         self._voltage_noise_ends = 0.0
         self._drawn = 0.0  # seconds of full load since the packs were settled
         self._settle_due = 0.0
-        self.voltages = packs.voltages()
+        self.voltages = self.packs.voltages()
         """Of the two packs, V; 0 where none is fitted."""
         self.cut_off = False
         """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
@@ -171,13 +144,13 @@ class Simulator:
         if self.cut_off or not self.esc_on:
             motor = 0.0
         before = self._motion
-        after = move(before, motor, front, rear, dt, self._drag, self.parameters)
+        after = move(before, motor, front, rear, dt, self._drag, self.dynamics)
         if after != before:
             self._moved(before, after)
-        if abs(motor) > self.parameters.dead_band:
+        if abs(motor) > self.dynamics[DEAD_BAND]:
             self._drawn += dt
         else:
-            self._drawn += dt * (self.load.idle if self.atx_on else self.load.standby)
+            self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
 
     def _moved(self, before: Motion, after: Motion) -> None:
         """Stop at a wall, and count what the encoders see."""

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import Fault, Gate, Limits, limit_velocity
+from txt1.control.limits import Fault, Gate, limit_velocity
+from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
 LIMITS = Limits()

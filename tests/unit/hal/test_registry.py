@@ -12,6 +12,7 @@ from txt1.config import load
 from txt1.errors import ConfigError, HalError
 from txt1.hal.registry import create, names
 from txt1.hal.sim import SimHal
+from txt1.sim.parameters import Faults
 
 MYCAR = """
 from txt1.errors import ConfigError
@@ -57,7 +58,7 @@ def test_the_simulated_robot_is_made_as_configured() -> None:
     hal = create(load(overrides=["sim.start=[1, -1, 0.5]", "sim.faults.right_encoder=true"]).config)
     assert isinstance(hal, SimHal)
     assert hal.read(0.0).pose == (1.0, -1.0, 0.5)
-    assert hal.simulator.faults == (True, False)
+    assert hal.simulator.faults == Faults(right_encoder=True)
 
 
 def test_a_start_inside_a_wall_names_the_setting_and_the_remedy() -> None:

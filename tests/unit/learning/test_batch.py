@@ -8,31 +8,28 @@ import sys
 import numpy as np
 import pytest
 
-from txt1.control.limits import Limits
+from txt1.control.parameters import Limits, Safety
 from txt1.learning import batch
 from txt1.learning.batch import Batch
 from txt1.learning.bench import Bench
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
-from txt1.sim.battery import Load, Packs
 from txt1.sim.light import PointLight, illuminances
+from txt1.sim.parameters import Batteries, Noise, VehicleParameters
 from txt1.sim.room import Room
-from txt1.sim.simulator import Noise, Simulator
-from txt1.sim.vehicle import VehicleParameters
+from txt1.sim.simulator import Simulator
 
 COUNT = 5
 
 
 def robots(count: int) -> Batch:
-    return Batch(count, PointLight(), 0.0, 0.03, VehicleParameters(), Geometry(), Limits())
+    return Batch(count, PointLight(), 0.0, 0.03, VehicleParameters(), Geometry(), Safety())
 
 
 def held_against_the_runtime(ticks: int = 400) -> float:
     """The largest difference in pose, speed and sensed velocities in random driving by the bench's robots."""
     simulators = [
-        Simulator(
-            VehicleParameters(), Geometry(), Room(), Packs(None, None), Load(), Noise(drag=0.0), (1.0, 0.5, 0.3), seed
-        )
+        Simulator(VehicleParameters(), Geometry(), Room(), Batteries(None), Noise(drag=0.0), (1.0, 0.5, 0.3), seed)
         for seed in range(COUNT)
     ]
     benches = [Bench(each, Limits()) for each in simulators]

@@ -9,16 +9,16 @@ from math import atan, cos, hypot, pi, sin, tan
 from typing import NamedTuple
 
 import pytest
-from sim_steps import advance
+from sim_steps import Parameters, advance
 
 from txt1.model.kinematics import wrap_angle
-from txt1.sim.vehicle import VehicleParameters, VehicleState
+from txt1.sim.vehicle import VehicleState
 
 FINE = 0.001
 """Step of the reference, s: fourth order, and never across an instant at which a servo arrives, so exact to 1e-10."""
 
-PLAIN = VehicleParameters()
-SLIPPING = VehicleParameters(slip=0.1, understeer=0.2)
+PLAIN = Parameters()
+SLIPPING = Parameters(slip=0.1, understeer=0.2)
 
 
 class Segment(NamedTuple):
@@ -46,7 +46,7 @@ def drive(seed: int, seconds: float) -> list[Segment]:
     return segments
 
 
-def simulated(segments: list[Segment], p: VehicleParameters) -> list[VehicleState]:
+def simulated(segments: list[Segment], p: Parameters) -> list[VehicleState]:
     """The vehicle's state after every segment, advanced in control ticks of 20 ms."""
     state, states = VehicleState(), []
     for segment in segments:
@@ -56,9 +56,7 @@ def simulated(segments: list[Segment], p: VehicleParameters) -> list[VehicleStat
     return states
 
 
-def reference(
-    segments: list[Segment], p: VehicleParameters, fine: float = FINE, *, euler: bool = False
-) -> list[list[float]]:
+def reference(segments: list[Segment], p: Parameters, fine: float = FINE, *, euler: bool = False) -> list[list[float]]:
     """The same by Runge and Kutta, or by Euler: x, y, theta (not wrapped), v, front, rear, right, left."""
     s = [0.0] * 6  # x, y, theta, v, right, left
     phi = [0.0, 0.0]
@@ -151,13 +149,13 @@ LIMITS = Errors(position=1e-4, heading=2e-4, speed=3e-5, steering=1e-11, wheels=
 
 
 @cache
-def exact(seed: int, p: VehicleParameters) -> list[list[float]]:
+def exact(seed: int, p: Parameters) -> list[list[float]]:
     return reference(drive(seed, 4.0), p)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("p", [PLAIN, SLIPPING], ids=["plain", "slipping"])
-def test_20_ms_steps_agree_with_a_fine_integrator(p: VehicleParameters, seed: int) -> None:
+def test_20_ms_steps_agree_with_a_fine_integrator(p: Parameters, seed: int) -> None:
     found = errors(simulated(drive(seed, 4.0), p), exact(seed, p))
     for name, limit in LIMITS._asdict().items():
         assert getattr(found, name) < limit, (name, found)

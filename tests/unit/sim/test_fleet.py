@@ -8,10 +8,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sim_steps import advance
+from sim_steps import Parameters, advance
 
 from txt1.sim import fleet
-from txt1.sim.vehicle import VehicleParameters, VehicleState
+from txt1.sim.vehicle import VehicleState
 
 COUNT = 40
 PARAMETERS = st.fixed_dictionaries(
@@ -23,10 +23,10 @@ PARAMETERS = st.fixed_dictionaries(
         "slip": st.floats(0.0, 0.3),
         "understeer": st.floats(0.0, 1.0),
     }
-).map(lambda given: VehicleParameters(**given))
+).map(lambda given: Parameters(**given))
 
 
-def some_vehicles(rng: np.random.Generator, p: VehicleParameters) -> NDArray[np.float64]:
+def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64]:
     """Half of them with the wheels straight ahead, some at rest."""
     return np.array(
         [
@@ -41,7 +41,7 @@ def some_vehicles(rng: np.random.Generator, p: VehicleParameters) -> NDArray[np.
 
 @settings(deadline=None, max_examples=60)
 @given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
-def test_a_vehicle_moves_in_the_fleet_as_alone(p: VehicleParameters, seed: int, dt: float) -> None:
+def test_a_vehicle_moves_in_the_fleet_as_alone(p: Parameters, seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)
     before = some_vehicles(rng, p)
     motor = np.trunc(rng.uniform(-7500.0, 7500.0, COUNT)) * (rng.random(COUNT) < 0.8)

@@ -12,27 +12,26 @@ from hypothesis import strategies as st
 import txt1
 from txt1.model.battery import pack_voltage
 from txt1.model.vehicle import Geometry
-from txt1.sim.battery import Load, Packs, discharge
+from txt1.sim.battery import Packs, discharge
+from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
 from txt1.sim.room import Room, clearance
-from txt1.sim.simulator import Faults, Noise, Simulator
-from txt1.sim.vehicle import VehicleParameters
+from txt1.sim.simulator import Simulator
+from txt1.sim.vehicle import dynamics
 
 QUIET = Noise(0.0, 0.0)
 BODY = Geometry()
-OPEN, FULL, LOAD, VEHICLE = Room(), Packs(), Load(), VehicleParameters()
+OPEN, FULL, VEHICLE = Room(), Batteries(), VehicleParameters()
 
 
 def simulator(
     *,
     room: Room = OPEN,
-    packs: Packs = FULL,
-    load: Load = LOAD,
+    batteries: Batteries = FULL,
     noise: Noise = QUIET,
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 1,
-    vehicle: VehicleParameters = VEHICLE,
 ) -> Simulator:
-    return Simulator(vehicle, BODY, room, packs, load, noise, start, seed)
+    return Simulator(VEHICLE, BODY, room, batteries, noise, start, seed)
 
 
 def run(sim: Simulator, seconds: float, step: float = 0.02) -> None:
@@ -134,7 +133,7 @@ def test_46_minutes_of_driving_follow_the_measured_line() -> None:
 
 @pytest.mark.parametrize(("atx", "share"), [(True, 0.4), (False, 0.1)])
 def test_standing_still_discharges_slower_by_the_configured_share(atx: bool, share: float) -> None:
-    sim = simulator(load=Load(idle=0.4, standby=0.1))
+    sim = simulator(batteries=Batteries(idle_load=0.4, standby_load=0.1))
     sim.atx_on = atx
     run(sim, 601.0, 1.0)
     assert sim.packs.used_1 == pytest.approx(10.0 * share, rel=0.005)
@@ -148,7 +147,7 @@ def test_standing_still_discharges_slower_by_the_configured_share(atx: bool, sha
 
 
 def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
-    sim = simulator(packs=Packs(49.9))
+    sim = simulator(batteries=Batteries(49.9))
     sim.command(4000, 0, 0)
     run(sim, 4.0)
     assert not sim.cut_off
@@ -163,7 +162,7 @@ def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
 
 
 def test_an_empty_pack_moves_nothing_from_the_start() -> None:
-    sim = simulator(packs=Packs(60.0))
+    sim = simulator(batteries=Batteries(60.0))
     assert sim.cut_off
     sim.command(4000, 0, 0)
     run(sim, 1.0)
@@ -171,7 +170,7 @@ def test_an_empty_pack_moves_nothing_from_the_start() -> None:
 
 
 def test_one_good_pack_of_two_keeps_the_robot_alive() -> None:
-    sim = simulator(packs=Packs(60.0, 10.0))
+    sim = simulator(batteries=Batteries(60.0, 10.0))
     assert not sim.cut_off
     sim.command(4000, 0, 0)
     run(sim, 60.0, 1.0)
@@ -189,7 +188,7 @@ def test_of_two_packs_the_fuller_one_is_drawn_from_first() -> None:
 
 def test_two_packs_equally_full_share_the_load_and_last_twice_as_long() -> None:
     assert discharge(Packs(10.0, 10.0), 60.0) == Packs(10.5, 10.5)
-    sim = simulator(packs=Packs(2.0, 0.0))
+    sim = simulator(batteries=Batteries(2.0, 0.0))
     sim.command(4000, 0, 0)
     run(sim, 600.0, 1.0)
     assert sim.packs.used_1 == pytest.approx(6.0, abs=0.03)
@@ -199,7 +198,7 @@ def test_two_packs_equally_full_share_the_load_and_last_twice_as_long() -> None:
 def test_voltages_follow_from_use_and_are_zero_without_a_pack() -> None:
     assert Packs(3.0, None).voltages() == (pack_voltage(3.0), 0.0)
     assert Packs(None, 7.0).voltages() == (0.0, pack_voltage(7.0))
-    assert simulator(packs=Packs(None, None), noise=Noise()).battery_readings() == (0.0, 0.0)
+    assert simulator(batteries=Batteries(None, None), noise=Noise()).battery_readings() == (0.0, 0.0)
 
 
 # -- walls -------------------------------------------------------------------------------------------------------
@@ -311,9 +310,9 @@ def test_the_same_seed_repeats_bit_for_bit_and_another_one_differs() -> None:
 
 @pytest.mark.parametrize("extra_period", [0.016, 0.001, 0.007])
 def test_the_result_does_not_depend_on_how_the_time_is_cut_up(extra_period: float) -> None:
-    parameters = VehicleParameters(ramp_step=0.0002)
-    plain = manoeuvre(simulator(noise=Noise(), vehicle=parameters))
-    cut = manoeuvre(simulator(noise=Noise(), vehicle=parameters), extra_period)
+    one, two = simulator(noise=Noise()), simulator(noise=Noise())
+    one.dynamics = two.dynamics = dynamics(VEHICLE, BODY, ramp_step=0.0002)
+    plain, cut = manoeuvre(one), manoeuvre(two, extra_period)
     for one, two in zip(plain, cut, strict=True):
         assert one[:8] == pytest.approx(two[:8], abs=1e-6)
         assert one[8:10] == pytest.approx(two[8:10], abs=1)
@@ -373,5 +372,5 @@ def test_a_battery_reading_is_good_for_a_second_whoever_looks_and_however_often(
 
 
 def test_quiet_sensors_tell_the_truth() -> None:
-    sim = simulator(packs=Packs(5.0, 6.0))
+    sim = simulator(batteries=Batteries(5.0, 6.0))
     assert sim.battery_readings() == (pack_voltage(5.0), pack_voltage(6.0))

@@ -7,20 +7,20 @@ from math import atan, copysign, cos, exp, hypot, pi, radians, sin, tan
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from sim_steps import advance
+from sim_steps import Parameters, advance
 
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.sim.vehicle import VehicleParameters, VehicleState
+from txt1.sim.vehicle import VehicleState
 
-P = VehicleParameters()
+P = Parameters()
 BODY = Geometry()
 LOCK = BODY.steering_max
 COUNT = 0.5125 / 1600
 
 
 def drive(
-    state: VehicleState, motor: float, front: float, rear: float, seconds: float, p: VehicleParameters = P
+    state: VehicleState, motor: float, front: float, rear: float, seconds: float, p: Parameters = P
 ) -> VehicleState:
     """The state after so many seconds of control ticks without drag."""
     for _ in range(round(seconds * 50)):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from txt1.control.limits import Fault, Gate, Limits, Outputs
+from txt1.control.limits import Fault, Gate, Outputs
+from txt1.control.parameters import Limits
 from txt1.control.pid import Gains
 from txt1.kernel import Scheduler, run
 from txt1.model.odometry import Odometry

@@ -1,0 +1,47 @@
+"""The safety gate's parameters, a section of the configuration.
+
+They stay uncompiled: the configuration's constraints and descriptions are read from the source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from annotated_types import Gt, Le
+
+from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.units import NotNegative, Positive, PositiveInt
+
+
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """Limits of the safety gate, and the conditions under which it closes."""
+
+    v_max: Annotated[float, Gt(0.0), Le(1.5)] = 1.5
+    """Largest absolute speed, m/s (thesis 4.2)."""
+    v_dead_band: NotNegative = 0.0
+    """A slower set-point counts as 0, m/s."""
+    motor_max: Annotated[int, Gt(0), Le(PWM_MAX)] = 8000
+    """Largest absolute motor output, PWM counts."""
+    command_timeout: Annotated[float, Gt(0.0), Le(2.0)] = 0.25
+    """Age at which a command is stale, s."""
+    runaway_motor: Annotated[int, Gt(0), Le(PWM_MAX)] = 2000
+    """Motor output above which a silent encoder means a runaway, PWM counts."""
+    runaway_time: Positive = 0.3
+    """How long it may be silent, s."""
+    runaway_counts: PositiveInt = 150
+    """Encoder counts of one wheel during which the other may be silent."""
+    runaway_speed: Positive = 2.0
+    """Measured speed that means the controller has gone astray, m/s."""
+    missed_ticks_max: PositiveInt = 5
+    """Controller cycles missed in a row that disarm."""
+    auto_arm: Literal["auto", "always", "never"] = "auto"
+    """Whether the robot arms when it starts: "auto" does in simulation only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits(Safety):
+    """The safety gate's limits for a vehicle that turns no sharper than `radius_min` (m)."""
+
+    radius_min: float = Geometry().radius_min

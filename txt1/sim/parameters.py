@@ -1,0 +1,72 @@
+"""The parameters of the simulated vehicle; each class is a section of the configuration.
+
+They stay uncompiled: the configuration's constraints and descriptions are read from the source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from txt1.units import NotNegative, Positive, Share
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleParameters:
+    """The simulated vehicle's dynamics."""
+
+    speed_gain: Positive = 0.00033
+    """Free speed per PWM count beyond the dead band, m/s; assumed."""
+    dead_band: NotNegative = 300.0
+    """Counts around neutral at which the motors coast; assumed."""
+    speed_time_constant: Positive = 0.3
+    """Of the driven speed response, s; assumed."""
+    coast_time_constant: Positive = 0.6
+    """Of the viscous part of rolling to a stop, s; assumed."""
+    coast_friction: Positive = 0.1
+    """Of the dry part, as a speed in m/s: coasting decelerates by (v + friction) / time constant; assumed."""
+    servo_rate: Positive = (pi / 3.0) / 0.15
+    """Of the steering servos, rad/s: 60 degrees in 0.15 s; assumed."""
+    scrub: Share = 0.06
+    """Share of the free speed that full lock costs; assumed."""
+    slip: Share = 0.0
+    """Share by which driven wheels turn more than the ground passes; 0 is no slip."""
+    understeer: NotNegative = 0.0
+    """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is no sideways slip."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviations of the simulation's random values; 0 switches one off."""
+
+    drag: Annotated[float, Ge(0.0), Le(0.2)] = 0.03
+    """Of the floor's drag, as a share of the speed, drawn anew every 20 ms; assumed."""
+    battery: NotNegative = 0.01
+    """Of a voltage reading, V; assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Broken parts of the simulated vehicle."""
+
+    right_encoder: bool = False
+    """The right encoder's counter stands still."""
+    left_encoder: bool = False
+    """The left encoder's counter stands still."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batteries:
+    """The simulated batteries and their load: a share of the full load under which the thesis measured."""
+
+    used_1: NotNegative | None = 0.0
+    """Minutes under full load that pack 1 has given; null when none is fitted."""
+    used_2: NotNegative | None = None
+    """The same of pack 2."""
+    idle_load: Share = 0.4
+    """Current with the motors off, as a share of the full load; assumed."""
+    standby_load: Share = 0.1
+    """Current with the ATX supply off as well; assumed."""
