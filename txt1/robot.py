@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from math import inf, isfinite
 from typing import Any, Final, TypeVar
@@ -32,6 +32,8 @@ from txt1.protocol.messages import (
     Velocity,
 )
 from txt1.runtime import Runtime
+from txt1.sensors.base import Reading, Sensor
+from txt1.sensors.polling import Polled
 from txt1.tasks.fields import Battery, Snapshot
 
 REFRESH: Final = 0.05
@@ -66,6 +68,7 @@ class Robot:
         self._gains_rejected = False
         self._touched = False
         self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
+        self._sensor_streams: list[asyncio.Queue[Reading[Any] | None]] = []
 
     @staticmethod
     @asynccontextmanager
@@ -113,7 +116,7 @@ class Robot:
 
         robot: Robot
         layer = create_hal(effective) if hal is None or isinstance(hal, str) else hal
-        runtime = Runtime(effective, lambda m: robot._receive(m), layer)
+        runtime = Runtime(effective, lambda m: robot._receive(m), layer, sensing=True)
         robot = Robot(runtime)
         if attach is not None:
             attach(runtime)
@@ -248,6 +251,50 @@ class Robot:
     def battery_stream(self) -> AsyncIterator[BatteryLevels]:
         """Every battery message from now on, one a second; ends with the run."""
         return self._stream(BatteryLevels)
+
+    # -- sensors beside those of the hardware layer -------------------------------------------------------------
+
+    @property
+    def sensors(self) -> Mapping[str, Polled[Any]]:
+        """The sensors by name: their last readings, and how they are."""
+        return self._runtime.sensors
+
+    def sensor(self, name: str) -> Reading[Any] | None:
+        """The last reading of a sensor: its value, and the time (s of the run) at which it was taken; None: none yet.
+
+        Raises:
+            ConfigError: there is no sensor of that name.
+
+        """
+        try:
+            return self._runtime.sensors[name].last
+        except KeyError:
+            there = ", ".join(self._runtime.sensors) or "none"
+            raise ConfigError(f"sensors.{name}: there is no such sensor; there are: {there}") from None
+
+    async def sensor_stream(self, name: str) -> AsyncIterator[Reading[Any]]:
+        """Every reading of a sensor from now on; ends with the run."""
+        self.sensor(name)
+        queue: asyncio.Queue[Reading[Any] | None] = asyncio.Queue(STREAM_MAX)
+        topic = self._runtime.sensors[name].topic
+        leave = self._runtime.bus.subscribe(lambda _, value, time: _put(queue, Reading(time, value)), [topic])
+        self._sensor_streams.append(queue)
+        try:
+            while (reading := await queue.get()) is not None:
+                yield reading
+        finally:
+            leave()
+            self._sensor_streams.remove(queue)
+
+    async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
+        """Open a sensor of your own and read it from now on; it is closed with the robot.
+
+        Raises:
+            HalError: it cannot be opened.
+            ValueError: the name is taken.
+
+        """
+        return await self._runtime.sensors.add(name, sensor, period)
 
     # -- arming ------------------------------------------------------------------------------------------------
 
@@ -514,9 +561,7 @@ class Robot:
                 self._pid_response.set_result(message.accepted)
             return
         for queue in self._streams[type(message)]:
-            if queue.full():
-                queue.get_nowait()
-            queue.put_nowait(message)
+            _put(queue, message)
 
     async def _stream(self, kind: type[T]) -> AsyncIterator[T]:
         queue: asyncio.Queue[T | None] = asyncio.Queue(STREAM_MAX)
@@ -529,8 +574,13 @@ class Robot:
             queues.remove(queue)
 
     def _close_streams(self) -> None:
-        for queues in self._streams.values():
+        for queues in (*self._streams.values(), self._sensor_streams):
             for queue in queues:
-                if queue.full():
-                    queue.get_nowait()
-                queue.put_nowait(None)
+                _put(queue, None)
+
+
+def _put(queue: asyncio.Queue[Any], item: object) -> None:
+    """Put an item into a queue; a full one loses its oldest."""
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(item)

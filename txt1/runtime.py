@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any, Final, Protocol
 
 from txt1.config import Config
+from txt1.config.schema import SensorConfig
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
@@ -22,6 +23,9 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.model.light import Readings
 from txt1.protocol.messages import BoardMessage, Message, PidResponse
+from txt1.sensors.base import SENSORS, Sensor, Setup
+from txt1.sensors.polling import Sensors
+from txt1.sensors.registry import create
 from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
 from txt1.tasks.fields import TaskReport
 from txt1.tasks.state import State
@@ -70,6 +74,7 @@ class Runtime:
         limits: of the safety gate; None takes the configured ones.
         name: on the screens; None takes the HAL's.
         scheduler: makes what runs the tasks, given what is told of a task that raised.
+        sensing: whether the configured sensors are opened: on the robot itself, on no board and in no replay.
 
     """
 
@@ -82,6 +87,7 @@ class Runtime:
         limits: Limits | None = None,
         name: str | None = None,
         scheduler: Callable[[OnFault], Scheduler] = Scheduler,
+        sensing: bool = False,
     ) -> None:
         self.config = config
         self.hal = hal
@@ -91,10 +97,14 @@ class Runtime:
         self.scheduler = scheduler(self._task_failed)
         self.bus = Bus(begin=self._begin_sampling)
         """What the robot tells."""
+        self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
+        """The sensors beside those of the hardware layer, by name."""
+        self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
         self.witness: Witness | None = None
         """Told of everything that comes from outside."""
+        self._sensing = sensing
         self._send = send
         self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
         self._presses: deque[Button] = deque(maxlen=100)
@@ -116,6 +126,7 @@ class Runtime:
         """
         if not self.hal.capabilities.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
+        made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
@@ -158,6 +169,8 @@ class Runtime:
             "button", button.PRIORITY, button.PERIOD,
             partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
         )  # fmt: skip
+        for sensor_name, sensor in made.items():
+            await self.sensors.add(sensor_name, sensor, config.sensors[sensor_name].period)
         if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             # What exists by now stays: the collector need not look through it in the middle of a cycle. In virtual
             # time nobody is late, and looking through it now would take as long as ten seconds of the run.
@@ -181,7 +194,22 @@ class Runtime:
             finally:
                 gc.unfreeze()
                 gc.set_threshold(*_COLLECTOR)
-                await self._hardware("closed", self.hal.close())
+                try:
+                    await self.sensors.close()
+                finally:
+                    await self._hardware("closed", self.hal.close())
+
+    def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
+        """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
+
+        Raises:
+            ConfigError: there is no such driver, or its settings are wrong.
+            HalError: it cannot be imported or made.
+
+        """
+        given = self.config.sensors[name] if options is None else options
+        pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
+        return create(given, Setup(name, given.options, self.config, pose, self.hal))
 
     async def _hardware(self, done: str, action: Coroutine[Any, Any, None]) -> None:
         """Wait for the HAL to be opened or closed; whatever a stranger's raises becomes a HalError."""

@@ -25,6 +25,7 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.learning import running as learning
 from txt1.learning.agent import Agent
+from txt1.learning.task import need_light
 from txt1.record.session import open_view, recording
 from txt1.robot import REFRESH, Robot
 from txt1.runtime import Runtime
@@ -186,7 +187,8 @@ def _to_be_armed(robot: Robot, plan: Plan) -> bool:
 
 async def _get_ready(robot: Robot, plan: Plan, agent: Agent | None, ending: Ending) -> None:
     """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
-    source = None if agent is None else await learning.light_source_of(robot)
+    if agent is not None:
+        await need_light(robot)
     await robot.linked()
     if _to_be_armed(robot, plan):
         robot.arm()
@@ -197,8 +199,8 @@ async def _get_ready(robot: Robot, plan: Plan, agent: Agent | None, ending: Endi
         robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
     if plan.drive is not None:
         robot.add_task("script", REFRESH, partial(_script, robot=robot, velocity=plan.drive))
-    if agent is not None and source is not None:
-        learning.start(robot, agent, source)
+    if agent is not None:
+        learning.start(robot, agent)
 
 
 async def _script(ticks: Ticks, robot: Robot, velocity: tuple[float, float]) -> None:

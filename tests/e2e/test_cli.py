@@ -46,6 +46,7 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
     """
     for function in blocking_calls_fail.functions.values():
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/sensors/registry.py", {"create"})
         function.can_block_in("txt1/session.py", {"_status_lines"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
@@ -225,7 +226,7 @@ def test_virtual_time_is_refused_where_time_is_real(capsys: Capture, monkeypatch
         capabilities = Capabilities(ticks=True, pwm=True)
 
     simulator = create(Config()).simulator  # type: ignore[attr-defined]
-    monkeypatch.setitem(registry.OURS, "floor", lambda config: Real(simulator))
+    monkeypatch.setitem(registry.HALS.ours, "floor", lambda config: Real(simulator))
     message = complaint(capsys, ["run", "--hal", "floor", "--speed", "max"])
     assert "--speed" in message and "'floor'" in message
 

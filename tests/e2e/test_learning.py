@@ -31,21 +31,30 @@ from txt1.learning.conduct import new_trial
 from txt1.learning.experiment import Plan
 from txt1.learning.qtable import TABLE_5_3, StoredTable
 from txt1.learning.running import REPETITIONS
-from txt1.learning.sensors import LightSource, SimulatedSensors
-from txt1.learning.task import LearningTask, simulated_light
+from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Repetition
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
-from txt1.sim.light import Fault, LightSensors
+from txt1.sensors.light import SimulatedLight
+from txt1.sim.light import Fault, LightSensors, PointLight, noise_for_jitter
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config
 
 
-def task_on(robot: Robot, repetitions: int = 3, agent: str = "sweeps") -> LearningTask:
+async def with_light(robot: Robot) -> LightSensors:
+    """The light sensors that a robot is given, to break."""
+    sensors = LightSensors(PointLight(), noise_for_jitter(), np.random.default_rng(2))
+    await robot.add_sensor("light", SimulatedLight(lambda pose: sensors.read(*pose), lambda: robot.runtime.look().pose))
+    return sensors
+
+
+async def task_on(robot: Robot, repetitions: int = 3, agent: str = "sweeps") -> LearningTask:
     """A learning task at work."""
+    if "light" not in robot.sensors:
+        await with_light(robot)
     trial = new_trial(make(agent, CONFIG, np.random.default_rng(1)), SMALL, 1, 1, repetitions)
-    task = LearningTask(robot, trial, simulated_light(CONFIG, np.random.default_rng(2)))
+    task = LearningTask(robot, trial)
     task.start()
     return task
 
@@ -67,13 +76,13 @@ async def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
 
 
 async def test_the_robot_finds_the_light_by_two_tasks_of_its_own_at_their_rates(robot: Robot) -> None:
-    task = task_on(robot)
+    task = await task_on(robot)
     began = robot.now
     await task.ended.wait()
     took = robot.now - began
     cycles = {name: statistics.cycles for name, statistics in robot.runtime.statistics().items()}
     assert cycles["learning"] == pytest.approx(20 * took, abs=2)
-    assert cycles["light"] == pytest.approx(62.5 * took, abs=2)
+    assert cycles["sensor light"] == pytest.approx(62.5 * took, abs=2)
     assert [one.number for one in task.trial.repetitions] == [1, 2, 3]
     assert all(one.success and one.time > one.optimal_time for one in task.trial.repetitions)
     assert robot.pose is not None
@@ -81,7 +90,7 @@ async def test_the_robot_finds_the_light_by_two_tasks_of_its_own_at_their_rates(
 
 
 async def test_the_thesiss_learner_decides_twice_a_second_and_commands_20_times(robot: Robot) -> None:
-    task = task_on(robot, agent="thesis")
+    task = await task_on(robot, agent="thesis")
     await until(lambda: task.trial.phase is Phase.DRIVE)
     began, changes, last = robot.now, [], None
     received = robot.runtime.state.received
@@ -98,7 +107,7 @@ async def test_the_thesiss_learner_decides_twice_a_second_and_commands_20_times(
 
 
 async def test_a_disarm_voids_the_repetition_and_after_the_arm_it_is_done_again(robot: Robot) -> None:
-    task = task_on(robot)
+    task = await task_on(robot)
     await until(lambda: len(task.trial.repetitions) == 1 and task.trial.phase is Phase.DRIVE)
     start = task.trial.start
     await asyncio.sleep(1.0)
@@ -126,7 +135,7 @@ async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_di
     assert isinstance(made, SimHal)
     async with Robot.open(Unliftable(made.simulator)) as robot:
         assert await robot.load_gains()
-        task = task_on(robot, 2)
+        task = await task_on(robot, 2)
         await until(lambda: task.trial.phase is Phase.DRIVE, 120.0)
         x, y, _ = task.trial.start
         assert robot.pose is not None
@@ -147,7 +156,7 @@ async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_di
 async def test_odometry_serves_for_goal_and_boundary() -> None:
     async with Robot.open("sim", seed=1, settings=[*ENDLESS, "learning.pose=odometry"]) as robot:
         assert await robot.load_gains()
-        task = task_on(robot)
+        task = await task_on(robot)
         await task.ended.wait()
         assert robot.pose is not None
         assert all(one.success for one in task.trial.repetitions)
@@ -157,7 +166,8 @@ async def test_odometry_serves_for_goal_and_boundary() -> None:
 async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
     asked = wheel_pose(robot)._replace(read=lambda: (0.0, 0.0, 0.0))
     trial = new_trial(make("sweeps", CONFIG, np.random.default_rng(1)), SMALL, 1, 1, 2)
-    task = LearningTask(robot, trial, simulated_light(CONFIG, np.random.default_rng(2)), asked)
+    await with_light(robot)
+    task = LearningTask(robot, trial, asked)
     task.start()
     await task.ended.wait()
     assert [one.time for one in task.trial.repetitions] == [0.0, 0.0], "it says that the robot is at the light already"
@@ -171,10 +181,11 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent
     with pytest.raises(TaskFault, match=f"light sensor FR.*{what}") as error:
         async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
             assert await robot.load_gains()
-            task = task_on(robot, agent=agent)
+            sensors = await with_light(robot)
+            task = await task_on(robot, agent=agent)
             await until(lambda: task.trial.phase is Phase.DRIVE)
             await asyncio.sleep(1.0)
-            task._source._sensors.faults = [Fault.NONE, fault, Fault.NONE, Fault.NONE]  # type: ignore[attr-defined]
+            sensors.faults = [Fault.NONE, fault, Fault.NONE, Fault.NONE]
             async with asyncio.timeout(3.0):
                 await task.ended.wait()
     assert isinstance(error.value.__cause__, LightFault)
@@ -299,7 +310,7 @@ def test_phidgets_without_their_driver_name_the_extra(
     for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
-    assert learn(tmp_path, "--set", "learning.sensors=phidgets") == 1
+    assert learn(tmp_path, "--set", "sensors.light.driver=phidgets_light") == 1
     assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
 
 
@@ -332,7 +343,7 @@ def test_run_shows_the_learning_among_the_tasks(capsys: pytest.CaptureFixture[st
     assert run("--learn", "sweeps") == 0
     tasks = json.loads(capsys.readouterr().out)["tasks"]
     assert tasks["learning"]["cycles"] > 500
-    assert tasks["light"]["cycles"] > 1600
+    assert tasks["sensor light"]["cycles"] > 1600
     assert REPETITIONS > 30 / 2.5, "enough for anybody who watches"
 
 
@@ -483,18 +494,18 @@ def test_a_robot_that_does_not_arm_by_itself_is_to_be_armed(tmp_path: Path, caps
 def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fitful(sensors: LightSensors) -> LightSource:
-        source = SimulatedSensors(sensors)
-        began.append(source)
-        return source
+    class Fitful(LightSensors):
+        def __init__(self, *given: object) -> None:
+            super().__init__(*given)  # type: ignore[arg-type]
+            began.append(self)
 
     def fail(trial: int, one: Repetition) -> None:
         if len(began) == 1 and one.number == 2:
-            began[0]._sensors.faults = [Fault.NAN] * 4
+            began[0].faults = [Fault.NAN] * 4
 
-    began: list[SimulatedSensors] = []
-    monkeypatch.setattr("txt1.learning.task.SimulatedSensors", fitful)
-    real = load(overrides=["learning.sensors=sim"]).config
+    began: list[LightSensors] = []
+    monkeypatch.setattr("txt1.sensors.light.LightSensors", Fitful)
+    real = load().config
     plan = Plan("thesis", 1, 4, 3, real)
     monkeypatch.setattr(Plan, "simulated", False)  # as on a real robot: what was done cannot be done again
     broken, ended = experiment.conduct(plan, tmp_path, False, fail)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blockbuster import BlockBuster
 
 import txt1
 from tests.e2e.conftest import ENDLESS
@@ -26,13 +27,14 @@ from txt1.errors import HalError, LightFault, TaskFault
 from txt1.learning import qtable, running
 from txt1.learning.agents import make
 from txt1.learning.conduct import new_trial
-from txt1.learning.sensors import LightSource, PhidgetSensors
-from txt1.learning.task import LearningTask, simulated_light
+from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Pose, Trial
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, Readings
+from txt1.model.light import LUX_MAX, SAMPLE_PERIOD, Readings
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
+from txt1.sensors.base import Reading
+from txt1.sensors.light import LIGHT, PhidgetLight, eyes
 
 BOUNDARY = 2.0
 SETTINGS = (*ENDLESS, "serial.port=virtual", f"learning.boundary={BOUNDARY}")
@@ -53,16 +55,19 @@ def vehicle_of(robot: Robot) -> Callable[[], Pose]:
 class Ceiling:
     """Light sensors that see the light from where the vehicle behind the wire is."""
 
+    topic, period = LIGHT, SAMPLE_PERIOD
+
     def __init__(self, where: Callable[[], Pose]) -> None:
         self._where = where
-        self._sensors = simulated_light(CONFIG, np.random.default_rng(2))
+        self._see = eyes(CONFIG, np.random.default_rng(2))
         self.closed = False
 
-    def read(self, pose: Pose | None) -> Readings:
-        assert pose is None, "a HAL behind a wire knows no true pose"
-        return self._sensors.read(self._where())
+    async def open(self) -> None: ...
 
-    def close(self) -> None:
+    def read(self, now: float) -> Reading[Readings]:
+        return Reading(now, self._see(self._where()))
+
+    async def close(self) -> None:
         self.closed = True
 
 
@@ -91,7 +96,8 @@ async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent
         assert await robot.load_gains()
         where = vehicle_of(robot)
         trial, source = trial_of(agent, 3), Ceiling(where)
-        task = LearningTask(robot, trial, source, PoseSource("ceiling", where))
+        await robot.add_sensor("light", source)
+        task = LearningTask(robot, trial, PoseSource("ceiling", where))
         task.start()
         began: list[tuple[float, float]] = []
         phase = trial.phase
@@ -122,7 +128,8 @@ async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_
         assert await robot.load_gains()
         where = vehicle_of(robot)
         trial = trial_of("thesis", 2)
-        task = LearningTask(robot, trial, Ceiling(where), PoseSource("ceiling", where))
+        await robot.add_sensor("light", Ceiling(where))
+        task = LearningTask(robot, trial, PoseSource("ceiling", where))
         task.start()
         await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.REST)
         known, start = trial.agent.memory()["q"], trial.start
@@ -154,7 +161,8 @@ async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_whe
         seen = True
         trial = trial_of("sweeps", 2)
         source = PoseSource("ceiling", lambda: where() if seen else None)
-        task = LearningTask(robot, trial, Ceiling(where), source)
+        await robot.add_sensor("light", Ceiling(where))
+        task = LearningTask(robot, trial, source)
         task.start()
         for phase in (Phase.MOVE, Phase.DRIVE):
             await until(lambda phase=phase: trial.phase is phase and robot.odometry.v > 0.2)  # type: ignore[misc]
@@ -174,7 +182,8 @@ async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(se
         where = vehicle_of(robot)
         enough = False
         source = PoseSource("ceiling", lambda: where() if seen or not enough else None)
-        task = LearningTask(robot, trial_of("sweeps", 2), Ceiling(where), source, stopped=lambda: enough)
+        await robot.add_sensor("light", Ceiling(where))
+        task = LearningTask(robot, trial_of("sweeps", 2), source, stopped=lambda: enough)
         task.start()
         await until(lambda: robot.odometry.v > 0.2)  # on the way to the first start
         enough = True
@@ -195,7 +204,8 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
         async with Robot.open("serial", settings=SETTINGS, seed=1, arm=True) as robot:
             assert await robot.load_gains()
             where = vehicle_of(robot)
-            task = running.start(robot, agent, Ceiling(where), PoseSource("ceiling", where), repetitions=2)
+            await robot.add_sensor("light", Ceiling(where))
+            task = running.start(robot, agent, PoseSource("ceiling", where), repetitions=2)
             await task.ended.wait()
             assert [one.success for one in task.trial.repetitions] == [True, True]
 
@@ -300,8 +310,10 @@ class Channel:
 
 
 @pytest.fixture
-def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
+def kit(monkeypatch: pytest.MonkeyPatch, blocking_calls_fail: BlockBuster) -> Iterator[list[Channel]]:
     """The channels of an Interface Kit, as they are opened."""
+    for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
+        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     ours = type("VoltageRatioInput", (Channel,), {"kit": []})
     contents: dict[str, dict[str, Any]] = {
         "Phidget22": {}, "Phidget22.Devices": {},
@@ -315,31 +327,32 @@ def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
     yield ours.kit  # type: ignore[attr-defined]
 
 
-def test_a_phidgets_kit_is_read_in_lux_from_its_four_inputs(kit: list[Channel]) -> None:
-    source: LightSource = PhidgetSensors()
+async def test_a_phidgets_kit_is_read_in_lux_from_its_four_inputs(kit: list[Channel]) -> None:
+    sensor = PhidgetLight()
+    await sensor.open()
     assert [one.channel for one in kit] == [0, 1, 2, 3]
     assert all(one.interval == 16 and one.trigger == 0.0 for one in kit), "every sample, 62.5 times a second"
-    assert all(np.isnan(source.read(None))), "nothing has been measured yet"
+    assert all(np.isnan(sensor.read(1.0).value)), "nothing has been measured yet"
     for ratio, one in zip((0.1, 0.25, 0.0, 1.02), kit, strict=True):
         one.report(ratio)
-    assert source.read(None) == pytest.approx((100.0, 250.0, 1.0, LUX_MAX))
+    assert sensor.read(2.0).value == pytest.approx((100.0, 250.0, 1.0, LUX_MAX))
     kit[2].unplug()
-    assert np.isnan(source.read(None)[2])
-    source.close()
+    assert np.isnan(sensor.read(3.0).value[2])
+    await sensor.close()
     assert not any(one.attached for one in kit)
 
 
-def test_a_kit_that_is_not_there_is_told_with_the_sensor_that_was_looked_for(
+async def test_a_kit_that_is_not_there_is_told_with_the_sensor_that_was_looked_for(
     kit: list[Channel], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Channel, "fitted", (0, 1))
     with pytest.raises(HalError, match="light sensor RL on analog input 2: Timed Out"):
-        PhidgetSensors()
+        await PhidgetLight().open()
     assert len(kit) == 2
     assert not any(one.attached for one in kit), "those that were there are let go"
 
 
-def test_a_phidgets_library_that_cannot_be_loaded_says_what_it_lacks(
+async def test_a_phidgets_library_that_cannot_be_loaded_says_what_it_lacks(
     kit: list[Channel], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(self: Channel) -> None:
@@ -347,24 +360,25 @@ def test_a_phidgets_library_that_cannot_be_loaded_says_what_it_lacks(
 
     monkeypatch.setattr(Channel, "__init__", refuse)
     with pytest.raises(HalError, match=r"libusb-1\.0\.so\.0"):
-        PhidgetSensors()
+        await PhidgetLight().open()
 
 
 async def test_a_kit_that_is_unplugged_stops_the_robot_with_an_error_that_names_the_sensor(kit: list[Channel]) -> None:
     with pytest.raises(TaskFault, match="light sensor FR reads nan") as error:
         async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
             assert await robot.load_gains()
-            shown = simulated_light(CONFIG, np.random.default_rng(2))
+            see = eyes(CONFIG, np.random.default_rng(2))
 
             async def driver(ticks: Any) -> None:
                 async for _ in ticks:
-                    readings = shown.read(robot.runtime.look().pose)
+                    readings = see(robot.runtime.look().pose)
                     for one, lux in zip(kit, readings, strict=True):
                         one.report(lux / LUX_MAX)
 
             trial = trial_of("sweeps", 3)
-            task = LearningTask(robot, trial, PhidgetSensors())
             robot.add_task("phidgets", 0.016, driver, priority=5)
+            await robot.add_sensor("light", PhidgetLight())
+            task = LearningTask(robot, trial)
             task.start()
             await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.DRIVE and robot.odometry.v > 0.2)
             assert trial.repetitions[0].success

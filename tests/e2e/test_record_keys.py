@@ -22,6 +22,7 @@ LENGTH = 20.0
 def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/sensors/registry.py", {"create"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 

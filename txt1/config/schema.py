@@ -182,8 +182,8 @@ class LearningConfig(Section):
     """It has failed when it takes longer, s; not in the thesis."""
     pose: Literal["truth", "odometry"] = "truth"
     """Where the robot is, for goal and boundary: the simulation's truth, or odometry from the start pose on."""
-    sensors: Literal["sim", "phidgets", "none"] = "sim"
-    """The four light sensors; "sim" where the HAL is simulated, and none elsewhere."""
+    sensor: Annotated[str, Field(min_length=1)] = "light"
+    """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
     period: Positive = 0.5
     """Time between two decisions of the agent thesis, s."""
     remedy: Literal["none", "hold", "sensed"] = "sensed"
@@ -210,6 +210,24 @@ class LearningConfig(Section):
     """Repetitions after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning then."""
+
+
+class SensorConfig(Section):
+    """A sensor beside those of the hardware layer, under a name of your choice."""
+
+    driver: Annotated[str, Field(min_length=1)]
+    """Name of its driver: sim_light, phidgets_light, or one from another package."""
+    period: Positive | None = None
+    """Seconds between two readings; null: the driver's own."""
+    delay: NotNegative = 0.0
+    """Each reading arrives so much later, s."""
+    drop_out: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Share of the readings that are lost."""
+    options: dict[str, Any] = {}
+    """Settings of its driver, handed to it as they are."""
+
+
+SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
 class RecordConfig(Section):
@@ -250,6 +268,8 @@ class Config(Section):
     board: BoardConfig = BoardConfig()
     teleop: TeleopConfig = TeleopConfig()
     learning: LearningConfig = LearningConfig()
+    sensors: dict[SensorName, SensorConfig] = {}
+    """Sensors beside those of the hardware layer, by name."""
     host: HostConfig = HostConfig()
     record: RecordConfig = RecordConfig()
 

@@ -95,7 +95,7 @@ def flatten(config: Config) -> Iterator[tuple[str, Any]]:
 
 def _leaves(tree: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
-        if isinstance(value, dict) and not _is_free((*path, key)):
+        if isinstance(value, dict) and value and not _is_free((*path, key)):
             yield from _leaves(value, (*path, key))
         else:
             yield ".".join((*path, key)), value
@@ -194,7 +194,10 @@ def _check(setting: Setting) -> None:
     key = ".".join(setting.path)
     for depth, name in enumerate(setting.path):
         if get_origin(kind) is dict:
-            return
+            kind = get_args(kind)[1]
+            if kind is Any:
+                return
+            continue
         keys = _keys(kind)
         if not keys:
             raise ConfigError(
@@ -233,13 +236,14 @@ def _kind_at(path: Sequence[str]) -> Any:
     """The type of the value at a path; None where there is none."""
     kind: Any = Config
     for name in path:
-        kind = _keys(kind).get(name)
+        kind = get_args(kind)[1] if get_origin(kind) is dict else _keys(kind).get(name)
     return kind
 
 
 def _is_free(path: Sequence[str]) -> bool:
     """Whether the mapping at a path holds keys that are not ours."""
-    return get_origin(_kind_at(path)) is dict
+    kind = _kind_at(path)
+    return get_origin(kind) is dict and get_args(kind)[1] is Any
 
 
 def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:

@@ -11,22 +11,18 @@ imported when it is first asked for.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Final
 
 from txt1.config import Config
-from txt1.errors import ConfigError, HalError, Txt1Error
+from txt1.errors import ConfigError
 from txt1.hal.base import Hal
+from txt1.plugins import Registry
 
 if TYPE_CHECKING:
     from txt1.hal.serial import Port
 
 HOST_LINE: Final = 1
 """Marks the random values of the line at the host's end."""
-
-GROUP: Final = "txt1.hal"
 
 
 def create_sim(config: Config) -> Hal:
@@ -68,12 +64,12 @@ def create_serial(config: Config, port: Port | None = None) -> Hal:
     )
 
 
-OURS: Final[dict[str, Callable[[Config], Hal]]] = {"sim": create_sim, "serial": create_serial}
+HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial})
 
 
 def names() -> list[str]:
     """The names of all hardware layers that are installed."""
-    return sorted({*OURS, *(point.name for point in entry_points(group=GROUP))})
+    return HALS.names()
 
 
 def create(config: Config) -> Hal:
@@ -84,26 +80,5 @@ def create(config: Config) -> Hal:
         HalError: it cannot be imported or made; the cause is chained.
 
     """
-    name = config.hal
-    if name in OURS:
-        return OURS[name](config)
-    for point in entry_points(group=GROUP):
-        if point.name == name:
-            try:
-                factory = point.load()
-            except Exception as error:
-                raise HalError(
-                    f"the HAL '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
-                ) from error
-            try:
-                hal: Hal = factory(config)
-            except Txt1Error:
-                raise
-            except Exception as error:
-                raise HalError(
-                    f"the HAL '{name}' ({point.value}) cannot be made: {type(error).__name__}: {error}"
-                ) from error
-            return hal
-    near = difflib.get_close_matches(name, names(), n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise ConfigError(f"hal: there is no HAL '{name}'; installed: {', '.join(names())}{hint}")
+    hal: Hal = HALS.make("hal", config.hal, config)
+    return hal

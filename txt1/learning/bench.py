@@ -13,10 +13,10 @@ from typing import Final
 from txt1.control.limits import clip
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
-from txt1.learning.sensors import LightSource
 from txt1.learning.trial import DONE, DRIVE, MOVE, REST, Pose, Trial
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import STEERING_MAX
+from txt1.sensors.light import See
 from txt1.sim.simulator import Simulator
 from txt1.tasks.controller import VelocityLoops
 
@@ -80,13 +80,13 @@ class Bench:
         self.pose = simulator.pose
 
 
-def run_trial(trial: Trial, simulator: Simulator, source: LightSource, limits: Limits, first_ms: int = 0) -> None:
+def run_trial(trial: Trial, simulator: Simulator, see: See, limits: Limits, first_ms: int = 0) -> None:
     """Nothing; the trial is done.
 
     Args:
         trial: what to do.
         simulator: the robot, at time 0.
-        source: its light sensors.
+        see: its light sensors.
         limits: of the set-points and the motor.
         first_ms: when the learning begins, ms since the simulation's start; before, the robot rests.
 
@@ -101,7 +101,7 @@ def run_trial(trial: Trial, simulator: Simulator, source: LightSource, limits: L
         elif what == LIGHT:
             if trial.phase is REST or trial.phase is DRIVE:
                 simulator.advance_to(now)
-                trial.agent.see(source.read(simulator.pose), bench.odometry)
+                trial.agent.see(see(simulator.pose), bench.odometry)
         else:
             if trial.phase is MOVE and bench.odometry.v == bench.odometry.omega == 0.0:
                 simulator.advance_to(now)

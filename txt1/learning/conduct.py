@@ -20,12 +20,13 @@ from txt1.learning import bench
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.qtable import StoredTable
-from txt1.learning.task import LearningTask, light_source, simulated_light, task_of
+from txt1.learning.task import LearningTask, need_light, task_of
 from txt1.learning.trial import COMMANDS, Repetition, Trial, starts
 from txt1.record.session import recording
 from txt1.robot import Robot
+from txt1.sensors.light import STREAM, eyes
 
-STARTS, ROBOT, SENSORS, AGENT = 1, 2, 3, 4
+STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 """Streams of random numbers of a trial; the first is `txt1.learning.trial.starts`'s own."""
 
 MARGIN = 1.0
@@ -156,14 +157,10 @@ def on_robot(
             recording(log, own, speed, told, lambda text: print(f"txt1: {text}", file=sys.stderr)) as attach,
             Robot.open(config=own, patience=0.0, attach=attach) as robot,
         ):
-            source = await light_source(robot.config, robot, stream(seed, number, SENSORS))
-            try:
-                await _get_ready(robot, arm)
-            except BaseException:
-                source.close()
-                raise
+            await need_light(robot, [seed, number, SENSORS])
+            await _get_ready(robot, arm)
             learning = LearningTask(
-                robot, trial, source, stopped=lambda: stopped() or not (robot.armed or robot.arms_again),
+                robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again),
                 observer=robot.runtime.witness,
             )  # fmt: skip
             learning.start()
@@ -232,9 +229,7 @@ def on_bench(
     trial = new_trial(agent, config, seed, number, repetitions, look, keep_paths, commands)
     hal = create_sim(robot_config(config, seed, number))
     assert isinstance(hal, SimHal)
-    bench.run_trial(
-        trial, hal.simulator, simulated_light(config, stream(seed, number, SENSORS)), config.limits(), begin_ms
-    )
+    bench.run_trial(trial, hal.simulator, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
     return outcome(trial, number, repetitions)
 
 

@@ -36,10 +36,10 @@ from txt1.learning.batch import TICK_MS, Batch
 from txt1.learning.bench import CONTROL, LIGHT, Bench, instants
 from txt1.learning.conduct import ready_to_learn
 from txt1.learning.light import LightFilter, direction, reward, sector
-from txt1.learning.sensors import LightSource
-from txt1.learning.task import simulated_light, task_of
+from txt1.learning.task import task_of
 from txt1.learning.trial import COMMANDS, Start
 from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
+from txt1.sensors.light import See, eyes
 from txt1.sim.light import PointLight, noise_for_jitter
 
 Observation = NDArray[np.float32]
@@ -74,7 +74,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self._config = ready_to_learn(load().config if config is None else config)
         self._task = task_of(self._config)
         self._bench: Bench
-        self._source: LightSource
+        self._see: See
         self._ms = 0
         self._sector = 0
 
@@ -88,7 +88,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         assert isinstance(hal, SimHal)
         self._bench = Bench(hal.simulator, self._config.limits())
         hal.simulator.place(*start.pose(self._task))
-        self._source = simulated_light(self._config, self.np_random)
+        self._see = eyes(self._config, self.np_random)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
         self._run(REST_MS)
@@ -116,7 +116,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
                 bench.control(ms / 1000.0)
             elif what == LIGHT:
                 simulator.advance_to(ms / 1000.0)
-                self._filter.step(self._source.read(simulator.pose))
+                self._filter.step(self._see(simulator.pose))
         self._ms += duration_ms
 
     def _state(self, otherwise: int) -> int:

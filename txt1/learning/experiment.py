@@ -39,6 +39,7 @@ from txt1.learning import qtable
 from txt1.learning.conduct import Outcome, on_robot, recorded_plan, robot_config
 from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
+from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Repetition, Start
 from txt1.record.session import discard, need
 
@@ -78,7 +79,8 @@ class Plan(NamedTuple):
     @property
     def simulated(self) -> bool:
         """Whether trials repeat, and can be done side by side."""
-        return self.config.hal == "sim" and self.config.learning.sensors == "sim"
+        light = self.config.sensors.get(self.config.learning.sensor)
+        return self.config.hal == "sim" and (light is None or light.driver == SIMULATED)
 
     def keep_paths(self) -> set[int]:
         """Numbers of the repetitions whose paths are kept: the first, the thesis's 10th, the last."""

@@ -8,9 +8,8 @@ from typing import Final
 from txt1.config import Config
 from txt1.learning.agent import Agent
 from txt1.learning.agents import from_table, make
-from txt1.learning.conduct import AGENT, SENSORS, new_trial, stream
-from txt1.learning.sensors import LightSource
-from txt1.learning.task import LearningTask, light_source
+from txt1.learning.conduct import AGENT, new_trial, stream
+from txt1.learning.task import LearningTask
 from txt1.learning.trial import Repetition
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
@@ -36,26 +35,12 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
     return None if learn is None else make(learn, config, rng)
 
 
-async def light_source_of(robot: Robot) -> LightSource:
-    """The robot's configured light sensors.
-
-    Raises:
-        HalError: there are none.
-        MissingExtra: Phidgets are asked for and their driver is not installed.
-
-    """
-    return await light_source(robot.config, robot, stream(robot.config.seed, 1, SENSORS))
-
-
-def start(
-    robot: Robot, agent: Agent, source: LightSource, pose: PoseSource | None = None, repetitions: int = REPETITIONS
-) -> LearningTask:
+def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, repetitions: int = REPETITIONS) -> LearningTask:
     """The learning task, at work beside the robot's others.
 
     Args:
-        robot: its gains loaded.
+        robot: its gains loaded, with light sensors (see `txt1.learning.task.need_light`).
         agent: who learns or drives.
-        source: its light sensors.
         pose: where the robot is; None: as configured.
         repetitions: how many.
 
@@ -71,6 +56,6 @@ def start(
         robot.tell(f"repetition {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
     trial = new_trial(agent, config, config.seed, 1, repetitions, tell)
-    task = LearningTask(robot, trial, source, pose, observer=robot.runtime.witness)
+    task = LearningTask(robot, trial, pose, observer=robot.runtime.witness)
     task.start()
     return task

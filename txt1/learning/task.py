@@ -1,29 +1,29 @@
 """The learning task: a trial on the running robot, beside its other tasks and through its API alone (thesis 5).
 
-Two periodic tasks are added: `light` reads the sensors every 16 ms, `learning` refreshes the set-point 20 times a
-second. Where the HAL can place the robot it is placed at the next start; elsewhere it drives there.
+It listens to the light sensors, and a periodic task, `learning`, refreshes the set-point 20 times a second. Where the
+HAL can place the robot it is placed at the next start; elsewhere it drives there.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import degrees, nan
 from typing import Final, Protocol
 
-import numpy as np
-
 from txt1.config import Config
+from txt1.config.schema import SensorConfig
 from txt1.errors import HalError, NotArmed
 from txt1.kernel.ticks import Ticks
-from txt1.learning.sensors import Compass, LightSource, PhidgetSensors, SimulatedSensors
 from txt1.learning.trial import DONE, DRIVE, MOVE, REST, TICK, Task, Trial
-from txt1.model.light import SAMPLE_PERIOD, Readings
+from txt1.model.light import Readings
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
-from txt1.sim.light import LightSensors, PointLight, noise_for_jitter
+from txt1.telemetry.topics import Topic
 
 PRIORITY = 0
+SIMULATED: Final = "sim_light"
+"""The driver of simulated light sensors."""
 TO_START: Final = 0.4
 """m/s, the fastest on the way to a start."""
 
@@ -55,7 +55,6 @@ class LearningTask:
     Args:
         robot: armed or not, its gains loaded.
         trial: what to do.
-        source: the light sensors.
         pose: where the robot is in the room, for the goal and the boundary. None: the simulation's truth; or, where
             there is none or `learning.pose` says so, odometry.
         stopped: asked 20 times a second; once it says yes the trial is over.
@@ -67,7 +66,6 @@ class LearningTask:
         self,
         robot: Robot,
         trial: Trial,
-        source: LightSource,
         pose: PoseSource | None = None,
         stopped: Callable[[], bool] = lambda: False,
         observer: Observer | None = None,
@@ -79,7 +77,7 @@ class LearningTask:
         self.ended = asyncio.Event()
         """Set when the last repetition is over, or somebody stopped the trial; from then on it commands nothing."""
         self._robot = robot
-        self._source = source
+        self._light = robot.sensors[robot.config.learning.sensor]
         self._given = pose
         self._stopped = stopped
         self._truth = robot.config.learning.pose == "truth" and robot.hal.capabilities.pose
@@ -88,25 +86,18 @@ class LearningTask:
         self._drive: asyncio.Task[Arrival] | None = None
 
     def start(self) -> None:
-        """Add the two tasks to the robot's."""
-        self._robot.add_task("light", SAMPLE_PERIOD, self.light, PRIORITY)
+        """Listen to the light sensors while a repetition is on, and add the task to the robot's."""
+        trial = self.trial
+        light = self._light
+        light.needed = lambda: trial.phase is REST or trial.phase is DRIVE
+        self._robot.runtime.bus.subscribe(self._see, [light.topic])
         self._robot.add_task("learning", TICK, self.learning, PRIORITY)
 
-    async def light(self, ticks: Ticks) -> None:
-        """Show the agent every sample of the light while a repetition is on."""
-        trial, source, observer = self.trial, self._source, self._observer
-        runtime = self._robot.runtime
-        look, state = runtime.look, runtime.state
-        sees_pose = self._robot.hal.capabilities.pose
-        try:
-            async for _ in ticks:
-                if trial.phase is REST or trial.phase is DRIVE:
-                    lux = source.read(look().pose if sees_pose else None)
-                    if observer is not None:
-                        observer.light(lux)
-                    trial.agent.see(lux, state.odometry)
-        finally:
-            source.close()
+    def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
+        """Show the agent a sample of the light."""
+        if self._observer is not None:
+            self._observer.light(lux)
+        self.trial.agent.see(lux, self._robot.odometry)
 
     async def learning(self, ticks: Ticks) -> None:
         """Bring the robot to each start, and command what the agent decides."""
@@ -132,6 +123,8 @@ class LearningTask:
                     trial.void()
                     robot.command(0.0, 0.0)
                     continue
+                if self._light.reason:
+                    raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
                 v, omega = trial.tick(now, robot.armed, pose, robot.odometry)
                 robot.command(v, omega)
@@ -199,29 +192,25 @@ def task_of(config: Config) -> Task:
     return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
 
 
-async def light_source(config: Config, robot: Robot, rng: np.random.Generator) -> LightSource:
-    """The configured light sensors; real ones are waited for beside the event loop.
+async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
+    """See to it that the robot has its four light sensors; a simulated robot without gets simulated ones.
+
+    Args:
+        robot: running.
+        seed: repeats the simulated sensors' noise; None: that of the configuration does.
 
     Raises:
         HalError: there are none.
-        MissingExtra: Phidgets are asked for and their driver is not installed.
 
     """
-    if config.learning.sensors == "phidgets":
-        return await asyncio.to_thread(PhidgetSensors)
-    if config.learning.sensors == "none" or not robot.hal.capabilities.pose:
+    name = robot.config.learning.sensor
+    if name in robot.sensors:
+        return
+    if not robot.hal.capabilities.pose:
         raise HalError(
             f"learning needs four light sensors, and with the HAL '{robot.hal.name}' there are none: plug in a "
-            "Phidgets Interface Kit and set learning.sensors=phidgets (pip install 'txt1[phidgets]')"
+            f"Phidgets Interface Kit and set sensors.{name}.driver=phidgets_light (pip install 'txt1[phidgets]')"
         )
-    return simulated_light(config, rng)
-
-
-def simulated_light(config: Config, rng: np.random.Generator) -> LightSource:
-    """The simulated light's sensors, as configured."""
-    light, (x, y) = config.sim.light, config.sim.room.light
-    if light.true_bearing:
-        return Compass((x, y))
-    exponent = float(light.exponent)
-    noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
-    return SimulatedSensors(LightSensors(PointLight(x, y, light.intensity, exponent), noise, rng))
+    options = {} if seed is None else {"seed": list(seed)}
+    sensor = robot.runtime.make_sensor(name, SensorConfig(driver=SIMULATED, options=options))
+    (await robot.add_sensor(name, sensor)).needed = lambda: False  # until the learner says when

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.learning.agent import Agent
-from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, SPEED, optimal_time
 from txt1.model.vehicle import Geometry
@@ -232,9 +231,3 @@ class Trial:
         self.repetitions.append(repetition)
         self.phase = MOVE if number < len(self._starts) else DONE
         self._done(repetition)
-
-
-def bearing_to(light: tuple[float, float], pose: Pose) -> float:
-    """The light's true direction in the vehicle's frame, rad."""
-    x, y, theta = pose
-    return wrap_angle(float(np.arctan2(light[1] - y, light[0] - x)) - theta)

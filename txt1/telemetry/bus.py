@@ -39,7 +39,7 @@ class Bus:
     Args:
         name: of the robot, put before the names of its topics; empty for one that is alone.
         cycles_per_second: how often `sample` is called.
-        begin: called at the first subscription: `sample` is wanted from now on.
+        begin: called at the first subscription to what is sampled: `sample` is wanted from now on.
 
     """
 
@@ -160,3 +160,6 @@ class Bus:
         self._cycle_takes = [each.cycle for each in self._subscribers if any(map(each.wants, self._cycle))]
         self._changes = [_Change(topic, read) for topic, read in heard[Rule.CHANGE] if self._takers(topic)]
         self._seconds = [_Change(topic, read) for topic, read in heard[Rule.SECOND] if self._takers(topic)]
+        if self._begin is not None and (self._cycle_takes or self._changes or self._seconds):
+            begin, self._begin = self._begin, None
+            begin()

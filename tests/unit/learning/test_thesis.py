@@ -11,11 +11,11 @@ from txt1.config import load
 from txt1.learning.conduct import on_bench
 from txt1.learning.light import sector
 from txt1.learning.qtable import TABLE_5_3
-from txt1.learning.sensors import Compass
 from txt1.learning.thesis import Settings, ThesisAgent
 from txt1.learning.trial import COMMANDS, TURN
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
+from txt1.sensors.light import compass
 from txt1.sim.light import LightSensors, PointLight
 
 LEFT, RIGHT, STRAIGHT = (Odometry(v=0.3, omega=omega) for omega in (TURN, -TURN, 0.0))
@@ -30,7 +30,7 @@ def agent(**settings: object) -> ThesisAgent:
 
 def _readings(bearing: float) -> Readings:
     """Four readings whose direction is the bearing: a compass, seen from 1 m away with this heading."""
-    return Compass((1.0, 0.0)).read((0.0, 0.0, -bearing))
+    return compass((1.0, 0.0))((0.0, 0.0, -bearing))
 
 
 def show(one: ThesisAgent, bearing: float) -> None:

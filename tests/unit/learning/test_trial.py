@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from txt1.learning.qtable import StoredTable
-from txt1.learning.trial import COMMANDS, Phase, Start, Task, Trial, bearing_to, starts
+from txt1.learning.trial import COMMANDS, Phase, Start, Task, Trial, starts
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import optimal_time
+from txt1.sensors.light import bearing_to
 
 STILL = Odometry()
 

@@ -1,0 +1,166 @@
+"""The interface between the robot and a sensor that is not part of its hardware layer.
+
+A driver is one module with a class that has `open`, `close` and `read`, a topic, and a function that makes it of a
+`Setup`. `txt1.sensors.conformance` checks any sensor against the promises that stand here; docs/sensors.md shows one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+
+from txt1.config import Config
+from txt1.errors import ConfigError
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import TOPICS, Rule, Topic, declare
+
+T = TypeVar("T")
+
+Pose = tuple[float, float, float]
+
+
+class Reading(NamedTuple, Generic[T]):
+    """One reading of a sensor.
+
+    Attributes:
+        time: when it was taken, s of the run.
+        value: immutable, of the type that the sensor's topic names.
+
+    """
+
+    time: float
+    value: T
+
+
+class Sensor(Protocol[T]):
+    """A sensor. Times are seconds since the run started; readings' times neither go backwards nor lie in the future.
+
+    HalError and OSError say that the hardware fails: the sensor is marked unhealthy, asked again at each period, and
+    the robot goes on. Every other exception is a mistake in the program and stops the robot.
+    """
+
+    @property
+    def topic(self) -> Topic[T]:
+        """The name, type, units and message of its values; constant."""
+
+    @property
+    def period(self) -> float:
+        """Seconds between two calls of `read`, unless configured otherwise; constant."""
+
+    async def open(self) -> None:
+        """Make the hardware ready. May wait.
+
+        Raises:
+            HalError: it cannot be opened; one line that says what to do.
+
+        """
+
+    async def close(self) -> None:
+        """Let go of the hardware; harmless when closed already. It can be opened again."""
+
+    def read(self, now: float) -> Reading[T] | None:
+        """The newest reading at `now`; None when there is none since the last one. Never waits.
+
+        Raises:
+            HalError: the hardware fails.
+
+        """
+
+
+class Setup(NamedTuple):
+    """All that a driver is told when it makes a sensor.
+
+    Attributes:
+        name: the sensor's, as configured.
+        options: its own settings, from ``sensors.NAME.options``.
+        config: of everything.
+        pose: returns the true pose (x, y, theta) in the room now, m and rad; None where the robot is not simulated.
+        hal: the hardware layer, for a sensor that shares a simulated world or a link with it.
+
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    config: Config
+    pose: Callable[[], Pose | None] | None = None
+    hal: Any = None
+
+
+class SensorState(NamedTuple):
+    """How a sensor is.
+
+    Attributes:
+        name: as configured.
+        units: of its values.
+        values: the last reading's numbers, in the order of the topic's paths; none before the first one.
+        time: when the last reading was taken, s of the run; None before the first one.
+        healthy: the last reading came in time, and the hardware has not failed since.
+        reason: why it is not healthy; empty when it is.
+        readings: how many there were.
+        failures: how often the hardware has failed.
+
+    """
+
+    name: str
+    units: str
+    values: tuple[tuple[str, float], ...]
+    time: float | None
+    healthy: bool
+    reason: str
+    readings: int
+    failures: int
+
+
+VALUE: Final = define("txt1_msgs/Value", "std_msgs/Header header\nfloat64 value")
+
+SENSORS: Final = declare(
+    Topic(
+        "/sensors", tuple[SensorState, ...], "", "diagnostic_msgs/DiagnosticArray", Rule.SECOND,
+        "every sensor: whether it is healthy, and its last reading",
+        make=lambda states: {"status": [_status(state) for state in states]},
+    )
+)  # fmt: skip
+
+
+def _status(state: SensorState) -> dict[str, Any]:
+    values = {**dict(state.values), "time": state.time, "readings": state.readings, "failures": state.failures}
+    return {
+        "level": bytes([0 if state.healthy else 2]),
+        "name": state.name,
+        "message": state.reason or "healthy",
+        "values": [{"key": key, "value": str(value)} for key, value in values.items() if value is not None],
+    }
+
+
+def numbers(topic: Topic[T], value: T) -> tuple[tuple[str, float], ...]:
+    """The numbers of a value with their paths in the topic's message; none where it has no paths."""
+    made = topic.make(value)
+    return () if isinstance(made, Mapping) else tuple(zip(topic.paths, made, strict=True))
+
+
+def reading_topic(
+    name: str,
+    kind: type[T],
+    units: str,
+    about: str,
+    message: str = VALUE,
+    paths: tuple[str, ...] = ("value",),
+    make: Callable[[T], tuple[float, ...] | Mapping[str, Any]] = lambda value: (value,),  # type: ignore[assignment,return-value]
+    constants: Mapping[str, Any] | None = None,
+) -> Topic[T]:
+    """The topic ``/sensors/NAME`` of a sensor's values, by default plain numbers.
+
+    Raises:
+        ConfigError: a sensor of another kind has that name, or it is no name for a topic.
+
+    """
+    topic = Topic(f"/sensors/{name}", kind, units, message, Rule.EVENT, about, constants or {}, paths, make)
+    known = TOPICS.get(topic.name)
+    if known is None:
+        try:
+            return declare(topic)
+        except ValueError as error:
+            raise ConfigError(f"sensors.{name}: {error}") from None
+    if (known.type, known.units, known.message, known.paths) != (kind, units, message, paths):
+        raise ConfigError(f"sensors.{name}: a sensor of another kind has that name already; choose another one")
+    return known

@@ -1,0 +1,232 @@
+"""The four light sensors: simulated ones that see from where the vehicle is, and Phidgets' (thesis 5.3, 5.5.1)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from math import atan2, cos, sin
+from typing import Any, Final
+
+import numpy as np
+
+from txt1.config import Config
+from txt1.errors import ConfigError, HalError, MissingExtra
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.sensors.base import Pose, Reading, Setup, reading_topic
+from txt1.sim.light import LightSensors, PointLight, noise_for_jitter
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
+
+LIGHT: Final = declare(
+    Topic(
+        "/light", Readings, "lux", define("txt1_msgs/Light", "std_msgs/Header header\nfloat64[4] lux"), Rule.EVENT,
+        "the four light sensors: FL, FR, RL, RR", {"header": {"frame_id": "base_footprint"}},
+        tuple(f"lux.{k}" for k in range(len(SENSORS))), lambda readings: readings,
+    )
+)  # fmt: skip
+
+STREAM: Final = 3
+"""Marks the random values of simulated light sensors."""
+
+BASE: Final = 100.0
+"""Mean reading of the compass that stands in for the four sensors, lux."""
+
+See = Callable[[Pose], Readings]
+"""Returns the readings (lux) of a vehicle at a pose in the room, m and rad."""
+
+
+def topic_of(name: str) -> Topic[Readings]:
+    """The topic of the light sensors of this name: ``/light``, or ``/sensors/NAME`` for further ones."""
+    if name == "light":
+        return LIGHT
+    return reading_topic(name, Readings, "lux", LIGHT.about, LIGHT.message, LIGHT.paths, LIGHT.make, LIGHT.constants)
+
+
+# -- simulated ---------------------------------------------------------------------------------------------------
+
+
+def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None = None) -> See:
+    """How simulated sensors see the configured light; `faults` of FL, FR, RL and RR as `txt1.sim.light.Fault` has them.
+
+    Raises:
+        ValueError: there is no such fault, or not one for each sensor.
+
+    """
+    light, (x, y) = config.sim.light, config.sim.room.light
+    if light.true_bearing:
+        return compass((x, y))
+    exponent = float(light.exponent)
+    noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
+    sensors = LightSensors(PointLight(x, y, light.intensity, exponent), noise, rng)
+    if faults is not None:
+        sensors.faults = faults
+    return lambda pose: sensors.read(*pose)
+
+
+def bearing_to(light: tuple[float, float], pose: Pose) -> float:
+    """The light's true direction in the vehicle's frame, rad."""
+    x, y, theta = pose
+    return wrap_angle(atan2(light[1] - y, light[0] - x) - theta)
+
+
+def compass(light: tuple[float, float]) -> See:
+    """Readings whose `txt1.learning.light.direction` is the light's true bearing, as O's simulated learner had it."""
+
+    def see(pose: Pose) -> Readings:
+        bearing = bearing_to(light, pose)
+        front, left = cos(bearing) / SENSOR_X, sin(bearing) / SENSOR_Y
+        return Readings(BASE + front + left, BASE + front - left, BASE - front + left, BASE - front - left)
+
+    return see
+
+
+class SimulatedLight:
+    """The four sensors of a simulated robot, which see from its true pose.
+
+    Args:
+        see: returns the readings at a pose.
+        pose: returns the robot's true pose now.
+        name: the sensor's.
+
+    """
+
+    period = SAMPLE_PERIOD
+
+    def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
+        self.topic = topic_of(name)
+        self._see = see
+        self._pose = pose
+
+    async def open(self) -> None:
+        """Nothing to make ready."""
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[Readings] | None:
+        """The readings at `now`, lux."""
+        pose = self._pose()
+        return None if pose is None else Reading(now, self._see(pose))
+
+
+def simulated(setup: Setup) -> SimulatedLight:
+    """The driver ``sim_light``; options: ``seed`` (numbers that repeat its noise) and ``faults`` (see `eyes`)."""
+    options = _known(setup, "seed", "faults")
+    if setup.pose is None:
+        raise HalError(
+            f"sensors.{setup.name}: simulated light sensors see from the true pose, which the HAL '{setup.config.hal}' "
+            "does not know; use another driver, such as phidgets_light"
+        )
+    seed = options.get("seed", [setup.config.seed, 1, STREAM])
+    try:
+        see = eyes(setup.config, np.random.default_rng(np.random.SeedSequence(seed)), options.get("faults"))
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"sensors.{setup.name}.options: {error}") from None
+    return SimulatedLight(see, setup.pose, setup.name)
+
+
+def _known(setup: Setup, *names: str) -> Mapping[str, Any]:
+    """The options, which must be among these."""
+    for name in setup.options:
+        if name not in names:
+            raise ConfigError(f"sensors.{setup.name}.options.{name}: unknown; known here: {', '.join(names)}")
+    return setup.options
+
+
+# -- Phidgets ----------------------------------------------------------------------------------------------------
+
+
+class PhidgetLight:
+    """Four light sensors on a Phidgets Interface Kit, as on the thesis's robot (5.5.1).
+
+    The driver's thread writes the latest voltage ratio of each channel; `read` turns it into lux and never waits. The
+    thesis's 1127 precision sensor gives a voltage ratio of 0 to 1 for 0 to 1000 lux. A channel that is not attached, or
+    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light`).
+
+    Args:
+        name: the sensor's.
+        channels: of FL, FR, RL and RR.
+        serial_number: of the kit; None for the only one there is.
+
+    """
+
+    period = SAMPLE_PERIOD
+    PATIENCE_MS: Final = 5000
+    INTERVAL_MS: Final = 16
+
+    def __init__(
+        self, name: str = "light", channels: Sequence[int] = (0, 1, 2, 3), serial_number: int | None = None
+    ) -> None:
+        self.topic = topic_of(name)
+        self._channels = channels
+        self._serial_number = serial_number
+        self._ratios = [float("nan")] * len(SENSORS)
+        self._inputs: list[Any] = []
+
+    async def open(self) -> None:
+        """Wait for the kit, in another thread.
+
+        Raises:
+            MissingExtra: Phidget22 is not installed.
+            HalError: there is no such kit, or Phidgets' library cannot be loaded.
+
+        """
+        await asyncio.to_thread(self._attach)
+
+    def _attach(self) -> None:
+        try:
+            from Phidget22.Devices.VoltageRatioInput import VoltageRatioInput
+            from Phidget22.PhidgetException import PhidgetException
+        except ImportError:
+            raise MissingExtra("reading Phidgets light sensors", "phidgets") from None
+        sensor = ""
+        try:
+            for k, channel in enumerate(self._channels):
+                sensor = f"light sensor {SENSORS[k]} on analog input {channel}"
+                one = VoltageRatioInput()
+                self._inputs.append(one)
+                one.setChannel(channel)
+                if self._serial_number is not None:
+                    one.setDeviceSerialNumber(self._serial_number)
+                one.setOnVoltageRatioChangeHandler(lambda _, ratio, k=k: self._take(k, ratio))
+                one.setOnDetachHandler(lambda _, k=k: self._take(k, float("nan")))
+                one.openWaitForAttachment(self.PATIENCE_MS)
+                one.setDataInterval(max(self.INTERVAL_MS, one.getMinDataInterval()))
+                one.setVoltageRatioChangeTrigger(0.0)
+        except PhidgetException as error:
+            self._detach()
+            why = " ".join(f"{error.description}: {error.details}".split()).rstrip(":.")
+            raise HalError(
+                f"{sensor}: {why}; is the Interface Kit plugged in, may you open it (udev), and are its sensors on "
+                "inputs 0 to 3 (FL FR RL RR)?"
+            ) from error
+        except OSError as error:
+            self._inputs.clear()
+            raise HalError(f"Phidgets' library cannot be loaded: {error}; Debian has libusb in libusb-1.0-0") from error
+
+    def _take(self, k: int, ratio: float) -> None:
+        self._ratios[k] = ratio
+
+    async def close(self) -> None:
+        """Let go of the kit."""
+        self._detach()
+
+    def _detach(self) -> None:
+        while self._inputs:
+            self._inputs.pop().close()
+        self._ratios = [float("nan")] * len(SENSORS)
+
+    def read(self, now: float) -> Reading[Readings]:
+        """The present readings, lux."""
+        lux = (min(max(LUX_MAX * ratio, LUX_MIN), LUX_MAX) if ratio == ratio else ratio for ratio in self._ratios)
+        return Reading(now, Readings(*lux))
+
+
+def phidgets(setup: Setup) -> PhidgetLight:
+    """The driver ``phidgets_light``; options: ``channels`` (of FL, FR, RL, RR) and ``serial_number`` (of the kit)."""
+    options = _known(setup, "channels", "serial_number")
+    channels = options.get("channels", (0, 1, 2, 3))
+    if not (isinstance(channels, Sequence) and len(channels) == len(SENSORS)):
+        raise ConfigError(f"sensors.{setup.name}.options.channels: takes four inputs, not {channels!r}")
+    return PhidgetLight(setup.name, channels, options.get("serial_number"))
