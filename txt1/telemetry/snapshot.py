@@ -1,0 +1,195 @@
+"""Everything the robot tells at one instant, by topic; and as one line of JSON, keyed and with a version.
+
+Reading a line follows the topics' types, one topic at a time when it is asked for: a topic or a field more is ignored,
+one that is missing is None or has its default. So no new field makes an older line unreadable.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints, overload
+
+from txt1.control.schedule import GainSet, Schedule
+from txt1.telemetry.bus import Bus
+from txt1.telemetry.topics import Topic
+
+VERSION: Final = 1
+
+T = TypeVar("T")
+Convert = Callable[[Any], Any]
+
+
+class Snapshot:
+    """The values of topics at one instant.
+
+    Args:
+        time: s of the run.
+        name: of the robot.
+        values: by the topics' names; a topic that has no value is left out.
+
+    """
+
+    def __init__(self, time: float, name: str, values: Mapping[str, Any]) -> None:
+        self.time, self.name = time, name
+        self._values = dict(values)
+        self._plain: Mapping[str, Any] = {}
+
+    @classmethod
+    def take(cls, bus: Bus, time: float, name: str, topics: Iterable[str] | None = None) -> Snapshot:
+        """What a bus has to tell now, of all its sampled topics or of those of these names."""
+        chosen = None if topics is None else frozenset(topics)
+        told = ((t.name, bus.read(t)) for t in bus.offered if chosen is None or t.name in chosen)
+        return cls(time, name, {name: value for name, value in told if value is not None})
+
+    def __getitem__(self, topic: Topic[T]) -> T:
+        """The value of a topic.
+
+        Raises:
+            KeyError: it has none.
+
+        """
+        value = self.get(topic)
+        if value is None:
+            raise KeyError(topic.name)
+        return value
+
+    @overload
+    def get(self, topic: Topic[T]) -> T | None: ...
+
+    @overload
+    def get(self, topic: Topic[T], default: T) -> T: ...
+
+    def get(self, topic: Topic[T], default: T | None = None) -> T | None:
+        """The value of a topic; the default where it has none, or one that is none of the topic's type."""
+        name = topic.name
+        if name not in self._values:
+            try:
+                self._values[name] = _reader(topic.type)(self._plain.get(name))
+            except (TypeError, ValueError, KeyError, AttributeError):
+                self._values[name] = None
+        found: T | None = self._values[name]
+        return default if found is None else found
+
+    def replaced(self, values: Mapping[Topic[Any], Any], time: float | None = None) -> Snapshot:
+        """This one with other values of some topics; None for none."""
+        other = Snapshot(self.time if time is None else time, self.name, self._values)
+        other._plain = self._plain
+        other._values.update((topic.name, value) for topic, value in values.items())
+        return other
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the topics that have a value."""
+        known = {name for name, value in self._values.items() if value is not None}
+        return sorted(known | (self._plain.keys() - self._values.keys()))
+
+    def encode(self) -> bytes:
+        """This as one line of JSON, newline included.
+
+        Raises:
+            TypeError: a value is of a type that JSON has no word for.
+
+        """
+        values = {**self._plain, **{name: plain(value) for name, value in self._values.items()}}
+        line = {"version": VERSION, "time": self.time, "name": self.name, "topics": values}
+        return _JSON.encode(line).encode("ascii") + b"\n"
+
+    @classmethod
+    def decode(cls, line: bytes | str) -> Snapshot:
+        """The snapshot a line was made from.
+
+        Raises:
+            ValueError: it is none, or of a version that is not known here.
+
+        """
+        try:
+            return cls.of(json.loads(line))
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"not a snapshot: {type(error).__name__}: {error}") from error
+
+    @classmethod
+    def of(cls, line: Mapping[str, Any]) -> Snapshot:
+        """The snapshot in a line that was read already; raises as `decode`, and KeyError for what is none."""
+        if line["version"] != VERSION:
+            raise ValueError(f"not a snapshot of version {VERSION} but of {line['version']!r}")
+        snapshot = cls(float(line["time"]), str(line["name"]), {})
+        snapshot._plain = dict(line["topics"])
+        return snapshot
+
+
+_JSON: Final = json.JSONEncoder(separators=(",", ":"))
+
+
+# -- values to JSON and back -----------------------------------------------------------------------------------
+
+
+def plain(value: Any) -> Any:
+    """A value in JSON's words: fields by name.
+
+    Raises:
+        TypeError: it is of a type that JSON has no word for.
+
+    """
+    convert: Convert = _writer(type(value))
+    return convert(value)
+
+
+def _make_writer(kind: Any) -> Convert:
+    """The function that puts a value of type `kind` in JSON's words."""
+    if issubclass(kind, Enum):
+        return lambda value: value.value
+    if kind in (NoneType, bool, int, float, str):
+        return lambda value: value
+    if kind is Schedule:
+        return lambda value: plain(value.sets)
+    if hasattr(kind, "_fields") or is_dataclass(kind):
+        names = kind._fields if hasattr(kind, "_fields") else tuple(field.name for field in fields(kind))
+        return lambda value: {name: plain(getattr(value, name)) for name in names}
+    if issubclass(kind, Mapping):
+        return lambda value: {str(key): plain(each) for key, each in value.items()}
+    if issubclass(kind, tuple | list):
+        return lambda value: [plain(each) for each in value]
+    raise TypeError(f"{kind.__name__} has no place in a snapshot")
+
+
+def _make_reader(kind: Any) -> Convert:
+    """The function that makes a value of type `kind` of JSON's words for it."""
+    origin, args = get_origin(kind) or kind, get_args(kind)
+    if origin in (Union, UnionType):  # here always "something or None"
+        (inner,) = (_reader(arg) for arg in args if arg is not NoneType)
+        return inner
+    if origin is Schedule:
+        return _optional(lambda value: Schedule(_reader(tuple[GainSet, ...])(value)))
+    if hasattr(origin, "_fields") or is_dataclass(origin):
+        readers = {name: _reader(hint) for name, hint in get_type_hints(origin).items()}
+        return _optional(
+            lambda value: origin(**{name: readers[name](value[name]) for name in readers.keys() & value.keys()})
+        )
+    if origin is tuple and args[-1:] == (...,):
+        each = _reader(args[0])
+        return _optional(lambda value: tuple(map(each, value)))
+    if origin is tuple and args:
+        several = tuple(map(_reader, args))
+        return _optional(lambda value: tuple(read(each) for read, each in zip(several, value, strict=True)))
+    if origin is tuple:
+        return _optional(tuple)
+    if isinstance(origin, type) and issubclass(origin, Mapping) and args:
+        each_value = _reader(args[1])
+        return _optional(lambda value: {key: each_value(item) for key, item in value.items()})
+    if isinstance(origin, type) and issubclass(origin, Enum):
+        return _optional(origin)
+    return lambda value: value
+
+
+def _optional(read: Convert) -> Convert:
+    """The function for a value that may be None."""
+    return lambda value: None if value is None else read(value)
+
+
+_writer: Final[Callable[[Any], Convert]] = cache(_make_writer)
+_reader: Final[Callable[[Any], Convert]] = cache(_make_reader)
