@@ -4,7 +4,7 @@
 
 Trials run through the same physics, loops and instants as `txt1 learn`, without the robot's tasks. Seed 77 served for
 tuning; the figures in docs/learning.md are seed 1's. With --permute, every trial's agent gets the three actions in a
-secret order of its own. The thesis's own table from 1000 random starts: --agent table_5_3 --trials 100 --reps 10.
+secret order of its own. The thesis's own table from 1000 random starts: --agent table_5_3 --trials 100 --episodes 10.
 With --where, `thesis` is watched, and the figures end with where its time after repetition 7 goes.
 """
 
@@ -190,7 +190,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--agent", choices=(*NAMES, STORED), default="sweeps")
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--first", type=int, default=1, help="number of the first trial")
-    parser.add_argument("--reps", type=int, default=31)
+    parser.add_argument("--episodes", type=int, default=31)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--permute", action="store_true")

@@ -45,7 +45,19 @@ def experiment(trials: int) -> float:
 def command(trials: int) -> float:
     """One round of `txt1 learn`, with the interpreter's start and the pictures, s."""
     with tempfile.TemporaryDirectory() as directory:
-        words = ["learn", "--agent", "thesis", "--trials", str(trials), "--reps", "31", "--seed", "1", "--jobs", "1"]
+        words = [
+            "learn",
+            "--agent",
+            "thesis",
+            "--trials",
+            str(trials),
+            "--episodes",
+            "31",
+            "--seed",
+            "1",
+            "--jobs",
+            "1",
+        ]
         began = stopwatch_ns()
         subprocess.run(
             [sys.executable, "-m", "txt1", *words, "--out", str(Path(directory, "out"))],

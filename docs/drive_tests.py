@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.cli import execute
+from txt1.cli.experiment import ENDLESS, drive
+from txt1.cli.tune import TESTS, repeated
 from txt1.config import Config, load
 from txt1.experiments import figures, report, run_folder
-from txt1.experiments.command import ENDLESS, TESTS, drive, repeated
 from txt1.experiments.metrics import QUANTUM, Difference, difference, measure, paths_apart
 from txt1.experiments.poses import Trip, sentence, trips
 from txt1.experiments.profile import Profile, Step, load_profile

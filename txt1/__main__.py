@@ -1,6 +1,25 @@
-"""``python -m txt1``."""
+"""``python -m txt1`` and the program `txt1`: from here on a signal ends it without a traceback."""
 
-from txt1.cli import main
+import os
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+
+def leave(number: int, _: FrameType | None) -> NoReturn:
+    """End the process at once; where something has to be stopped first, `txt1.cli.app` takes the signals."""
+    os._exit(128 + number)
+
+
+def main() -> NoReturn:
+    """Run the command given on the command line and exit with its code."""
+    for each in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # before the imports, which take their time
+        signal.signal(each, leave)
+    from txt1.cli import execute
+
+    sys.exit(execute(sys.argv[1:]))
+
 
 if __name__ == "__main__":
     main()

@@ -11,7 +11,6 @@ from unittest import SkipTest
 
 import pytest
 
-from txt1 import cli
 from txt1.board import create_hal
 from txt1.cli import execute
 from txt1.config import Config
@@ -385,7 +384,7 @@ def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str])
 def test_the_command_fails_for_a_broken_hal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli, "create_hal", lambda config: mutant(indicate=refuse)())
+    monkeypatch.setattr("txt1.cli.hal.create_hal", lambda config: mutant(indicate=refuse)())
     assert execute(["hal", "check", "sim"]) == 1
     broken = [line for line in capsys.readouterr().out.splitlines() if "BROKEN" in line]
     assert len(broken) == 1

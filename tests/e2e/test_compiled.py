@@ -48,7 +48,7 @@ def test_a_run_is_the_same_compiled_and_from_its_source() -> None:
 
 def test_what_is_learned_is_the_same_compiled_and_from_its_source(tmp_path: Path) -> None:
     for folder in ("compiled", "interpreted"):
-        learn = ("-m", "txt1", "learn", "--agent", "thesis", "--trials", "2", "--reps", "6", "--seed", "3")
+        learn = ("-m", "txt1", "learn", "--agent", "thesis", "--trials", "2", "--episodes", "6", "--seed", "3")
         output_of(*learn, "--out", str(tmp_path / folder), sources=folder == "interpreted")
     for file in ("learning.csv", "qtable.json"):
         assert (tmp_path / "compiled" / file).read_bytes() == (tmp_path / "interpreted" / file).read_bytes()

@@ -9,9 +9,9 @@ from pytest import approx
 
 from txt1.board import VirtualPort
 from txt1.cli import execute
+from txt1.cli.doctor import Findings, Remark, examine, remarks
 from txt1.config import load
 from txt1.config.schema import ControlConfig
-from txt1.doctor import Findings, Remark, examine, remarks
 from txt1.errors import HalError
 from txt1.hal import ports
 from txt1.hal.link import End, Link, connect
@@ -125,8 +125,8 @@ def test_without_a_port_the_ports_are_listed_with_what_keeps_one_from_opening_th
 ) -> None:
     two = [Port("/dev/ttyUSB0", "FT232R", True), Port("/dev/ttyUSB1", "CP2102", True)]
     monkeypatch.setattr(ports, "candidates", lambda: two)
-    monkeypatch.setattr("txt1.doctor.candidates", lambda: two)
-    monkeypatch.setattr("txt1.doctor.access_problem", lambda device: None if device.endswith("0") else "not yours")
+    monkeypatch.setattr("txt1.cli.doctor.candidates", lambda: two)
+    monkeypatch.setattr("txt1.cli.doctor.access_problem", lambda device: None if device.endswith("0") else "not yours")
     assert execute(["doctor"]) == 1
     out, err = capsys.readouterr()
     assert out.splitlines() == [

@@ -14,9 +14,9 @@ import pytest
 
 from txt1.board import VIRTUAL
 from txt1.cli import execute
+from txt1.cli.experiment import ENDLESS, drive
 from txt1.config import Config, load
 from txt1.experiments import figures, run_folder
-from txt1.experiments.command import ENDLESS, drive
 from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run

@@ -199,7 +199,7 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent
 
 def learn(out: Path, *more: str) -> int:
     return execute(
-        ["learn", "--agent", "sweeps", "--trials", "2", "--reps", "4", "--jobs", "1", "--out", str(out), *more]
+        ["learn", "--agent", "sweeps", "--trials", "2", "--episodes", "4", "--jobs", "1", "--out", str(out), *more]
     )
 
 
@@ -221,7 +221,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert metrics["last_10"]["mean_regret_s"] > 0.0
     assert qtable.load(out / "qtable.json").about["agent"] == "sweeps"
     assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
-    assert "last 10 repetitions" in capsys.readouterr().out
+    assert "last 10 episodes" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -318,7 +318,7 @@ def test_without_matplotlib_everything_but_the_pictures_is_there(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
-    assert learn(tmp_path, "--trials", "1", "--reps", "1") == 0
+    assert learn(tmp_path, "--trials", "1", "--episodes", "1") == 0
     assert "pip install 'txt1[plots]'" in capsys.readouterr().err
     assert (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob("*.png"))
@@ -393,7 +393,7 @@ def test_a_table_that_does_not_fit_its_agent_is_not_driven_by(
 
 
 def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert learn(tmp_path, "--trials", "1", "--reps", "2") == 0
+    assert learn(tmp_path, "--trials", "1", "--episodes", "2") == 0
     capsys.readouterr()
     assert run("--policy", str(tmp_path / "qtable.json")) == 0
     assert json.loads(capsys.readouterr().out)["armed"]
@@ -404,7 +404,7 @@ def test_what_was_learned_drives_to_the_light(tmp_path: Path, capsys: pytest.Cap
 
 def process(out: Path, *more: str) -> subprocess.Popen[str]:
     """`txt1 learn` as a process in a group of its own, as a terminal starts it."""
-    words = ["learn", "--agent", "sweeps", "--trials", "3", "--reps", "6", "--seed", "3", "--out", str(out), *more]
+    words = ["learn", "--agent", "sweeps", "--trials", "3", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
     return subprocess.Popen(
         [sys.executable, "-m", "txt1", *words],
         stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, text=True,
@@ -485,7 +485,7 @@ def test_a_disarm_ends_it_as_nobody_is_there_to_arm_again(
 
 
 def test_a_robot_that_does_not_arm_by_itself_is_to_be_armed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    never = ("--trials", "1", "--reps", "1", "--set", "safety.auto_arm=never")
+    never = ("--trials", "1", "--episodes", "1", "--set", "safety.auto_arm=never")
     assert learn(tmp_path, *never) == 2
     assert "add --arm" in capsys.readouterr().err
     assert learn(tmp_path, *never, "--arm") == 0

@@ -220,7 +220,7 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
 def test_learn_over_the_wire_says_what_is_missing_and_leaves_no_experiment_behind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["learn", "--agent", "sweeps", "--trials", "1", "--reps", "1", "--out", str(tmp_path)]
+    words = ["learn", "--agent", "sweeps", "--trials", "1", "--episodes", "1", "--out", str(tmp_path)]
     wire = ["--port", "virtual", "--speed", "max"]
     assert execute([*words, *wire]) == 1
     assert "needs four light sensors" in capsys.readouterr().err

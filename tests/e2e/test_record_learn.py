@@ -166,7 +166,7 @@ def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None
 
 
 def learn(out: Path, log: Path, *more: str) -> int:
-    words = ["learn", "--agent", "sweeps", "--trials", "2", "--reps", "3", "--seed", "3", "--jobs", "1"]
+    words = ["learn", "--agent", "sweeps", "--trials", "2", "--episodes", "3", "--seed", "3", "--jobs", "1"]
     return execute([*words, "--out", str(out), "--log", str(log), *more])
 
 

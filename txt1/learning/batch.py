@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.command_line import processors
 from txt1.compiled import source_module
 from txt1.control.parameters import Safety
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
+from txt1.kernel.processors import processors
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry

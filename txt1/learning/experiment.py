@@ -31,7 +31,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from txt1.command_line import SIGNALS
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError, Txt1Error
 from txt1.kernel.loop import Speed
@@ -46,6 +45,7 @@ from txt1.record.session import discard, need
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = ("trial", "repetition", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 POLL: Final = 0.1
 """s of real time between two looks at what the processes have to tell."""
 

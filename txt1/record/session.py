@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from txt1.record.live import LiveView
     from txt1.record.recorder import Recorder, Sink
 
+MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
+"""With which recordings are read; without mcap_ros2 they can still be written."""
 LIBRARIES: Final = ("numpy", "pydantic", "mcap")
 VIEW_BATCH: Final = 0.1
 """Real s between two batches for a live view."""

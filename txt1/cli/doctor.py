@@ -1,7 +1,8 @@
-"""What is wrong with the line to the board, in words one can act on: ``txt1 doctor``."""
+"""`txt1 doctor`: look for what is wrong with the line to the board, and say it in words one can act on."""
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 from collections.abc import Iterator
 from itertools import pairwise
@@ -9,8 +10,12 @@ from math import ceil
 from statistics import median
 from typing import Final, NamedTuple
 
+from txt1.board import VIRTUAL, port_of
+from txt1.cli.app import App
+from txt1.cli.exit_codes import FAULT, OK
+from txt1.cli.options import add_config, add_port, loaded, positive
 from txt1.hal.link import End, Link
-from txt1.hal.ports import access_problem, candidates
+from txt1.hal.ports import access_problem, candidates, only_candidate
 from txt1.hal.reception import Reception
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
 from txt1.protocol.decoder import Event, Fault, Reason
@@ -237,3 +242,42 @@ def ports() -> Iterator[Remark]:
         problem = access_problem(port.device)
         text = f"{port.device} ({port.description}{', USB' if port.usb else ''})"
         yield Remark("port", text if problem is None else f"{text}: {problem}", problem is None)
+
+
+# -- the command -----------------------------------------------------------------------------------------------
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the line and the time of listening to it."""
+    add_config(parser)
+    add_port(parser)
+    parser.add_argument("--duration", type=positive, default=5.0, metavar="S", help="of listening; 5 by default")
+    parser.set_defaults(main=main, hal="serial")
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Say in words what is wrong with the ports and the line to the board."""
+    config = loaded(arguments).config
+    found: list[bool] = []
+    if config.serial.port is None:
+        found = [_tell(remark) for remark in ports()]
+        arguments.port = only_candidate()
+        config = loaded(arguments).config
+    port = port_of(config)
+    print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")
+    app = App("max" if config.serial.port == VIRTUAL else None)
+
+    async def look() -> None:
+        findings = await examine(port, config.loops().pid_set(), arguments.duration)
+        found.extend(_tell(remark) for remark in remarks(findings, config.serial.baud))
+
+    if app.run(look()) != OK:
+        return app.code
+    print("all is well" if all(found) else "see the lines marked with !")
+    return OK if all(found) else FAULT
+
+
+def _tell(remark: Remark) -> bool:
+    """Print a remark and return whether what it says is well."""
+    print(f"{' ' if remark.well else '!'} {remark.subject:<9} {remark.text}")
+    return remark.well

@@ -9,8 +9,8 @@ import pytest
 from blockbuster import BlockBuster
 
 from txt1.cli import execute
+from txt1.cli.run import Start
 from txt1.robot import Robot
-from txt1.session import Ending, Plan, _get_ready
 
 Capture = pytest.CaptureFixture[str]
 
@@ -18,7 +18,7 @@ Capture = pytest.CaptureFixture[str]
 @pytest.fixture(autouse=True)
 def a_status_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/session.py", {"_status_lines"})
+        function.can_block_in("txt1/cli/app.py", {"_status_lines"})
 
 
 VIRTUAL = ("serial.port=virtual",)
@@ -30,7 +30,7 @@ async def test_what_was_stopped_before_the_link_came_up_is_not_armed_by_the_star
     hal: str, settings: tuple[str, ...], intervene: Callable[[Robot], None]
 ) -> None:
     async with Robot.open(hal, settings=settings, arm=False, patience=0.0) as robot:
-        ready = asyncio.ensure_future(_get_ready(robot, Plan(arm=True, drive=(0.5, 0.0)), None, Ending()))
+        ready = asyncio.ensure_future(Start(robot, arm=True, drive=(0.5, 0.0)).get_ready())
         await asyncio.sleep(0.5)
         intervene(robot)
         await asyncio.sleep(5.0)
@@ -41,7 +41,7 @@ async def test_what_was_stopped_before_the_link_came_up_is_not_armed_by_the_star
 
 async def test_a_session_arms_when_nobody_is_in_the_way() -> None:
     async with Robot.open("serial", settings=VIRTUAL, arm=False, patience=0.0) as robot:
-        await _get_ready(robot, Plan(arm=True), None, Ending())
+        await Start(robot, arm=True).get_ready()
         assert robot.armed
 
 
@@ -60,5 +60,5 @@ def test_a_port_means_the_serial_hal_and_contradicts_any_other(capsys: Capture) 
 
 
 def test_a_status_line_tells_what_the_link_is_waiting_for(capfd: pytest.CaptureFixture[str]) -> None:
-    assert execute(["run", "--port", "virtual", "--headless", "--speed", "max", "--duration", "0.5", "--no-arm"]) == 0
+    assert execute(["run", "--port", "virtual", "--headless", "--speed", "max", "--duration", "0.5", "--no-arm"]) == 1
     assert "waiting for odometry" in capfd.readouterr().out

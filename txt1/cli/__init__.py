@@ -1,0 +1,107 @@
+"""The command line: one module a command, imported when it is used. Nothing else in the package ends the process."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from typing import Final, NoReturn
+
+from txt1 import __version__
+from txt1.cli.exit_codes import DISARMED, EPILOG, FAULT, OK, USAGE
+from txt1.errors import ConfigError, NotArmed, Txt1Error
+
+COMMANDS: Final = {
+    "run": "run the robot, on the desk or on the floor",
+    "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
+    "learn": "let the robot learn to find the light (thesis 5)",
+    "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",
+    "tune": "identify the vehicle from a short drive, propose gains, and try them on the drive tests",
+    "log": "look into a recording, export or recover it",
+    "replay": "show a recording, or run it again and compare",
+    "report": "draw a recording: a picture, and one page with everything in it",
+    "config": "show or check a configuration",
+    "hal": "list or check hardware layers",
+    "doctor": "look for what is wrong with the line to the board",
+    "decode": "print a capture of the line, a line per message and fault",
+}
+"""Each is a module of this package, whose `add_arguments(parser)` sets `main`: from the arguments to the exit code."""
+
+STDOUT: Final = 1
+
+
+def execute(argv: Sequence[str]) -> int:
+    """Run a command given as words and return its exit code (see `txt1.cli.exit_codes`)."""
+    code = OK
+    try:
+        try:
+            code = _perform(list(_joined(argv)))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # the reader of the output has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
+    return code
+
+
+def _perform(words: list[str]) -> int:
+    try:
+        arguments = _parser(words).parse_args(words)
+        code: int = arguments.main(arguments)
+        return code
+    except SystemExit as ended:  # argparse's own: a mistake, or the help
+        return ended.code if isinstance(ended.code, int) else OK
+    except NotArmed as error:
+        return _complain(error, DISARMED)
+    except ConfigError as error:
+        return _complain(error, USAGE)
+    except BrokenPipeError:
+        raise
+    except (Txt1Error, OSError) as error:
+        return _complain(error, FAULT)
+    except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
+        return 128 + signal.SIGINT
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"txt1: {error}", file=sys.stderr)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse's parser, with mistakes told in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and exit with code 2."""
+        self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
+
+
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; only the command that is named has its module imported."""
+    parser = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
+    parser.add_argument("--version", action="version", version=f"txt1 {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    named = next((word for word in words if not word.startswith("-")), None)
+    for name, about in COMMANDS.items():
+        command = commands.add_parser(name, help=about, epilog=EPILOG)
+        if name == named:
+            import_module(f"txt1.cli.{name}").add_arguments(command)
+    return parser
+
+
+def _joined(argv: Sequence[str]) -> Iterator[str]:
+    """Return the words with a negative value joined to its option: argparse takes ``-0.5,0.4`` for another option."""
+    words = iter(argv)
+    previous = next(words, None)
+    for word in words:
+        if previous is not None and re.match(r"--[a-z-]+$", previous) and re.match(r"-[\d.]", word):
+            previous = f"{previous}={word}"
+        else:
+            if previous is not None:
+                yield previous
+            previous = word
+    if previous is not None:
+        yield previous

@@ -1,0 +1,288 @@
+"""The one way to bring a robot or a board up, and the one to end it: by itself, by its operator, or by a signal.
+
+On every way out it is disarmed, its outputs are neutral, and its recording is complete.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from txt1.beside import PERIOD as SCREENS_PERIOD
+from txt1.beside import PRIORITY as SCREENS_PRIORITY
+from txt1.cli.exit_codes import DISARMED, FAULT, OK, SIGNALS
+from txt1.cli.summary import report, status_line
+from txt1.config import Config
+from txt1.errors import ConfigError, HalError, TaskFault
+from txt1.kernel.loop import Speed, run
+from txt1.record.session import open_view, recording
+from txt1.robot import REFRESH, Robot
+from txt1.runtime import Runtime
+from txt1.ui.terminal import Terminal
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from txt1.board import Board
+    from txt1.record.live import LiveView
+
+STDOUT: Final = 1
+BEAT_MIN: Final = 0.005
+"""Shortest time between two heartbeats of the drawing process, s."""
+PATIENCE: Final = 10.0
+"""s that a command nobody watches waits for the link."""
+
+View = Literal["screens", "lines", "nothing"]
+Failure = asyncio.Future[None]
+
+
+def say(text: str) -> None:
+    """Tell the user something beside the output."""
+    print(f"txt1: {text}", file=sys.stderr)
+
+
+class App:
+    """One command at work on a robot or on a board.
+
+    Args:
+        speed: of its time (see `txt1.kernel.loop.run`).
+
+    Attributes:
+        code: how it ended (see `txt1.cli.exit_codes`).
+        reason: why the safety gate was closed at the end.
+        report: of the run, as far as it came.
+
+    """
+
+    def __init__(self, speed: Speed = None) -> None:
+        self.speed = speed
+        self.code = OK
+        self.reason = ""
+        self.report: dict[str, Any] | None = None
+        self._subject: Robot | Board | None = None
+
+    def run(self, work: Coroutine[Any, Any, None]) -> int:
+        """Run it until it ends, a signal ends it or a callback of the event loop fails, and return the exit code.
+
+        Raises:
+            TaskFault: a callback of the event loop failed, which asyncio alone would only log.
+
+        """
+        unexpected: list[Exception] = []
+
+        async def main() -> None:
+            loop, task = asyncio.get_running_loop(), asyncio.current_task()
+            assert task is not None
+
+            def interrupt(number: signal.Signals) -> None:
+                self.code = 128 + number
+                if self._subject is not None:
+                    self._subject.disarm("ended by a signal")
+                for each in SIGNALS:  # a second one is not caught any more
+                    loop.remove_signal_handler(each)
+                task.cancel()
+
+            def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+                error = context.get("exception")
+                if not isinstance(error, Exception):
+                    loop.default_exception_handler(context)
+                elif not unexpected:
+                    unexpected.append(error)
+                    task.cancel()
+
+            loop.set_exception_handler(failed)
+            if is_main_thread:
+                for number in SIGNALS:
+                    loop.add_signal_handler(number, partial(interrupt, number))
+            await work
+
+        is_main_thread = threading.current_thread() is threading.main_thread()
+        before = {each: signal.getsignal(each) for each in SIGNALS}
+        try:
+            run(main(), speed=self.speed)
+        except asyncio.CancelledError:
+            if self.code == OK and not unexpected:
+                raise
+        finally:
+            if is_main_thread:
+                for each, handler in before.items():
+                    signal.signal(each, handler)
+        if unexpected:
+            raise TaskFault("event loop", unexpected[0]) from unexpected[0]
+        return self.code
+
+    @asynccontextmanager
+    async def robot(
+        self,
+        config: Config,
+        *,
+        arm: bool | None = None,
+        ready: bool = True,
+        log: Path | None = None,
+        about: Mapping[str, object] | None = None,
+        view: LiveView | None = None,
+    ) -> AsyncIterator[Robot]:
+        """Return a running robot; when the block is left it stands, and its recording is complete.
+
+        Args:
+            config: of everything.
+            arm: whether to arm; None leaves it to ``safety.auto_arm``.
+            ready: wait for the link, arm, load the gains; else that is left to `get_ready`.
+            log: the file to record to; None: nothing is recorded.
+            about: what the recording is to say about the command.
+            view: a live view to serve; it is closed at the end.
+
+        Raises:
+            ConfigError: nobody is there to arm the robot, or a setting is wrong.
+            HalError: the hardware cannot be used, or the board does not answer.
+            TaskFault: a task failed; the robot was stopped first.
+
+        """
+        async with (
+            recording(log, config, self.speed, about or {}, say, view) as attach,
+            Robot.open(
+                config=config, arm=arm if ready else False, patience=PATIENCE if ready else 0.0, attach=attach
+            ) as robot,
+        ):
+            self._subject = robot
+            if ready:
+                if not robot.armed:
+                    raise ConfigError("nobody is there to arm the robot: add --arm")
+                if not await robot.load_gains():
+                    raise HalError(refusal_of_gains(robot))
+            yield robot
+
+    @asynccontextmanager
+    async def board(
+        self, board: Board, *, log: Path | None, about: Mapping[str, object], view: LiveView | None
+    ) -> AsyncIterator[Board]:
+        """Return the board under power, recorded like a robot; when the block is left the power is off."""
+        async with recording(log, board.runtime.config, self.speed, about, say, view) as attach:
+            attach(board.runtime)
+            self._subject = board
+            try:
+                yield board
+            finally:
+                await board.power_down()
+        await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
+
+    async def watch(
+        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, alongside: Failure | None = None
+    ) -> None:
+        """Let the operator see and drive until the run ends; an error of what goes on alongside ends it as well."""
+        try:
+            await self._watch(runtime, terminal, view, _failure_of(alongside))
+        finally:  # an interrupted run has its report, too
+            self.reason = runtime.gate.reason
+            self.report = report(runtime)
+
+    async def _watch(self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, failed: Failure) -> None:
+        ended = runtime.scheduler.ended
+        if view == "nothing":
+            await _first_of(ended, failed)
+            return
+        if view == "screens" and self.speed != "max" and _draws():
+            runtime.watched = True
+            async with terminal() as screens:
+                runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
+                operator = asyncio.ensure_future(screens.wait())
+                await _first_of(ended, operator, failed)
+                quit_by_operator = operator.done() and operator.result() == "quit"
+                operator.cancel()
+                assert self._subject is not None
+                self._subject.disarm("the run has ended")  # before the screens are put away, which takes its time
+            if quit_by_operator or ended.done() or failed.done():
+                return
+            say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
+            self.code = FAULT
+        lines = asyncio.ensure_future(_status_lines(runtime))
+        try:
+            await _first_of(ended, lines, failed)
+        finally:
+            lines.cancel()
+
+    @property
+    def beat(self) -> float:
+        """Time between heartbeats of the drawing process, s: 20 a second of the robot's time."""
+        speed = 1.0 if self.speed is None or self.speed == "max" else self.speed
+        return max(REFRESH / max(speed, 1.0), BEAT_MIN)
+
+
+def refusal_of_gains(robot: Robot) -> str:
+    """Return why the gains are not in force, and the remedy."""
+    if robot.gains_rejected:
+        return "the board did not accept the gains; check control.linear and control.angular"
+    return "the board did not acknowledge the gains; 'txt1 doctor' looks closer"
+
+
+async def live_view(arguments: argparse.Namespace, *, control: bool = False) -> LiveView | None:
+    """Return the live view that was asked for, if any was; raises ConfigError for one of its options without it."""
+    place, token = arguments.view, arguments.view_token
+    if place is None:
+        if token is not None or control:
+            option = "--view-token" if token is not None else "--view-control"
+            raise ConfigError(f"{option}: there is no live view; add --view")
+        return None
+    view = await asyncio.to_thread(open_view, *place, control=control, token=token)
+    say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
+    return view
+
+
+def view_of(arguments: argparse.Namespace) -> View:
+    """Return what the operator is to see; without a terminal, and at full speed, lines take the place of screens."""
+    return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
+
+
+def conclude(app: App, as_json: bool) -> int:
+    """Print what remains to be said about a run, and return its exit code."""
+    if as_json and app.report is not None:
+        import json
+
+        print(json.dumps(app.report))
+    if app.code == DISARMED:
+        say(f"the robot was stopped: {app.reason or 'see the counters'}")
+    return app.code
+
+
+def _draws() -> bool:
+    """Return whether there is a terminal that screens can be drawn on."""
+    return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def _failure_of(work: asyncio.Future[None] | None) -> Failure:
+    """Return a future that is done when the work has failed, and never when it succeeds."""
+    failed: Failure = asyncio.get_running_loop().create_future()
+
+    def look(work: asyncio.Future[None]) -> None:
+        if not work.cancelled() and not failed.done() and (error := work.exception()) is not None:
+            failed.set_exception(error)
+
+    if work is not None:
+        work.add_done_callback(look)
+    return failed
+
+
+async def _first_of(*futures: asyncio.Future[Any]) -> None:
+    """Wait for the first of them to be done, and raise its error, if it has one."""
+    done, _ = await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
+    for future in done:
+        future.result()
+
+
+async def _status_lines(runtime: Runtime) -> None:
+    """Print one status line a second; a reader that has stopped reading misses some, it never holds up the robot."""
+    sys.stdout.flush()
+    while True:
+        _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
+        if writable:
+            os.write(STDOUT, f"{status_line(runtime)}\n".encode())
+        await asyncio.sleep(1.0)

@@ -1,0 +1,40 @@
+"""`txt1 config`: show or check a configuration."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+
+from txt1.cli.exit_codes import OK
+from txt1.cli.options import add_config
+from txt1.config import flatten, load, origin_of
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the actions."""
+    actions = parser.add_subparsers(required=True, metavar="ACTION")
+    show = actions.add_parser("show", help="print every value in force and where it came from")
+    add_config(show)
+    show.set_defaults(main=show_config)
+    check = actions.add_parser("check", help="say whether a file is a valid configuration")
+    check.add_argument("file", metavar="FILE")
+    check.set_defaults(main=check_config)
+
+
+def show_config(arguments: argparse.Namespace) -> int:
+    """Print the effective configuration, every value with its origin."""
+    loaded = load(arguments.config, arguments.set, os.environ)
+    rows = [(f"{key}:", json.dumps(value), origin_of(key, loaded.origins)) for key, value in flatten(loaded.config)]
+    key_width = max(len(key) for key, _, _ in rows)
+    value_width = max((len(value) for _, value, _ in rows if len(value) <= 24), default=0)
+    for key, value, origin in rows:
+        print(f"{key:<{key_width}}  {value:<{value_width}}  # {origin}")
+    return OK
+
+
+def check_config(arguments: argparse.Namespace) -> int:
+    """Say whether a file is a valid configuration."""
+    load(arguments.file)
+    print(f"{arguments.file}: valid")
+    return OK

@@ -1,0 +1,199 @@
+"""`txt1 experiment`: drive one of the thesis's tests and measure it, or compare two runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from txt1.cli.app import App, say
+from txt1.cli.exit_codes import DISARMED, FAULT, OK
+from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed
+from txt1.config import Config
+from txt1.errors import ConfigError
+from txt1.experiments import figures, metrics, report, run_folder
+from txt1.experiments.profile import Profile, load_profile, names
+from txt1.experiments.run_folder import FIGURE, Run
+from txt1.experiments.runner import Experiment, Outcome
+from txt1.kernel.loop import Speed
+
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
+"""The thesis's hall is larger than its learning room: without a word about the room there are no walls."""
+
+BAR_PERIOD: Final = 0.25
+"""s between two looks of the progress bar."""
+
+
+class Driven(NamedTuple):
+    """A run of an experiment that has ended.
+
+    Attributes:
+        outcome: what was measured; None when nothing was.
+        code: exit code.
+
+    """
+
+    outcome: Outcome | None
+    code: int
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `experiment` takes."""
+    parser.add_argument(
+        "what", metavar="NAME|FILE.yaml|compare",
+        help=f"{', '.join(names())}; a profile of your own; or compare, with the folders of two runs",
+    )  # fmt: skip
+    parser.add_argument("runs", nargs="*", type=Path, metavar="FOLDER", help="of the runs to compare")
+    add_robot(parser)
+    add_arm(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="of the results; out/NAME when left out")
+    add_log(parser)
+    parser.add_argument("--label", metavar="TEXT", help="names the run in figures and tables")
+    parser.add_argument("--no-safe-end", action="store_true", help="drive on when the batteries' time is over")
+    parser.add_argument("--no-figure", action="store_true", help="draw nothing; needs no matplotlib")
+    parser.add_argument("--json", action="store_true", help="print the metrics as one JSON object")
+    parser.set_defaults(main=main)
+
+
+def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
+    """Return the configuration of the robot, without walls if nobody asked for some, and the speed of its time."""
+    config = loaded(arguments)
+    if not any(key.startswith("sim.room") for key in config.origins):
+        config = loaded(arguments, ENDLESS)
+    return config.config, robot_speed(arguments, config.config)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Drive an experiment, or compare two runs; the exit code."""
+    if arguments.what == "compare":
+        return _compare(arguments)
+    if arguments.runs:
+        raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
+    profile = load_profile(arguments.what)
+    if not arguments.no_figure:
+        figures.available()  # said before the robot has driven for 46 minutes
+    config, speed = configure(arguments)
+    name = Path(arguments.what).stem
+    folder = run_folder.make(arguments.out or Path("out") / name)
+    say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
+    driven = drive(
+        config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
+    )
+    if driven.outcome is None or not len(driven.outcome.recording):
+        say("it was over before anything was measured")
+        return driven.code or FAULT
+    label = arguments.label or _label(config)
+    result = Run(label, profile, driven.outcome.recording, metrics.measure(driven.outcome, profile))
+    run_folder.write(result, folder)
+    if not arguments.no_figure:
+        figures.draw([result], folder / FIGURE)
+    if arguments.json:
+        print(json.dumps(result.metrics))
+    else:
+        report.show([result], Console())
+        drawn = [] if arguments.no_figure else [FIGURE]
+        print(f"{folder}: {', '.join([*run_folder.FILES, *drawn])}")
+    return driven.code
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    if len(arguments.runs) != 2:
+        raise ConfigError(f"compare: takes the folders of two runs, not {len(arguments.runs)}")
+    runs = run_folder.alike([run_folder.read(folder) for folder in arguments.runs])
+    kinds = [result.profile.figure for result in runs]
+    if kinds[0] != kinds[1]:
+        raise ConfigError(f"compare: the runs are of different kinds, {kinds[0]} and {kinds[1]}; take two of one kind")
+    if runs[0].label == runs[1].label:
+        runs = [result._replace(label=str(folder)) for result, folder in zip(runs, arguments.runs, strict=True)]
+    if not arguments.no_figure:
+        folder = run_folder.make(arguments.out or Path("out") / "compare")
+        figures.draw(runs, folder / FIGURE)
+    if arguments.json:
+        print(json.dumps({result.label: result.metrics for result in runs}))
+    else:
+        report.show(runs, Console(), with_differences=True)
+        if not arguments.no_figure:
+            print(folder / FIGURE)
+    return OK
+
+
+def _label(config: Config) -> str:
+    return "sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip()
+
+
+def drive(
+    config: Config,
+    profile: Profile,
+    speed: Speed,
+    *,
+    safe_end: bool = True,
+    arm: bool | None = None,
+    log: Path | None = None,
+    bar: str = "",
+) -> Driven:
+    """Drive an experiment and return what came of it; a signal ends it and keeps what was measured.
+
+    Args:
+        config: of the robot.
+        profile: what to drive.
+        speed: of its time (see `txt1.kernel.loop.run`).
+        safe_end: whether it stops by itself when no time is left on its batteries.
+        arm: whether to arm; None leaves it to ``safety.auto_arm``.
+        log: the file to record to.
+        bar: name for a progress bar on a terminal; none when empty.
+
+    """
+    app = App(speed)
+    experiment: Experiment | None = None
+
+    async def work() -> None:
+        nonlocal experiment
+        async with app.robot(config, arm=arm, log=log, about={"experiment": profile.title}) as robot:
+            experiment = Experiment(robot, profile, safe_end=safe_end)
+            with _progress_bar(experiment, bar):
+                await experiment.run()
+
+    code = app.run(work())
+    if experiment is None:
+        return Driven(None, code)
+    outcome = experiment.outcome()
+    if code == OK and outcome.stopped_by.startswith("the safety gate"):
+        say(f"the robot was stopped by {outcome.stopped_by}")
+        code = DISARMED
+    return Driven(outcome, code)
+
+
+@contextmanager
+def _progress_bar(experiment: Experiment, name: str) -> Iterator[None]:
+    """A bar on standard error while the block runs, drawn by a thread of its own: the robot waits for no terminal."""
+    if not name or not sys.stderr.isatty():
+        yield
+        return
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(),
+        console=Console(stderr=True), auto_refresh=False, transient=True,
+    )  # fmt: skip
+    task = bar.add_task(name, total=1.0)
+    over = threading.Event()
+
+    def draw() -> None:
+        with bar:
+            while not over.wait(BAR_PERIOD):
+                bar.update(task, completed=experiment.progress)
+                bar.refresh()
+
+    drawer = threading.Thread(target=draw, name="txt1 progress bar", daemon=True)
+    drawer.start()
+    try:
+        yield
+    finally:
+        over.set()
+        drawer.join(1.0)

@@ -1,0 +1,103 @@
+"""`txt1 learn`: its progress, and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from txt1.cli.app import say
+from txt1.cli.exit_codes import DISARMED, OK
+from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed
+from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
+from txt1.kernel.processors import processors
+from txt1.learning import agents, experiment, plots
+from txt1.learning.experiment import Plan
+from txt1.learning.task import task_of
+from txt1.learning.trial import Repetition
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `learn` takes."""
+    parser.epilog = (
+        "Ctrl-C keeps all that was learned; --resume carries on. What is learned, and how: learning in the "
+        "configuration, e.g. --set learning.remedy=hold. A disarm ends it, as nobody is there to arm again: "
+        f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
+    )
+    parser.add_argument(
+        "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(agents.NAMES)}; thesis by default"
+    )
+    parser.add_argument("--trials", type=count, default=5, metavar="N", help="each from scratch; 5 by default")
+    parser.add_argument("--episodes", type=count, default=31, metavar="N", help="of each trial; 31 by default")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/learn"), metavar="DIR",
+        help="where tables, figures and pictures go; out/learn by default",
+    )  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="carry on what was begun in DIR")
+    parser.add_argument("--jobs", type=count, metavar="N", help="processes; in simulation, by default one a processor")
+    add_log(parser)
+    add_robot(parser)
+    add_arm(parser)
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Do the trials and write what came of them; the exit code."""
+    config = loaded(arguments).config
+    if arguments.agent not in agents.NAMES:
+        raise ConfigError(f"--agent: there is no learner '{arguments.agent}', only {' and '.join(agents.NAMES)}")
+    speed = robot_speed(arguments, config)
+    plan = Plan(
+        arguments.agent, arguments.trials, arguments.episodes, config.seed, config, speed,
+        arguments.jobs or (processors() if speed == "max" else 1), bool(arguments.arm), arguments.log,
+    )  # fmt: skip
+
+    console = Console(stderr=True)
+    with _progress(console) as progress:
+        bar = progress.add_task("", total=plan.trials * plan.repetitions, now="the robot gets ready")
+
+        def watch(trial: int, one: Repetition) -> None:
+            how = "reached the light" if one.success else "lost it"
+            progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
+
+        outcomes, ended = experiment.conduct(plan, arguments.out, arguments.resume, watch)
+    if outcomes:
+        _tell(experiment.write(plan, arguments.out, outcomes))
+        if any(one.repetitions for one in outcomes):
+            try:
+                plots.draw(arguments.out, outcomes, experiment.best(outcomes), task_of(config))
+            except MissingExtra as error:
+                say(f"no pictures: {error}")
+    if ended is not None and (outcomes or not isinstance(ended, Txt1Error)):
+        say(f"ended early; what was learned is in {arguments.out}, --resume carries on")
+    if isinstance(ended, NotArmed):
+        say(f"the robot was stopped: {ended.reason}")
+        return DISARMED
+    if isinstance(ended, Txt1Error):
+        raise ended
+    return OK if ended is None else 128 + ended
+
+
+def _progress(console: Console) -> Progress:
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+    return Progress(*columns, console=console, disable=not console.is_terminal)
+
+
+def _tell(metrics: dict[str, Any]) -> None:
+    """Print the figures in a few lines."""
+    for key, what in (("after_repetition_7", "after episode 7"), ("last_10", "last 10 episodes")):
+        one = metrics.get(key, {})
+        if one.get("repetitions"):
+            print(
+                f"{what:<20} mean {one['mean_time_s']:.2f} s, median {one['median_time_s']:.2f} s, success "
+                f"{one['success']:.2%}; optimum {one['optimal_mean_time_s']:.2f} s, "
+                f"regret {one['mean_regret_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}"
+            )
+    if "thesis_mean_time_s" in metrics:
+        print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
+    if "ratio_at_repetition" in metrics:
+        print(f"{'ratio at episode':<20} {json.dumps(metrics['ratio_at_repetition'])}")

@@ -1,0 +1,148 @@
+"""`txt1 run`: a robot under an operator's eyes."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
+from txt1.cli.exit_codes import DISARMED, FAULT, OK
+from txt1.cli.options import add_log, add_robot, add_view, existing, loaded, positive, velocity
+from txt1.config import Config
+from txt1.control.limits import Fault
+from txt1.errors import HalError
+from txt1.kernel.ticks import Ticks
+from txt1.robot import REFRESH, Robot
+from txt1.ui.terminal import Terminal
+
+if TYPE_CHECKING:
+    from txt1.learning.agent import Agent
+
+DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `run` takes."""
+    add_robot(parser, "; simulation only")
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds of the robot's time")
+    parser.add_argument("--headless", action="store_true", help="no screens; one status line a second")
+    parser.add_argument("--json", action="store_true", help="no screens; one JSON object at the end")
+    add_log(parser)
+    add_view(parser)
+    parser.add_argument("--view-control", action="store_true", help="let the live view's teleop panel drive")
+    script = parser.add_mutually_exclusive_group()
+    script.add_argument(
+        "--drive", type=velocity, metavar="V,OMEGA", help="command this velocity throughout: m/s, rad/s"
+    )
+    script.add_argument("--learn", metavar="AGENT", help="let this learner learn to find the light (see txt1 learn)")
+    script.add_argument("--policy", type=existing, metavar="FILE", help="drive to the light by a learned qtable.json")
+    arming = parser.add_mutually_exclusive_group()
+    arming.add_argument("--arm", action="store_true", default=None, help="arm at the start")
+    arming.add_argument("--no-arm", action="store_false", dest="arm", help="do not arm, not even in simulation")
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run the robot until the duration is over, the operator quits or a signal comes."""
+    config = loaded(arguments).config
+    agent = _agent(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
+    app = App(arguments.speed)
+    app.run(_operate(app, arguments, config, agent))
+    return conclude(app, arguments.json)
+
+
+def _agent(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
+    """Return the learner that was asked for, or one that drives by a table; None for neither."""
+    if learn is None and policy is None:
+        return None
+    from txt1.learning.running import agent_of
+
+    return agent_of(config, learn, policy)
+
+
+async def _operate(app: App, arguments: argparse.Namespace, config: Config, agent: Agent | None) -> None:
+    view = await live_view(arguments, control=arguments.view_control)
+    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "learn")}
+    told["policy"] = None if arguments.policy is None else str(arguments.policy)
+    async with app.robot(config, ready=False, log=arguments.log, about=told, view=view) as robot:
+        teleop, radius_min = config.teleop, config.geometry.radius_min
+        if view is not None:
+            view.drive(robot.command, radius_min)
+        if arguments.duration is not None:
+            robot.runtime.scheduler.end_at(arguments.duration)
+        start = Start(robot, arguments.arm, arguments.drive, agent)
+        getting_ready = asyncio.ensure_future(start.get_ready())
+        try:
+            terminal = partial(Terminal, robot, app.beat, teleop.speed, teleop.turn, radius_min)
+            await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
+        finally:
+            getting_ready.cancel()
+        if app.code == OK:
+            app.code, app.reason = start.verdict(arguments.duration)
+            if app.code == FAULT:
+                say(app.reason)
+
+
+class Start:
+    """What is done when the link is there.
+
+    Args:
+        robot: running; its link may not be up yet.
+        arm: whether to arm it; None leaves it to ``safety.auto_arm``.
+        drive: a velocity in m/s and rad/s to command throughout.
+        agent: a learner to start.
+
+    """
+
+    def __init__(
+        self, robot: Robot, arm: bool | None, drive: tuple[float, float] | None = None, agent: Agent | None = None
+    ) -> None:
+        self._robot, self._arm, self._drive, self._agent = robot, arm, drive, agent
+        self._linked = self._armed = False
+
+    async def get_ready(self) -> None:
+        """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
+        robot = self._robot
+        if self._agent is not None:
+            from txt1.learning import running as learning
+            from txt1.learning.task import need_light
+
+            await need_light(robot)
+        await robot.linked()
+        self._linked = True
+        if self._to_be_armed():
+            robot.arm()
+            self._armed = True
+        while not await robot.load_gains():
+            if robot.gains_rejected:
+                raise HalError(refusal_of_gains(robot))
+            robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
+        if self._drive is not None:
+            robot.add_task("script", REFRESH, self._script)
+        if self._agent is not None:
+            learning.start(robot, self._agent)
+
+    def _to_be_armed(self) -> bool:
+        """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""
+        return (self._robot.arms_by_itself if self._arm is None else self._arm) and not self._robot.touched
+
+    async def _script(self, ticks: Ticks) -> None:
+        """Command a constant velocity."""
+        assert self._drive is not None
+        async for _ in ticks:
+            self._robot.command(*self._drive)
+
+    def verdict(self, duration: float | None) -> tuple[int, str]:
+        """Return the exit code of a run that ended by itself, and the reason."""
+        runtime = self._robot.runtime
+        gate, board = runtime.gate, runtime.state.board
+        if any(gate.counts[fault] for fault in DISARMING):
+            return DISARMED, gate.reason
+        if board is not None and self._to_be_armed() and not self._armed:
+            return DISARMED, f"never armed: {board.text}"
+        if board is not None and duration is not None and not self._linked:
+            return FAULT, f"there was no link to the board in {duration:g} s: {board.text}"
+        return OK, gate.reason

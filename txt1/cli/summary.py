@@ -1,0 +1,47 @@
+"""A run in one line, and in one JSON object."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from txt1.kernel.statistics import TaskStatistics
+from txt1.runtime import Runtime
+
+
+def status_line(runtime: Runtime) -> str:
+    """The robot's state in one line."""
+    x, y, theta, v, omega = runtime.state.odometry
+    gate, voltage = runtime.gate, runtime.state.battery.battery1
+    state = "armed" if gate.armed else f"disarmed: {gate.reason}"
+    board = runtime.state.board
+    if board is not None and not board.ready:
+        state += f"; {board.text}"
+    battery = "-" if voltage is None else f"{voltage:.2f} V"
+    return (
+        f"t={runtime.now:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
+        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  battery={battery}  {state}"
+    )
+
+
+def report(runtime: Runtime) -> dict[str, Any]:
+    """What `--json` prints. Of it, `wall_time_s` and `run_time_s` are measured on the wall clock."""
+    battery = runtime.state.battery
+    return {
+        "sim_time_s": round(runtime.now, 9),
+        "wall_time_s": runtime.scheduler.wall_time,
+        "seed": runtime.config.seed,
+        "tasks": {name: _task_report(task) for name, task in runtime.statistics().items()},
+        "odometry": runtime.state.odometry._asdict(),
+        "battery": {**battery._asdict(), "state": battery.state and battery.state.value},
+        "armed": runtime.gate.armed,
+        "faults": runtime.faults(),
+    }
+
+
+def _task_report(task: TaskStatistics) -> dict[str, Any]:
+    return {
+        "cycles": task.cycles,
+        "misses": task.misses,
+        "lateness_s": task.lateness.percentiles()._asdict(),
+        "run_time_s": task.run_time.percentiles()._asdict(),
+    }

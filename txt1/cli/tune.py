@@ -1,0 +1,142 @@
+"""`txt1 tune`: identify the vehicle, propose gains, and try them on the drive tests."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+
+from txt1.cli.app import App, say
+from txt1.cli.exit_codes import OK
+from txt1.cli.experiment import configure, drive
+from txt1.cli.options import add_arm, add_robot, count
+from txt1.config import Config
+from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
+from txt1.errors import CommandRefused
+from txt1.experiments import figures, metrics, report, run_folder
+from txt1.experiments.identify import identify, require_pwm_and_ticks, try_out
+from txt1.experiments.plant import Plant
+from txt1.experiments.profile import Profile, load_profile
+from txt1.experiments.recording import mean_of
+from txt1.experiments.run_folder import Run
+from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Outcome
+from txt1.experiments.tune import propose
+from txt1.kernel.loop import Speed
+
+TESTS: Final = ("linear-steps", "angular-steps")
+"""The drive tests on which gains are compared."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `tune` takes."""
+    add_robot(parser)
+    add_arm(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write tables and figures of old and new there")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="write the gains to this YAML file")
+    parser.add_argument(
+        "--no-trial", action="store_true", help="propose only; do not drive the tests with old and new gains"
+    )
+    parser.add_argument("--repeats", type=count, default=10, metavar="N", help="runs of a test whose mean is judged")
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Identify the vehicle, propose gains, compare them with the old ones; the exit code."""
+    config, speed = configure(arguments)
+    if arguments.out is not None:
+        figures.available()
+        run_folder.make(arguments.out)
+    if arguments.write is not None:
+        run_folder.make(arguments.write.parent)
+    say("trying out the vehicle, for a minute of its time")
+    plant: Plant | None = None
+    app = App(speed)
+
+    async def try_it() -> None:
+        nonlocal plant
+        async with app.robot(config, arm=arguments.arm) as robot:
+            require_pwm_and_ticks(robot.hal)
+            plant = identify(await try_out(robot))
+
+    code = app.run(try_it())
+    if plant is None:
+        return code
+    print(
+        f"speed: {1000.0 * plant.speed_gain:.4f} mm/s per count beyond a dead band of {plant.dead_band:.0f} counts, "
+        f"lag {plant.time_constant:.3f} s\n"
+        f"steering: {1e6 * plant.steering_gain:.1f} mrad/m per 1000 counts, lag {plant.steering_lag:.3f} s"
+    )
+    say("trying gains on its model")
+    old = config.control
+    proposal = propose(plant, config.geometry, old.linear.gains(), old.schedule(), config.safety.motor_max)
+    new = ControlConfig(
+        linear=GainsConfig(**proposal.linear._asdict()),
+        angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in proposal.angular),
+    )
+    text = gains_file(new)
+    print(text)
+    if not arguments.no_trial:
+        for test in TESTS:
+            runs = []
+            for label, control in (("old gains", old), ("new gains", new)):
+                driven = _repeated(config.model_copy(update={"control": control}), test, speed, label, arguments)
+                if isinstance(driven, int):
+                    return driven
+                runs.append(driven)
+            report.show(runs, Console())
+            if arguments.out is not None:
+                for result in runs:
+                    run_folder.write(result, arguments.out / f"{test}-{result.label.split()[0]}")
+                figures.draw(runs, arguments.out / f"{test}.svg")
+                figures.draw_steps(runs, arguments.out / f"{test}-steps.svg")
+    if arguments.write is not None:
+        arguments.write.write_text(text)
+        print(f"{arguments.write}: written; use it with --config")
+    return OK
+
+
+def _repeated(config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace) -> Run | int:
+    """Several runs of a test as one, their seeds differing as what the floor does differs; an exit code: interrupted.
+
+    Raises:
+        CommandRefused: a run ended early.
+
+    """
+    profile = load_profile(test)
+    outcomes = []
+    for number in range(arguments.repeats):
+        seeded = config.model_copy(update={"seed": config.seed + number})
+        bar = f"{test}, {label}, {number + 1} of {arguments.repeats}"
+        driven = drive(seeded, profile, speed, arm=arguments.arm, bar=bar)
+        if driven.outcome is None or driven.outcome.stopped_by == INTERRUPTED:
+            return driven.code
+        if driven.outcome.stopped_by != END_OF_PROFILE:
+            raise CommandRefused(
+                f"{test} with {label} was ended by {driven.outcome.stopped_by}, so there is nothing to compare; "
+                "--no-trial leaves these drives out"
+            )
+        outcomes.append(driven.outcome)
+    return repeated(label, profile, outcomes)
+
+
+def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
+    """Several runs of a profile as one: their mean, and what its steps look like."""
+    recordings = [outcome.recording for outcome in outcomes]
+    mean = outcomes[0]._replace(recording=mean_of(recordings))
+    steps = [step._asdict() for step in metrics.repeated_steps(recordings)]
+    return Run(label, profile, mean.recording, metrics.measure(mean, profile) | {"steps": steps})
+
+
+def gains_file(control: ControlConfig) -> str:
+    """Gains as a configuration file."""
+    linear, sets = control.linear, control.angular
+    lines = [
+        "control:",
+        f"  linear: {{kp: {linear.kp:g}, ki: {linear.ki:g}, kd: {linear.kd:g}}}",
+        "  angular:",
+        *(f"    - {{v_max: {s.v_max:g}, kp: {s.kp:g}, ki: {s.ki:g}, kd: {s.kd:g}}}" for s in sets),
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,10 @@
+"""The processors that this process may use."""
+
+import os
+
+
+def processors() -> int:
+    """Return how many there are."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
