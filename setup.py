@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent / "txt1"
 MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
-    "sim": ["battery", "light", "room", "simulator", "vehicle"],
+    "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
     "control": ["limits", "pid", "runaway"],
     "tasks": ["controller", "display", "encoder", "odometry", "serial", "state"],
     "learning": ["light", "policy", "task", "thesis", "trial"],

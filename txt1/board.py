@@ -285,7 +285,7 @@ class _DevicePlace:
 
 def _with_faults(board: Board, config: Config) -> End:
     """The board behind the configured faults of its line."""
-    return faulty(board, config.board.fault, SeedSequence([config.seed, BOARD_LINE]))
+    return faulty(board, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
 
 
 class VirtualPort:

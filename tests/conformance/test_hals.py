@@ -160,7 +160,7 @@ def test_the_suite_neither_drives_a_real_car_nor_cuts_its_power(name: str) -> No
 def mutant(**methods: Any) -> Callable[[], Hal]:
     """A maker of simulated TXT-1s with some methods or capabilities replaced."""
     kind = type("Mutant", (SimHal,), methods)
-    return lambda: kind(sim().simulator)
+    return lambda: kind(sim().vehicle)
 
 
 def able(**changes: bool) -> Capabilities:
@@ -234,9 +234,9 @@ def place_anywhere(self: SimHal, x: float, y: float, theta: float, now: float) -
 
 
 def place_rolling(self: SimHal, x: float, y: float, theta: float, now: float) -> None:
-    v = self.simulator.state.v
+    v = self.vehicle.state.v
     SimHal.place(self, x, y, theta, now)
-    self.simulator.state = self.simulator.state._replace(v=v)
+    self.vehicle.state = self.vehicle.state._replace(v=v)
 
 
 def write_latched(self: SimHal, outputs: Outputs, now: float) -> None:
@@ -262,7 +262,7 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     ("no name", mutant(name=""), "the_name_is_text", "Hal.name is text"),
     ("capability unknown", mutant(capabilities=able(ticks=None)), "every_field_of_the_capabilities_is_true_or_false",
      "Capabilities.ticks is True or False"),
-    ("capabilities change", lambda: Liar(sim().simulator), "capabilities_and_name_are_constant",
+    ("capabilities change", lambda: Liar(sim().vehicle), "capabilities_and_name_are_constant",
      "opening the HAL changed it"),
     ("closes once", mutant(close=close_once), "closing_twice_is_harmless", "AttributeError"),
     ("opens once", mutant(open=never_again), "a_closed_hal_opens_again", "RuntimeError: device busy"),

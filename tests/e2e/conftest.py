@@ -36,7 +36,7 @@ def recorder(robot: Robot) -> list[Sample]:
 
     async def record(ticks: Ticks) -> None:
         async for now in ticks:
-            true = robot.hal.simulator.state  # type: ignore[attr-defined]
+            true = robot.hal.vehicle.state  # type: ignore[attr-defined]
             odometry, control = robot.odometry, robot.runtime.state.control
             samples.append(
                 Sample(now, true.x, true.y, true.theta, true.v, odometry.v, odometry.omega,

@@ -99,7 +99,7 @@ def hal(board: Board) -> SimHal:
 
 
 def true_speed(board: Board) -> float:
-    return hal(board).simulator.state.v
+    return hal(board).vehicle.state.v
 
 
 def outputs(board: Board) -> tuple[int, int, int]:

@@ -222,8 +222,8 @@ def test_virtual_time_is_refused_where_time_is_real(capsys: Capture, monkeypatch
         name = "floor"
         capabilities = Capabilities(ticks=True, pwm=True)
 
-    simulator = create(Config()).simulator  # type: ignore[attr-defined]
-    monkeypatch.setitem(registry.HALS.ours, "floor", lambda config: Real(simulator))
+    vehicle = create(Config()).vehicle  # type: ignore[attr-defined]
+    monkeypatch.setitem(registry.HALS.ours, "floor", lambda config: Real(vehicle))
     message = complaint(capsys, ["run", "--hal", "floor", "--speed", "max"])
     assert "--speed" in message and "'floor'" in message
 

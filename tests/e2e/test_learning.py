@@ -133,7 +133,7 @@ class Unliftable(SimHal):
 async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_disarm_too() -> None:
     made = create_sim(load(overrides=[*ENDLESS, "sim.start=[1.0, 0.5, 0.0]"]).config)
     assert isinstance(made, SimHal)
-    async with Robot.open(Unliftable(made.simulator)) as robot:
+    async with Robot.open(Unliftable(made.vehicle)) as robot:
         assert await robot.load_gains()
         task = await task_on(robot, 2)
         await until(lambda: task.trial.phase is Phase.DRIVE, 120.0)
@@ -190,7 +190,7 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent
                 await task.ended.wait()
     assert isinstance(error.value.__cause__, LightFault)
     assert not robot.armed
-    assert robot.hal.simulator.state.v < 0.35  # type: ignore[attr-defined]
+    assert robot.hal.vehicle.state.v < 0.35  # type: ignore[attr-defined]
     assert robot.hal.outputs.motor == 0  # type: ignore[attr-defined]
 
 

@@ -46,7 +46,7 @@ def vehicle_of(robot: Robot) -> Callable[[], Pose]:
     board: Board = robot.hal.port.board  # type: ignore[attr-defined]
 
     def read() -> Pose:
-        state = board.runtime.hal.simulator.state  # type: ignore[attr-defined]
+        state = board.runtime.hal.vehicle.state  # type: ignore[attr-defined]
         return state.x, state.y, state.theta
 
     return read

@@ -96,7 +96,7 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
             async with process(
                 "run", "--hal", "serial", "--port", str(path), "--arm", "--drive", "1,0", "--headless"
             ) as host:
-                speed = lambda: board.runtime.hal.simulator.state.v  # type: ignore[attr-defined] # noqa: E731
+                speed = lambda: board.runtime.hal.vehicle.state.v  # type: ignore[attr-defined] # noqa: E731
                 await until(lambda: speed() > 0.95)
                 host.send_signal(number)
                 await asyncio.sleep(4.0)

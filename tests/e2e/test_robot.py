@@ -147,7 +147,7 @@ async def test_the_switches_of_the_power_board_do_what_they_say(robot: Robot) ->
     robot.switch_power(Switch.ATX, False)
     await asyncio.sleep(0.1)
     before = robot.hal.read(robot.now).ticks
-    robot.hal.simulator.state = robot.hal.simulator.state._replace(v=0.5)  # type: ignore[attr-defined]
+    robot.hal.vehicle.state = robot.hal.vehicle.state._replace(v=0.5)  # type: ignore[attr-defined]
     await asyncio.sleep(0.5)
     assert robot.hal.read(robot.now).ticks == before, "without 5 V the encoders see nothing"
 
@@ -214,7 +214,7 @@ class SetpointHal(SimHal):
 
 
 async def test_a_hal_that_takes_set_points_gets_them_and_runs_no_second_pid() -> None:
-    hal = SetpointHal(create(Config()).simulator)  # type: ignore[attr-defined]
+    hal = SetpointHal(create(Config()).vehicle)  # type: ignore[attr-defined]
     async with Robot.open(hal, arm=True) as robot:
         await robot.drive(0.5, 0.2, 1.0)
         assert robot.odometry[3:] == (0.5, 0.2)
@@ -241,7 +241,7 @@ def test_what_is_not_simulated_waits_for_being_armed_and_for_real_time() -> None
         capabilities = Capabilities()
 
     async def main() -> bool:
-        async with Robot.open(Real(create(Config()).simulator)) as robot:  # type: ignore[attr-defined]
+        async with Robot.open(Real(create(Config()).vehicle)) as robot:  # type: ignore[attr-defined]
             return robot.armed
 
     assert not txt1.run(main())

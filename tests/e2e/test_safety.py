@@ -30,7 +30,7 @@ def outputs(robot: Robot) -> Outputs:
 
 
 def true_speed(robot: Robot) -> float:
-    return robot.hal.simulator.state.v  # type: ignore[attr-defined, no-any-return]
+    return robot.hal.vehicle.state.v  # type: ignore[attr-defined, no-any-return]
 
 
 async def test_at_power_up_nothing_moves_before_the_gains_are_loaded() -> None:
@@ -134,7 +134,7 @@ async def test_velocity_commands_move_nothing_in_manual_mode(robot: Robot) -> No
 @pytest.mark.parametrize("v", [0.2, 0.5, 1.0])
 async def test_a_dead_encoder_stops_the_vehicle(robot: Robot, faults: Faults, v: float) -> None:
     await robot.drive(v, 0.0, 3.0)
-    robot.hal.simulator.faults = faults  # type: ignore[attr-defined]
+    robot.hal.vehicle.faults = faults  # type: ignore[attr-defined]
     with pytest.raises(NotArmed, match="runaway"):
         await robot.drive(v, 0.0, 5.0)
     assert robot.faults["runaway"] == 1
@@ -404,7 +404,7 @@ async def test_the_hardware_is_let_go_of_whatever_fails(failing: str) -> None:
         finally:
             raise ValueError("in its finally clause")
 
-    hal = Hardware(create(Config()).simulator)  # type: ignore[attr-defined]
+    hal = Hardware(create(Config()).vehicle)  # type: ignore[attr-defined]
     with pytest.raises((HalError, TaskFault)):
         async with Robot.open(hal) as robot:
             robot.add_task("untidy", 0.1, untidy)

@@ -53,7 +53,7 @@ class Wired(NamedTuple):
 
 
 def true_speed(board: Board) -> float:
-    return board.runtime.hal.simulator.state.v  # type: ignore[attr-defined, no-any-return]
+    return board.runtime.hal.vehicle.state.v  # type: ignore[attr-defined, no-any-return]
 
 
 def outputs(board: Board) -> tuple[int, int, int]:

@@ -163,7 +163,7 @@ def test_any_finite_gain_given_as_text_arrives_exactly(kp: float) -> None:
         ("saftey.v_max", "did you mean 'safety'?"),
         ("sim.vehicle.deadband", "did you mean 'sim.vehicle.dead_band'?"),
         ("control.linear.gain", "known here: kp, ki, kd"),
-        ("", "known here: hal, hal_options, seed"),
+        ("", "known here: hal, hal_options, name, seed"),
     ],
 )
 def test_an_unknown_key_is_refused_with_the_nearest_one(write: Write, key: str, remedy: str) -> None:

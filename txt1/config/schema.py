@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
+from hashlib import blake2b
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
@@ -14,7 +15,7 @@ from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import PidSet
 from txt1.sim.line import LineFaults
-from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
+from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, VehicleParameters
 from txt1.units import NotNegative, Positive, PositiveInt
 
 
@@ -108,6 +109,8 @@ class SimConfig(Section):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Start pose in the room: x and y in m, theta in rad."""
     room: RoomConfig = RoomConfig()
+    obstacles: tuple[Annotated[Box | Post, Field(discriminator="kind")], ...] = ()
+    """Boxes and posts in the room."""
     vehicle: VehicleParameters = VehicleParameters()
     battery: Batteries = Batteries()
     noise: Noise = Noise()
@@ -257,6 +260,8 @@ class Config(Section):
     """Name of the hardware layer."""
     hal_options: dict[str, Any] = {}
     """Settings of a hardware layer from another package, handed to it as they are."""
+    name: Annotated[str, Field(pattern="^([a-z][a-z0-9_]*)?$")] = ""
+    """Of the robot, before the names of its topics; empty for one that is alone."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
     geometry: Geometry = Geometry()
@@ -272,6 +277,13 @@ class Config(Section):
     """Sensors beside those of the hardware layer, by name."""
     host: HostConfig = HostConfig()
     record: RecordConfig = RecordConfig()
+
+    @property
+    def own_seed(self) -> int:
+        """The seed of this robot's random values: robots of different names have others from the same `seed`."""
+        if not self.name:
+            return self.seed
+        return int.from_bytes(blake2b(f"{self.seed} {self.name}".encode(), digest_size=8).digest())
 
     def loops(self) -> ControlConfig:
         """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""

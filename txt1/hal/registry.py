@@ -20,27 +20,43 @@ from txt1.plugins import Registry
 
 if TYPE_CHECKING:
     from txt1.hal.serial import Port
+    from txt1.sim.world import World
 
 HOST_LINE: Final = 1
 """Marks the random values of the line at the host's end."""
 
 
-def create_sim(config: Config) -> Hal:
-    """The simulated robot as configured."""
-    from txt1.hal.sim import SimHal
+def create_world(config: Config) -> World:
+    """The world as configured, with nobody in it."""
     from txt1.sim.room import Room
-    from txt1.sim.simulator import Simulator
+    from txt1.sim.world import World
+
+    room = config.sim.room
+    return World(Room(room.length, room.width), room.light, config.sim.obstacles)
+
+
+def create_sim(config: Config, world: World | None = None) -> Hal:
+    """The simulated robot as configured, in a world of its own, or in one that it shares with others.
+
+    Raises:
+        ConfigError: something is in its way where it starts.
+
+    """
+    from txt1.hal.sim import SimHal
+    from txt1.sim.simulator import Vehicle
 
     sim = config.sim
     try:
-        simulator = Simulator(
-            sim.vehicle, config.geometry, Room(sim.room.length, sim.room.width), sim.battery, sim.noise, sim.start,
-            config.seed,
+        vehicle = Vehicle(
+            create_world(config) if world is None else world,
+            sim.vehicle, config.geometry, sim.battery, sim.noise, sim.start, config.own_seed, config.name,
         )  # fmt: skip
     except ValueError as error:
-        raise ConfigError(f"sim.start: {error}; choose another start or a larger sim.room") from None
-    simulator.faults = sim.faults
-    return SimHal(simulator)
+        raise ConfigError(
+            f"sim.start: {error}; choose another start, a larger sim.room or other sim.obstacles"
+        ) from None
+    vehicle.faults = sim.faults
+    return SimHal(vehicle)
 
 
 def create_serial(config: Config, port: Port | None = None) -> Hal:
@@ -53,7 +69,7 @@ def create_serial(config: Config, port: Port | None = None) -> Hal:
     serial = config.serial
 
     def wrap(end: End) -> End:
-        return faulty(end, serial.fault, SeedSequence([config.seed, HOST_LINE]))
+        return faulty(end, serial.fault, SeedSequence([config.own_seed, HOST_LINE]))
 
     return SerialHal(
         DevicePort(serial.port, serial.baud) if port is None else port,

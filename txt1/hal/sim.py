@@ -1,14 +1,16 @@
-"""The simulated robot as a HAL."""
+"""The simulated robot as a HAL: one vehicle of a world."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Final
 
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
+from txt1.kernel.loop import clock_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.simulator import Simulator
+from txt1.sim.simulator import Vehicle
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
@@ -19,8 +21,8 @@ BACKLIGHT: Final = 0.5
 class SimHal:
     """A simulated TXT-1.
 
-    It has no task of its own: whoever reads or writes at a later time moves the simulation there first, so it costs
-    what is used and repeats exactly.
+    It has no task of its own: whoever reads or writes at a later time moves the vehicle there first, so it costs what
+    is used and repeats exactly; `txt1.sim.world` says how several move on together.
     """
 
     name = "sim"
@@ -36,38 +38,41 @@ class SimHal:
         simulated=True,
     )
 
-    def __init__(self, simulator: Simulator) -> None:
-        self.simulator = simulator
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.world = vehicle.world
+        self._began = 0.0  # the vehicle's time when the run did
         self.outputs = NEUTRAL
         self.indicators = Indicators()
 
     async def open(self) -> None:
         """Start with neutral outputs."""
         self.outputs = NEUTRAL
-        self.simulator.command(0, 0, 0)
+        self.vehicle.command(0, 0, 0)
+        self._began = self.world.begin(self.vehicle, clock_of(asyncio.get_running_loop()).now_ns())
 
     async def close(self) -> None:
         """Leave the outputs neutral."""
-        self.write(NEUTRAL, self.simulator.time)
+        self.write(NEUTRAL, self.vehicle.time - self._began)
 
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
-        counts, batteries, cut_off, pose = self.simulator.sense(now)
+        counts, batteries, cut_off, pose = self.vehicle.sense(self._began + now)
         return Inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""
-        self.simulator.advance_to(now)
+        self.vehicle.advance_to(self._began + now)
         self.outputs = outputs
-        self.simulator.command(outputs.motor, outputs.front, outputs.rear)
+        self.vehicle.command(outputs.motor, outputs.front, outputs.rear)
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn the ATX supply or the ESC on or off."""
-        self.simulator.advance_to(now)
+        self.vehicle.advance_to(self._began + now)
         if switch is Switch.ATX:
-            self.simulator.atx_on = on
+            self.vehicle.atx_on = on
         else:
-            self.simulator.esc_on = on
+            self.vehicle.esc_on = on
 
     def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
         """The loops run in the controller task."""
@@ -83,5 +88,5 @@ class SimHal:
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Put the robot down at a pose in the room, at rest."""
-        self.simulator.advance_to(now)
-        self.simulator.place(x, y, theta)
+        self.vehicle.advance_to(self._began + now)
+        self.vehicle.place(x, y, theta)

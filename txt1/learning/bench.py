@@ -1,6 +1,6 @@
 """A trial on the bare simulation: the same vehicle, loops, odometry and instants as on the runtime, without its tasks.
 
-For studies over thousands of trials. Nothing is modelled anew: `Simulator` (and with it `txt1.sim.vehicle.move`),
+For studies over thousands of trials. Nothing is modelled anew: `Vehicle` (and with it `txt1.sim.vehicle.move`),
 `VelocityLoops` and the odometry's equations are the runtime's own, called in the order in which the scheduler runs the
 tasks. So a trial here and one on the running robot agree to the last bit (tests/unit/learning/test_bench.py).
 """
@@ -17,7 +17,7 @@ from txt1.learning.trial import DONE, DRIVE, MOVE, REST, Pose, Trial
 from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
 from txt1.model.vehicle import STEERING_MAX
 from txt1.sensors.light import See
-from txt1.sim.simulator import Simulator
+from txt1.sim.simulator import Vehicle
 from txt1.tasks.controller import VelocityLoops
 
 CONTROL, LIGHT, LEARN = range(3)
@@ -36,62 +36,62 @@ class Bench:
     """A simulated robot with its velocity loops, a set-point, and nothing else.
 
     Args:
-        simulator: the vehicle.
+        vehicle: the vehicle.
         limits: of the set-points and the motor.
 
     """
 
-    def __init__(self, simulator: Simulator, limits: Limits) -> None:
-        self.simulator = simulator
+    def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
+        self.vehicle = vehicle
         self.odometry = Odometry()
-        self.pose: Pose = simulator.pose
+        self.pose: Pose = vehicle.pose
         self.command = (0.0, 0.0)
         self._limits = limits
         self._loops = VelocityLoops()
         self._schedule = Schedule(ANGULAR_GAINS)
-        self._counts: tuple[int, int] = simulator.encoder_counts()
+        self._counts: tuple[int, int] = vehicle.encoder_counts()
         self._still = True
         self._last = -DT
 
     def control(self, now: float) -> None:
         """The controller task's and the encoder task's cycle at `now` s."""
-        simulator = self.simulator
-        simulator.advance_to(now)
+        vehicle = self.vehicle
+        vehicle.advance_to(now)
         v, omega = self.command
         v_now, omega_now = self.odometry.v, self.odometry.omega
         if v_now == 0.0 and v == 0.0:
             self._loops.clear()
-            simulator.command(0, 0, 0)
+            vehicle.command(0, 0, 0)
         else:
             motor, steering = self._loops.step(v, omega, v_now, omega_now, LINEAR_GAINS, self._schedule.at(v_now), DT)
             motor, steering = clip(motor, self._limits.motor_max), clip(steering, STEERING_MAX)
-            simulator.command(int(motor), int(-steering), int(steering))
+            vehicle.command(int(motor), int(-steering), int(steering))
         dt, self._last = now - self._last, now  # not 0.02 to the last bit, and the runtime divides by it
-        counts = simulator.encoder_counts()
+        counts = vehicle.encoder_counts()
         right, left = counts[0] - self._counts[0], counts[1] - self._counts[1]
         self._counts = counts
         if right or left or not self._still:
-            body = simulator.body
+            body = vehicle.body
             v, omega = body_velocity(
                 wheel_speed(right, body.count_length, dt), wheel_speed(left, body.count_length, dt), body.track_width
             )
             self.odometry = advance(self.odometry, v, omega, dt)
             self._still = not (right or left)
-        self.pose = simulator.pose
+        self.pose = vehicle.pose
 
 
-def run_trial(trial: Trial, simulator: Simulator, see: See, limits: Limits, first_ms: int = 0) -> None:
+def run_trial(trial: Trial, vehicle: Vehicle, see: See, limits: Limits, first_ms: int = 0) -> None:
     """Nothing; the trial is done.
 
     Args:
         trial: what to do.
-        simulator: the robot, at time 0.
+        vehicle: the robot, at time 0.
         see: its light sensors.
         limits: of the set-points and the motor.
         first_ms: when the learning begins, ms since the simulation's start; before, the robot rests.
 
     """
-    bench = Bench(simulator, limits)
+    bench = Bench(vehicle, limits)
     for ms, what in instants():
         now = ms / 1000.0
         if what == CONTROL:
@@ -100,12 +100,12 @@ def run_trial(trial: Trial, simulator: Simulator, see: See, limits: Limits, firs
             continue
         elif what == LIGHT:
             if trial.phase is REST or trial.phase is DRIVE:
-                simulator.advance_to(now)
-                trial.agent.see(see(simulator.pose), bench.odometry)
+                vehicle.advance_to(now)
+                trial.agent.see(see(vehicle.pose), bench.odometry)
         else:
             if trial.phase is MOVE and bench.odometry.v == bench.odometry.omega == 0.0:
-                simulator.advance_to(now)
-                simulator.place(*trial.start)
+                vehicle.advance_to(now)
+                vehicle.place(*trial.start)
                 trial.placed(now)
             bench.command = trial.tick(now, True, bench.pose, bench.odometry)
             if trial.phase is DONE:

@@ -229,7 +229,7 @@ def on_bench(
     trial = new_trial(agent, config, seed, number, repetitions, look, keep_paths, commands)
     hal = create_sim(robot_config(config, seed, number))
     assert isinstance(hal, SimHal)
-    bench.run_trial(trial, hal.simulator, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
+    bench.run_trial(trial, hal.vehicle, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
     return outcome(trial, number, repetitions)
 
 

@@ -86,8 +86,8 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         start = Start(*map(float, self.np_random.uniform(-pi, pi, 2)))
         hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
         assert isinstance(hal, SimHal)
-        self._bench = Bench(hal.simulator, self._config.limits())
-        hal.simulator.place(*start.pose(self._task))
+        self._bench = Bench(hal.vehicle, self._config.limits())
+        hal.vehicle.place(*start.pose(self._task))
         self._see = eyes(self._config, self.np_random)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
@@ -110,13 +110,13 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
 
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""
-        bench, simulator = self._bench, self._bench.simulator
+        bench, vehicle = self._bench, self._bench.vehicle
         for ms, what in instants(self._ms, self._ms + duration_ms):
             if what == CONTROL:
                 bench.control(ms / 1000.0)
             elif what == LIGHT:
-                simulator.advance_to(ms / 1000.0)
-                self._filter.step(self._see(simulator.pose))
+                vehicle.advance_to(ms / 1000.0)
+                self._filter.step(self._see(vehicle.pose))
         self._ms += duration_ms
 
     def _state(self, otherwise: int) -> int:

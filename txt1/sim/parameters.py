@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Annotated
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
@@ -70,3 +70,35 @@ class Batteries:
     """Current with the motors off, as a share of the full load; assumed."""
     standby_load: Share = 0.1
     """Current with the ATX supply off as well; assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A rectangle on the floor of the simulated room: an obstacle, or a vehicle's body."""
+
+    x: float
+    """Of its centre, m."""
+    y: float
+    """Of its centre, m."""
+    length: Positive
+    """Along its own x axis, m."""
+    width: Positive
+    """Along its own y axis, m."""
+    theta: float = 0.0
+    """Heading of its x axis, rad."""
+    kind: Literal["box"] = "box"
+    """Tells it from a post."""
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """A round post on the floor of the simulated room."""
+
+    x: float
+    """Of its centre, m."""
+    y: float
+    """Of its centre, m."""
+    radius: Positive
+    """Of the post, m."""
+    kind: Literal["post"] = "post"
+    """Tells it from a box."""

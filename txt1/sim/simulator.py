@@ -1,9 +1,10 @@
-"""The simulated robot as its hardware layer sees it: outputs in, sensor readings out, time moved by the caller."""
+"""A simulated vehicle as its hardware layer sees it: outputs in, sensor readings out, time moved by the caller."""
 
 from __future__ import annotations
 
-from math import floor, hypot, isfinite
-from typing import Final
+from collections.abc import Sequence
+from math import floor, isfinite
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -11,9 +12,11 @@ from txt1.model.battery import CUT_OFF_V
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Packs, discharge
-from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
-from txt1.sim.room import Room, clearance
+from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 from txt1.sim.vehicle import DEAD_BAND, Motion, VehicleState, dynamics, move
+
+if TYPE_CHECKING:
+    from txt1.sim.world import World
 
 NOISE_RATE: Final = 50
 """The floor's drag changes so many times a second."""
@@ -25,52 +28,67 @@ BATTERY_NOISE_PERIOD: Final = 1.0
 """A voltage reading is good for so many seconds."""
 
 
-class Simulator:
-    """A vehicle in a room, with batteries, encoders, power switches and seeded noise.
-
-    Of its attributes there are fewer than 30 on purpose: CPython finds those of a larger object more slowly.
+class Vehicle:
+    """A vehicle in a world, with batteries, encoders, power switches and seeded noise.
 
     Args:
-        vehicle: parameters of the dynamics.
+        world: it stands in.
+        parameters: of the dynamics.
         body: dimensions.
-        room: the four walls.
         batteries: their charge, and the load of the electronics.
         noise: what is random.
         start: pose (x, y, theta) in the room, m and rad.
         seed: repeats every random value.
+        name: of its robot.
+
+    Raises:
+        ValueError: something is in the way where it starts.
 
     """
 
     def __init__(
         self,
-        vehicle: VehicleParameters,
+        world: World,
+        parameters: VehicleParameters,
         body: Geometry,
-        room: Room,
         batteries: Batteries,
         noise: Noise,
         start: tuple[float, float, float],
         seed: int,
+        name: str = "",
     ) -> None:
-        self.dynamics = dynamics(vehicle, body)
+        self.world = world
+        self.dynamics = dynamics(parameters, body)
         self.body = body
-        self.room = room
         self.packs = Packs(batteries.used_1, batteries.used_2)
         self.batteries = batteries
         self.noise = noise
+        self.name = name
         self.faults = Faults()
         self.atx_on = True
         self.esc_on = True
         self.time = 0.0
+        """Of this vehicle, s since its robot's run began."""
+        self.began = 0.0
+        """When that was, s since the first run in this world began."""
+        self.running = False
+        """Whether it has begun."""
+        self.accompanied = False
+        """Whether other vehicles move in this world."""
+        self.piece_ends = 0.0
+        """The floor's drag stays the same until then, s."""
+        self.free = (0.0, 0.0, 0.0, 0.0)
+        """The least and largest x and y between which nothing is in reach."""
         drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
         self._drag_rng = np.random.default_rng(drag_seed)
         self._battery_rng = np.random.default_rng(battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
         phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
         self._right_counts, self._left_counts = phases[0], phases[1]
+        self._counts_per_m = 1.0 / body.count_length
         self._drags: list[float] = []
         self._drag = 0.0
         self._drag_count = 0
-        self._drag_ends = 0.0
         self._outputs = (0.0, 0.0, 0.0)
         self._voltage_noise = (0.0, 0.0)
         self._readings = (0.0, 0.0)
@@ -82,26 +100,28 @@ class Simulator:
         self.cut_off = False
         """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
         self._settle_batteries()
-        self._counts_per_m = 1.0 / body.count_length
-        # as long as the centre is inside this, the walls are out of reach whatever the heading
-        reach = 0.5 * hypot(body.length, body.width)
-        self._free = 0.5 * room.length - reach, 0.5 * room.width - reach
-        self._motion: Motion = VehicleState()
-        self.place(*start)
+        self.motion: Motion = VehicleState()
+        self._put_down(*start)
+        world.add(self)
 
     @property
     def state(self) -> VehicleState:
         """Where the vehicle is and what it does."""
-        return VehicleState(*self._motion)
+        return VehicleState(*self.motion)
 
     @state.setter
     def state(self, state: VehicleState) -> None:
-        self._motion = state
+        self.motion = state
+        self.world.look_round(self)
 
     @property
     def pose(self) -> tuple[float, float, float]:
         """The vehicle's pose (x, y, theta) in the room, m and rad."""
-        return self._motion[:3]
+        return self.motion[:3]
+
+    def outline(self, motion: Sequence[float]) -> Box:
+        """The body at a pose or in a motion, which begins with the pose."""
+        return Box(motion[0], motion[1], self.body.length, self.body.width, motion[2])
 
     # -- outputs -----------------------------------------------------------------------------------------------
 
@@ -113,57 +133,70 @@ class Simulator:
         """Put the vehicle down at a pose in the room, at rest; m and rad.
 
         Raises:
-            ValueError: it would stick into a wall, or the pose is not finite.
+            ValueError: something is in the way there, or the pose is not finite.
 
         """
+        self._put_down(x, y, theta)
+        self.world.look_round(self)
+
+    def _put_down(self, x: float, y: float, theta: float) -> None:
         theta = wrap_angle(theta)
         if not (isfinite(x) and isfinite(y) and isfinite(theta)):
             raise ValueError(f"the vehicle cannot stand at ({x:g}, {y:g}, {theta:g}): a pose is finite")
-        if clearance(x, y, theta, self.room, self.body) < 0.0:
-            raise ValueError(
-                f"the vehicle at ({x:g}, {y:g}, {theta:g}) sticks into a wall of the "
-                f"{self.room.length:g} x {self.room.width:g} m room"
-            )
-        self.state = self.state._replace(x=x, y=y, theta=theta, v=0.0)
+        obstacle = self.world.in_the_way(self, x, y, theta)
+        if obstacle is not None:
+            raise ValueError(f"the vehicle at ({x:g}, {y:g}, {theta:g}) sticks into {obstacle}")
+        self.motion = self.state._replace(x=x, y=y, theta=theta, v=0.0)
 
     # -- time --------------------------------------------------------------------------------------------------
 
     def advance_to(self, time: float) -> None:
-        """Let the robot move until `time`, in seconds since the start; an instant in the past changes nothing."""
-        while self.time < time:
-            if self.time >= self._drag_ends:
-                self._draw_drag()
-            until = time if time < self._drag_ends else self._drag_ends
-            self._advance(until - self.time)
-            self.time = until
+        """Let the vehicle move until `time`, s since its robot's run began; an instant in the past changes nothing."""
+        if self.accompanied:
+            self.world.advance(self, time)
+        else:
+            self.move_to(time)
 
-    def _advance(self, dt: float) -> None:
-        if self.time >= self._settle_due:
-            self._settle_batteries()
+    def move_to(self, time: float) -> None:
+        """Move until `time`, whatever other vehicles do."""
+        while self.time < time:
+            if self.time >= self.piece_ends:
+                self._draw_drag()
+            if self.time >= self._settle_due:
+                self._settle_batteries()
+            until = time if time < self.piece_ends else self.piece_ends
+            after = self.motion_at(until)
+            x_min, x_max, y_min, y_max = self.free
+            if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
+                after = self.world.contact(self, after, until)
+            self.arrive(after, until)
+
+    def finish_piece(self) -> None:
+        """Move to the end of the present drag, and take the next."""
+        self.move_to(self.piece_ends)
+        self._draw_drag()
+
+    def motion_at(self, time: float) -> Motion:
+        """The motion at an instant before the drag changes, if nothing is in the way."""
         motor, front, rear = self._outputs
         if self.cut_off or not self.esc_on:
             motor = 0.0
-        before = self._motion
-        after = move(before, motor, front, rear, dt, self._drag, self.dynamics)
-        if after != before:
-            self._moved(before, after)
-        if abs(motor) > self.dynamics[DEAD_BAND]:
-            self._drawn += dt
-        else:
-            self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
+        return move(self.motion, motor, front, rear, time - self.time, self._drag, self.dynamics)
 
-    def _moved(self, before: Motion, after: Motion) -> None:
-        """Stop at a wall, and count what the encoders see."""
-        x_free, y_free = self._free
-        if not (-x_free < after[0] < x_free and -y_free < after[1] < y_free):
-            after = self._stop_at_wall(VehicleState(*before), VehicleState(*after))
-        self._motion = after
-        if self.atx_on and not self.cut_off:  # without the ATX supply's 5 V the encoders see nothing
+    def arrive(self, after: Motion, until: float) -> None:
+        """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
+        before, dt = self.motion, until - self.time
+        self.motion, self.time = after, until
+        if after != before and self.atx_on and not self.cut_off:  # the encoders need the ATX supply's 5 V
             # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
             if not self.faults.right_encoder:
                 self._right_counts += (after[6] - before[6]) * self._counts_per_m
             if not self.faults.left_encoder:
                 self._left_counts += (after[7] - before[7]) * self._counts_per_m
+        if abs(self._outputs[0]) > self.dynamics[DEAD_BAND] and self.esc_on and not self.cut_off:
+            self._drawn += dt
+        else:
+            self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
 
     def _settle_batteries(self) -> None:
         """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
@@ -175,14 +208,6 @@ class Simulator:
         fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
         self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
 
-    def _stop_at_wall(self, before: VehicleState, after: VehicleState) -> VehicleState:
-        """The state at contact if the step ends in a wall: pose and wheels as before it, speed 0."""
-        room, body = self.room, self.body
-        gap = clearance(after.x, after.y, after.theta, room, body)
-        if gap >= 0.0 or gap >= clearance(before.x, before.y, before.theta, room, body):
-            return after  # not there yet, or on its way out
-        return before._replace(v=0.0, phi_front=after.phi_front, phi_rear=after.phi_rear)
-
     def _draw_drag(self) -> None:
         """Take the floor's drag for the next 20 ms."""
         if not self._drags:
@@ -191,7 +216,7 @@ class Simulator:
         # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
         # the very float that the scheduler's tick has
         self._drag_count += 1
-        self._drag_ends = self._drag_count / NOISE_RATE
+        self.piece_ends = self._drag_count / NOISE_RATE
 
     # -- sensors -----------------------------------------------------------------------------------------------
 

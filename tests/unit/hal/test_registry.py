@@ -58,7 +58,7 @@ def test_the_simulated_robot_is_made_as_configured() -> None:
     hal = create(load(overrides=["sim.start=[1, -1, 0.5]", "sim.faults.right_encoder=true"]).config)
     assert isinstance(hal, SimHal)
     assert hal.read(0.0).pose == (1.0, -1.0, 0.5)
-    assert hal.simulator.faults == Faults(right_encoder=True)
+    assert hal.vehicle.faults == Faults(right_encoder=True)
 
 
 def test_a_start_inside_a_wall_names_the_setting_and_the_remedy() -> None:

@@ -16,8 +16,8 @@ from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.light import PointLight, illuminances
 from txt1.sim.parameters import Batteries, Noise, VehicleParameters
-from txt1.sim.room import Room
-from txt1.sim.simulator import Simulator
+from txt1.sim.simulator import Vehicle
+from txt1.sim.world import World
 
 COUNT = 5
 
@@ -28,11 +28,11 @@ def robots(count: int) -> Batch:
 
 def held_against_the_runtime(ticks: int = 400) -> float:
     """The largest difference in pose, speed and sensed velocities in random driving by the bench's robots."""
-    simulators = [
-        Simulator(VehicleParameters(), Geometry(), Room(), Batteries(None), Noise(drag=0.0), (1.0, 0.5, 0.3), seed)
+    vehicles = [
+        Vehicle(World(), VehicleParameters(), Geometry(), Batteries(None), Noise(drag=0.0), (1.0, 0.5, 0.3), seed)
         for seed in range(COUNT)
     ]
-    benches = [Bench(each, Limits()) for each in simulators]
+    benches = [Bench(each, Limits()) for each in vehicles]
     many = robots(COUNT)
     many.place(np.ones(COUNT, bool), np.tile([1.0, 0.5, 0.3], (COUNT, 1)), np.random.default_rng(0))
     many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose(
@@ -50,7 +50,7 @@ def held_against_the_runtime(ticks: int = 400) -> float:
         for each in benches:
             each.control(tick * 20 / 1000.0)
         many.run_with(np.zeros((1, COUNT)), np.zeros((0, COUNT, 4)))
-        expected = np.array([[*b.simulator.state, b.odometry.v, b.odometry.omega] for b in benches])
+        expected = np.array([[*b.vehicle.state, b.odometry.v, b.odometry.omega] for b in benches])
         x, y, theta, v, phi, right, left = many.robots[:7]
         got = np.array([x, y, theta, v, phi, -phi, right, left, *many.velocities.T]).T
         worst = max(worst, float(np.abs(got - expected).max()))

@@ -1,0 +1,41 @@
+"""Boxes and round posts on the floor, and how far they and the vehicles' bodies are apart."""
+
+from __future__ import annotations
+
+from math import cos, hypot, sin
+
+from txt1.sim.parameters import Box, Post
+
+Obstacle = Box | Post
+
+
+def distance(obstacle: Obstacle, x: float, y: float) -> float:
+    """Metres from the point (x, y) to an obstacle's edge; negative inside it."""
+    dx, dy = x - obstacle.x, y - obstacle.y
+    if isinstance(obstacle, Post):
+        return hypot(dx, dy) - obstacle.radius
+    c, s = cos(obstacle.theta), sin(obstacle.theta)
+    beside_x = abs(dx * c + dy * s) - 0.5 * obstacle.length
+    beside_y = abs(dy * c - dx * s) - 0.5 * obstacle.width
+    return hypot(max(beside_x, 0.0), max(beside_y, 0.0)) + min(max(beside_x, beside_y), 0.0)
+
+
+def gap(body: Box, other: Obstacle) -> float:
+    """Metres between a body and something else: negative, by the least way out, exactly where they overlap.
+
+    Between rectangles that are apart it is the largest gap along an axis of either (separating axis theorem), which
+    may be less than the distance between their corners.
+    """
+    if isinstance(other, Post):
+        return distance(body, other.x, other.y) - other.radius
+    dx, dy = other.x - body.x, other.y - body.y
+    c, s = cos(body.theta), sin(body.theta)
+    c_other, s_other = cos(other.theta), sin(other.theta)
+    along, across = abs(c * c_other + s * s_other), abs(c * s_other - s * c_other)
+    front, side, front_other, side_other = 0.5 * body.length, 0.5 * body.width, 0.5 * other.length, 0.5 * other.width
+    return max(
+        abs(dx * c + dy * s) - front - front_other * along - side_other * across,
+        abs(dy * c - dx * s) - side - front_other * across - side_other * along,
+        abs(dx * c_other + dy * s_other) - front_other - front * along - side * across,
+        abs(dy * c_other - dx * s_other) - side_other - front * across - side * along,
+    )

@@ -1,0 +1,218 @@
+"""The world of the simulated robots: a room with a light, obstacles, and any number of vehicles that share it.
+
+**Time.** Every vehicle keeps the time of its own robot's run and moves when its robot reads or writes at a later one.
+Several move on together: before one of them moves to an instant, all are brought to the end of each 20 ms of constant
+drag before it, in the order of these ends and, at the same instant, in which the vehicles came into the world. There
+each of them stops over anyway. So as long as vehicles do not touch, nobody's motion depends by a bit on who else is
+there, how often he is read, or in which order.
+
+**Contact.** Whenever a vehicle moves on it is held against all that is near: walls, obstacles, and the bodies of the
+others wherever they are at that very instant. A vehicle that would get deeper into a wall or an obstacle stays where it
+was, at speed 0. Two vehicles that would get deeper into one another both stay where they were at the last instant at
+which either of them moved on, whichever of them is read first.
+"""
+
+from __future__ import annotations
+
+from heapq import heapify, heapreplace
+from math import hypot, inf, isfinite
+from typing import Final
+
+from txt1.kernel.clock import NS_PER_S
+from txt1.sim.obstacles import Obstacle, distance, gap
+from txt1.sim.parameters import Post
+from txt1.sim.room import Room, clearance
+from txt1.sim.simulator import Vehicle
+from txt1.sim.vehicle import Motion
+
+ROAM: Final = 0.25
+"""A vehicle looks round anew when it is so far along x or y from where it did so last, m."""
+
+STEP: Final = 0.3
+"""Two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each."""
+
+NEAR: Final = 3.0 * ROAM + STEP
+"""Vehicles whose circles were so near when they looked round last watch one another, m; 3 for twice a diagonal."""
+
+NOWHERE: Final = (inf, -inf, inf, -inf)
+
+
+class _Whereabouts:
+    """Where a vehicle looked round last, and what it found."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.reach = 0.5 * hypot(vehicle.body.length, vehicle.body.width)  # of the body from its centre
+        self.x = self.y = 0.0
+        self.roam = inf  # there is nothing to look round for
+        self.others: list[_Whereabouts] = []
+        self.obstacles: list[Obstacle] = []
+
+
+class World:
+    """Everything that the simulated robots have in common. It lives on one event loop.
+
+    Args:
+        room: the four walls.
+        light: where the light is, x and y in m.
+        obstacles: boxes and posts.
+
+    Raises:
+        ValueError: a number of an obstacle is not finite, or one of its lengths is not positive.
+
+    """
+
+    def __init__(
+        self,
+        room: Room = Room(),  # noqa: B008 - immutable
+        light: tuple[float, float] = (0.0, 0.0),
+        obstacles: tuple[Obstacle, ...] = (),
+    ) -> None:
+        for number, obstacle in enumerate(obstacles):
+            sizes = (obstacle.radius,) if isinstance(obstacle, Post) else (obstacle.length, obstacle.width)
+            if not all(isfinite(value) for value in (obstacle.x, obstacle.y, *sizes)) or min(sizes) <= 0.0:
+                raise ValueError(f"obstacle {number}, {obstacle}: its numbers are finite, and its lengths more than 0")
+        self.room = room
+        self.light = light
+        self.obstacles = obstacles
+        self._origin_ns = -1
+        self._all: list[_Whereabouts] = []
+        self._of: dict[Vehicle, _Whereabouts] = {}
+        self._ends: list[tuple[float, int]] = []  # heap: when a running vehicle's drag changes next, and its index
+
+    @property
+    def vehicles(self) -> list[Vehicle]:
+        """The vehicles in the order in which they came."""
+        return [each.vehicle for each in self._all]
+
+    def add(self, vehicle: Vehicle) -> None:
+        """Take in a vehicle, which is in nobody's way and stands until its run begins."""
+        self._of[vehicle] = _Whereabouts(vehicle)
+        self._all.append(self._of[vehicle])
+        self.look_round(vehicle)
+
+    def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float) -> str | None:
+        """What a vehicle at (x, y, theta) would stick into, in words; None when there is room for it."""
+        room, body = self.room, vehicle.outline((x, y, theta))
+        if clearance(x, y, theta, room, vehicle.body) < 0.0:
+            return f"a wall of the {room.length:g} x {room.width:g} m room"
+        for number, obstacle in enumerate(self.obstacles):
+            if gap(body, obstacle) < 0.0:
+                return f"obstacle {number}, a {type(obstacle).__name__.lower()} at ({obstacle.x:g}, {obstacle.y:g})"
+        for other in self.vehicles:
+            if other is not vehicle and gap(body, other.outline(other.pose)) < 0.0:
+                return f"another vehicle{other.name and ', '}{other.name}"
+        return None
+
+    # -- time --------------------------------------------------------------------------------------------------
+
+    def begin(self, vehicle: Vehicle, now_ns: int) -> float:
+        """The vehicle's time, s, now that a run of its robot begins, at `now_ns` of the event loop's clock."""
+        if self._origin_ns < 0:
+            self._origin_ns = now_ns
+        now = (now_ns - self._origin_ns) / NS_PER_S
+        time = max(vehicle.time, now - vehicle.began) if vehicle.running else vehicle.time
+        vehicle.began, vehicle.running = now - time, True
+        running = [(index, each.vehicle) for index, each in enumerate(self._all) if each.vehicle.running]
+        self._ends = [(each.began + each.piece_ends, index) for index, each in running]
+        heapify(self._ends)
+        for _, each in running:
+            each.accompanied = len(running) > 1
+        return time
+
+    def advance(self, vehicle: Vehicle, time: float) -> None:
+        """Let all vehicles move on, one of them to `time`, s of its own."""
+        now, ends = vehicle.began + time, self._ends
+        while ends[0][0] <= now:
+            index = ends[0][1]
+            each = self._all[index].vehicle
+            each.finish_piece()
+            heapreplace(ends, (each.began + each.piece_ends, index))
+        vehicle.move_to(time)
+
+    # -- contact -----------------------------------------------------------------------------------------------
+
+    def contact(self, vehicle: Vehicle, after: Motion, until: float) -> Motion:
+        """A vehicle's motion at `until`, s of its own: `after`, or where it stands if there is something in its way."""
+        here = self._of[vehicle]
+        if abs(after[0] - here.x) > here.roam or abs(after[1] - here.y) > here.roam:
+            self.look_round(vehicle, after)
+        after = self._blocked(here, after)
+        for there in here.others:
+            x, y = there.vehicle.pose[:2]
+            if hypot(after[0] - x, after[1] - y) < here.reach + there.reach + STEP:
+                after = self._collide(here, there, after, until)
+        return after
+
+    def _blocked(self, here: _Whereabouts, after: Motion) -> Motion:
+        """A vehicle's motion, halted where it would get deeper into a wall or an obstacle: not on its way out."""
+        vehicle, room = here.vehicle, self.room
+        before = vehicle.motion
+        left = clearance(after[0], after[1], after[2], room, vehicle.body)
+        if left < 0.0 and left < clearance(before[0], before[1], before[2], room, vehicle.body):
+            return halted(before, after)
+        for obstacle in here.obstacles:
+            left = gap(vehicle.outline(after), obstacle)
+            if left < 0.0 and left < gap(vehicle.outline(before), obstacle):
+                return halted(before, after)
+        return after
+
+    def _collide(self, here: _Whereabouts, there: _Whereabouts, after: Motion, until: float) -> Motion:
+        """The vehicle's motion at `until`; if it runs into the other one, both are halted."""
+        vehicle, other = here.vehicle, there.vehicle
+        ahead = other.began - vehicle.began if other.running else until - other.time  # my time less the other's
+        its_until = until - ahead
+        its_after = self._blocked(there, other.motion_at(its_until))
+        left = gap(vehicle.outline(after), other.outline(its_after))
+        if left >= 0.0:
+            return after
+        last = max(vehicle.time, other.time + ahead)  # my time when one of us moved on last
+        mine = self._blocked(here, vehicle.motion_at(last)) if last > vehicle.time else vehicle.motion
+        its = self._blocked(there, other.motion_at(last - ahead)) if last - ahead > other.time else other.motion
+        if left >= gap(vehicle.outline(mine), other.outline(its)):
+            return after
+        if other.running:
+            other.arrive(halted(its, its_after), its_until)
+        return halted(mine, after)
+
+    def look_round(self, vehicle: Vehicle, motion: Motion | None = None) -> None:
+        """Find what a vehicle may run into before it looks round again, and where it is free to go."""
+        here = self._of[vehicle]
+        here.x, here.y = (vehicle.motion if motion is None else motion)[:2]
+        here.obstacles = [
+            each for each in self.obstacles if distance(each, here.x, here.y) < here.reach + 1.5 * ROAM + STEP
+        ]
+        if self.obstacles or len(self._all) > 1:
+            here.roam = ROAM
+        for there in self._all:
+            if there is here:
+                continue
+            if there.roam > ROAM:  # it was alone
+                self.look_round(there.vehicle)
+            near = hypot(here.x - there.x, here.y - there.y) < here.reach + there.reach + NEAR
+            if near is not (there in here.others):
+                for one, two in ((here, there), (there, here)):
+                    if near:
+                        one.others.append(two)
+                    else:
+                        one.others.remove(two)
+                self._set_free(there)
+        self._set_free(here)
+
+    def _set_free(self, here: _Whereabouts) -> None:
+        """Tell a vehicle where its centre may be with nothing in reach, whatever its heading."""
+        x, y = 0.5 * self.room.length - here.reach, 0.5 * self.room.width - here.reach
+        here.vehicle.free = (
+            NOWHERE
+            if here.others or here.obstacles
+            else (
+                max(-x, here.x - here.roam), min(x, here.x + here.roam),
+                max(-y, here.y - here.roam), min(y, here.y + here.roam),
+            )
+        )  # fmt: skip
+
+
+def halted(before: Motion, after: Motion) -> Motion:
+    """The motion at contact: pose and wheels as before, speed 0, the steering as it has turned."""
+    x, y, theta, _, _, _, right, left = before
+    return x, y, theta, 0.0, after[4], after[5], right, left
