@@ -13,8 +13,8 @@ from txt1.board import create_hal
 from txt1.cli.exit_codes import FAULT, OK, SIGNALS
 from txt1.cli.options import add_config
 from txt1.config import load
-from txt1.errors import ConfigError
 from txt1.conformance import BROKEN
+from txt1.errors import ConfigError
 from txt1.hal.conformance import verdicts
 from txt1.hal.registry import names
 

@@ -188,7 +188,7 @@ class SensorConformance:
 
         async def body(bench: Bench) -> None:
             last = -inf
-            for _ in range(100):
+            for _ in range(max(10, round(min(self.settle / bench.sensor.period, 100)))):
                 await asyncio.sleep(bench.sensor.period)
                 reading = bench.read()
                 if reading is None:

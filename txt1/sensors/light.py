@@ -92,6 +92,7 @@ class SimulatedLight:
     """
 
     period = SAMPLE_PERIOD
+    simulated = True
 
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
         self.topic = topic_of(name)
@@ -157,6 +158,7 @@ class PhidgetLight:
     """
 
     period = SAMPLE_PERIOD
+    simulated = False
     PATIENCE_MS: Final = 5000
     INTERVAL_MS: Final = 16
 
