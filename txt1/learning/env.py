@@ -21,17 +21,13 @@ from __future__ import annotations
 from math import log, pi
 from typing import Any, Final
 
-import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
 from txt1.control.limits import clip
 from txt1.control.loops import VelocityLoops, at_rest
-from txt1.errors import NoDirection
+from txt1.errors import MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch
@@ -43,6 +39,14 @@ from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes
 from txt1.sim.light import PointLight, noise_for_jitter
+
+try:
+    import gymnasium
+    from gymnasium.spaces import Box, Discrete
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ModuleNotFoundError:
+    raise MissingExtra("txt1.learning.env", "gym") from None
 
 Observation = NDArray[np.float32]
 
