@@ -6,12 +6,12 @@ import argparse
 import os
 from typing import Any
 
-from txt1.board import create_hal
 from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import add_config
 from txt1.config import load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import BROKEN
+from txt1.hal.registry import create as create_hal
 from txt1.sensors.base import Sensor, Setup
 from txt1.sensors.conformance import verdicts
 from txt1.sensors.registry import DRIVERS, create
