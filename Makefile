@@ -2,25 +2,20 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
+BENCH := .venv-bench
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
-HEADERS := "import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path('include') + '/Python.h'))"
 
-.PHONY: run test test-sources compiled lint bench clean
+.PHONY: run test test-long lint wheel bench clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
 
-test: compiled  ## all tests, of the compiled modules where there is a C compiler
+test: $(VENV)/.dev  ## the tests, two at a time; four minutes
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal
 
-test-sources: $(VENV)/.dev  ## the tests that concern these modules, without compiling
-	PURE_PYTHON=1 $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal tests/unit/kernel tests/unit/sim \
-		tests/unit/control tests/unit/tasks tests/unit/model tests/unit/learning \
-		tests/e2e/test_safety.py tests/e2e/test_closed_loop.py
-
-compiled: $(VENV)/.dev  ## tasks, physics and learners made into C (a minute): simulations run two to three times as fast
-	@if command -v cc >/dev/null && $(BIN)/python -c $(HEADERS); then $(BIN)/python setup.py --quiet build_ext --inplace; \
-	else echo "no C compiler (cc) or no Python.h: everything runs from its Python source, at a half to a third of the speed"; fi
+test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
+	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m "long or not long"
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
@@ -28,20 +23,31 @@ lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: compiled  ## speed and punctuality, measured beside a peer or a limit
-	$(BIN)/python -m benchmarks
+wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to three times as fast; takes a minute
+	rm -rf build dist
+	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+
+bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside a peer or a limit
+	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
+	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks
 
 clean:
-	find txt1 -name '*.so' -delete
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python $(PIP_INSTALL) --editable .
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]'
+	@touch $@
+
+# The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.
+$(BENCH)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(BENCH)
+	$(BENCH)/bin/python $(PIP_INSTALL) '.[dev]'
+	pwd > $$($(BENCH)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/benchmarks.pth
 	@touch $@

@@ -17,10 +17,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-from txt1.compiled import prepare
 
 if TYPE_CHECKING:
     from txt1.errors import Txt1Error
@@ -31,8 +28,6 @@ if TYPE_CHECKING:
     from txt1.robot import Robot
 
 __version__ = "0.1.0"
-IS_COMPILED = prepare(Path(__file__).parent)
-"""Whether tasks, physics and learners run compiled (see `txt1.compiled`)."""
 
 __all__ = ["Button", "Odometry", "Robot", "Switch", "Txt1Error", "__version__", "run"]
 
@@ -51,11 +46,6 @@ def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(import_module(_WHERE[name]), name)
     raise AttributeError(f"module 'txt1' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    """Return the public names, for ``dir`` and ``help``."""
-    return [*__all__, "__doc__", "__name__", "__path__"]
 
 
 if "gymnasium" in sys.modules:  # its users import it first; the others need not wait for it

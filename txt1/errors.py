@@ -70,15 +70,15 @@ class LinkLost(HalError):
 
 
 class NotCapable(HalError):
-    """The HAL in use has no such capability; a single argument is a message of your own.
+    """The HAL in use has no such capability.
 
     >>> raise NotCapable("serial", "pwm")
     Traceback (most recent call last):
     txt1.errors.NotCapable: the HAL 'serial' cannot do this: it has no capability 'pwm'
     """
 
-    def __init__(self, hal: str, capability: str = "") -> None:
-        super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'" if capability else hal)
+    def __init__(self, hal: str, capability: str) -> None:
+        super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'")
         self.hal = hal
         self.capability = capability
 

@@ -1,4 +1,4 @@
-"""One trial from its seed, on the running robot."""
+"""One trial from its seed: on the running robot in virtual time, or on the bare simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
+from txt1.hal.registry import create_sim
+from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
+from txt1.learning import bench
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.qtable import StoredTable
@@ -21,7 +24,7 @@ from txt1.learning.task import LearningTask, need_light, task_of
 from txt1.learning.trial import COMMANDS, Repetition, Trial, starts
 from txt1.record.session import recording
 from txt1.robot import Robot
-from txt1.sensors.light import STREAM
+from txt1.sensors.light import STREAM, eyes
 
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 """Streams of random numbers of a trial; the first is `txt1.learning.trial.starts`'s own."""
@@ -101,7 +104,7 @@ def recorded_plan(name: str, seed: int, number: int, repetitions: int) -> dict[s
 
 
 def on_robot(
-    learner: Agent | str,
+    name: str,
     config: Config,
     seed: int,
     number: int,
@@ -110,7 +113,6 @@ def on_robot(
     speed: Speed = "max",
     arm: bool = False,
     done: Callable[[Repetition], None] = lambda _: None,
-    commands: tuple[tuple[float, float], ...] = COMMANDS,
     keep_paths: Collection[int] = (),
     stopped: Callable[[], bool] = lambda: False,
     before: Outcome | None = None,
@@ -122,7 +124,7 @@ def on_robot(
     Where nobody is there to arm the robot again, a disarm ends it.
 
     Args:
-        learner: who learns, or its name.
+        name: the agent's.
         config: of everything.
         seed: with the trial's number, repeats every random value.
         number: of the trial, from 1.
@@ -130,7 +132,6 @@ def on_robot(
         speed: of its time, see `txt1.kernel.loop.run`.
         arm: whether to arm a robot that does not arm by itself.
         done: told each repetition as it ends.
-        commands: (v, omega) of each action, m/s and rad/s.
         keep_paths: numbers of the repetitions whose paths are to be kept.
         stopped: asked all the time; once it says yes the trial ends.
         before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
@@ -143,13 +144,13 @@ def on_robot(
         TaskFault: a task failed; the robot was stopped first.
 
     """
-    agent = make(learner, config, stream(seed, number, AGENT)) if isinstance(learner, str) else learner
-    trial = new_trial(agent, config, seed, number, repetitions, done, keep_paths, commands)
+    agent = make(name, config, stream(seed, number, AGENT))
+    trial = new_trial(agent, config, seed, number, repetitions, done, keep_paths)
     if before is not None:
         agent.recall(before.memory)
         trial.carry_on(before.repetitions, before.paths, before.voided)
 
-    own, told = robot_config(config, seed, number), recorded_plan(agent.name, seed, number, repetitions)
+    own, told = robot_config(config, seed, number), recorded_plan(name, seed, number, repetitions)
 
     async def conduct() -> None:
         async with (
@@ -188,8 +189,48 @@ async def _get_ready(robot: Robot, arm: bool) -> None:
     robot.arm()
     if not await robot.load_gains():
         raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
-    if robot.hal.capabilities.place:  # always at the same instant
+    if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
         await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
+
+
+def on_bench(
+    agent: Agent | str,
+    config: Config,
+    seed: int,
+    number: int,
+    repetitions: int,
+    *,
+    begin_ms: int = BEGIN_MS,
+    commands: tuple[tuple[float, float], ...] = COMMANDS,
+    keep_paths: Collection[int] = (),
+    stopped: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """The same trial on the bare simulation; see `txt1.learning.bench`.
+
+    Args:
+        agent: who learns, or its name.
+        config: of everything.
+        seed: with the trial's number, repeats every random value.
+        number: of the trial, from 1.
+        repetitions: how many.
+        begin_ms: when the learning begins, ms of simulated time.
+        commands: (v, omega) of each action, m/s and rad/s.
+        keep_paths: numbers of the repetitions whose paths are to be kept.
+        stopped: asked between repetitions.
+
+    """
+    if isinstance(agent, str):
+        agent = make(agent, config, stream(seed, number, AGENT))
+
+    def look(_: Repetition) -> None:
+        if stopped():
+            raise KeyboardInterrupt
+
+    trial = new_trial(agent, config, seed, number, repetitions, look, keep_paths, commands)
+    hal = create_sim(robot_config(config, seed, number))
+    assert isinstance(hal, SimHal)
+    bench.run_trial(trial, hal.vehicle, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
+    return outcome(trial, number, repetitions)
 
 
 def outcome(trial: Trial, number: int, repetitions: int) -> Outcome:

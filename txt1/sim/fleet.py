@@ -11,16 +11,19 @@ numba compiles it (extra `fast`). Without numba it is the same, slowly.
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from math import copysign, pi, sqrt, tan
+from runpy import run_path
+from types import FunctionType
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.compiled import source_module
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
 from txt1.sim.vehicle import SHORT_RAMP, Dynamics
+from txt1.sim.vehicle import move as move_vehicle
 
 Array = NDArray[np.float64]
 
@@ -52,6 +55,10 @@ def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: 
         from numba import njit
     except ImportError:
         return function
+    if not isinstance(function, FunctionType):  # mypyc has made C of it; numba wants its source, which lies beside it
+        file = import_module(function.__module__).__file__
+        assert file is not None
+        function = run_path(f"{file.partition('.')[0]}.py")[function.__name__]
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
 
@@ -154,9 +161,7 @@ def _drive(
 
 _drive_compiled = compiled(_drive, reorder=True)
 
-# numba compiles Python functions, and `txt1.sim.vehicle` may be an extension by now
-_vehicle = source_module("txt1.sim.vehicle")
-_move_one = compiled(_vehicle.move)
+_move_one = compiled(move_vehicle)
 
 
 def _move(

@@ -1,0 +1,107 @@
+"""A compiled wheel does what the sources do, to the last bit."""
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+from shutil import copytree, which
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+REPOSITORY = Path(__file__).parents[2]
+PARTS = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "config", "txt1")
+RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed", "7", "--drive", "0.5,0.5")
+LEARN = ("learn", "--agent", "thesis", "--trials", "2", "--episodes", "6", "--seed", "3")
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        which("cc") is None or not Path(sysconfig.get_path("include"), "Python.h").exists(),
+        reason="there is no C compiler (cc) or no Python.h",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that a compiled wheel is installed into; it is made from a copy, in which nothing is left over."""
+    copy, wheels, folder = (tmp_path_factory.mktemp(name) for name in ("copy", "wheels", "installed"))
+    for part in PARTS:
+        source = REPOSITORY / part
+        if source.is_dir():
+            copytree(source, copy / part, symlinks=True)
+        else:
+            (copy / part).write_bytes(source.read_bytes())
+    pip("wheel", "--no-build-isolation", "--wheel-dir", str(wheels), str(copy), environment={"COMPILE_TXT1": "1"})
+    (wheel,) = wheels.glob("*.whl")
+    pip("install", "--target", str(folder), str(wheel))
+    return folder
+
+
+def pip(*arguments: str, environment: dict[str, str] | None = None) -> None:
+    command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *arguments, "--no-deps"]
+    subprocess.run(command, env=os.environ | (environment or {}), check=True, timeout=600)
+
+
+def python(package: Path, *arguments: str) -> str:
+    """What Python prints with the txt1 package of a folder."""
+    environment = os.environ | {"PYTHONPATH": str(package)}
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=package, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_wheel_is_compiled_and_the_sources_are_not(installed: Path) -> None:
+    say = ("-c", "import txt1.kernel.scheduler as module; print(module.__file__)")
+    assert Path(python(installed, *say).strip()).suffix in (".so", ".pyd")
+    assert Path(python(REPOSITORY, *say).strip()).suffix == ".py"
+
+
+@pytest.mark.parametrize("hal", ["sim", "serial"])
+def test_a_run_and_its_recording_are_the_same(installed: Path, tmp_path: Path, hal: str) -> None:
+    def run(package: Path, file: Path) -> dict[str, Any]:
+        port = ("--port", "virtual") if hal == "serial" else ()
+        command = ("-m", "txt1", *RUN, "--hal", hal, *port, "--duration", "30", "--log", str(file))
+        result: dict[str, Any] = json.loads(python(package, *command))
+        return unmeasured(result)
+
+    compiled, interpreted = tmp_path / "compiled.mcap", tmp_path / "interpreted.mcap"
+    result = run(installed, compiled)
+    assert result == run(REPOSITORY, interpreted)
+    assert result["odometry"]["x"] != 0.0
+    assert content(compiled) == content(interpreted)
+
+
+def unmeasured(result: dict[str, Any]) -> dict[str, Any]:
+    """A run's JSON without what the wall clock measures, and without the recording's path."""
+    del result["wall_time_s"]
+    result.pop("recording", None)
+    for task in result["tasks"].values():
+        del task["run_time_s"]
+    return result
+
+
+def content(file: Path) -> tuple[list[Any], list[Any]]:
+    """All messages and metadata of a recording, but for when it was made."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        messages = [
+            (schema and (schema.name, schema.data), channel.topic, message.log_time, message.publish_time, message.data)
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        assert len(messages) > 1000
+        metadata = [(one.name, one.metadata | {"wall_start": ""}) for one in reader.iter_metadata()]
+    return messages, metadata
+
+
+def test_what_is_learned_is_the_same(installed: Path, tmp_path: Path) -> None:
+    for name, package in (("compiled", installed), ("interpreted", REPOSITORY)):
+        python(package, "-m", "txt1", *LEARN, "--out", str(tmp_path / name))
+    for file in ("learning.csv", "qtable.json"):
+        assert (tmp_path / "compiled" / file).read_bytes() == (tmp_path / "interpreted" / file).read_bytes()
