@@ -5,7 +5,7 @@
 Trials run through the same physics, loops and instants as `txt1 learn`, without the robot's tasks. Seed 77 served for
 tuning; the figures in docs/learning.md are seed 1's. With --permute, every trial's agent gets the three actions in a
 secret order of its own. The thesis's own table from 1000 random starts: --agent table_5_3 --trials 100 --episodes 10.
-With --where, `thesis` is watched, and the figures end with where its time after repetition 7 goes.
+With --where, `thesis` is watched, and the figures end with where its time after episode 7 goes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.qtable import TABLE_5_3
 from txt1.learning.thesis import Settings, ThesisAgent
-from txt1.learning.trial import COMMANDS, TICK, Repetition
+from txt1.learning.trial import COMMANDS, TICK, Episode
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry
@@ -40,8 +40,8 @@ ORDER = 9
 """The stream of random numbers that orders the actions."""
 
 
-def trial(number: int, agent: str, config: Config, seed: int, reps: int, permute: bool) -> list[Repetition]:
-    """The repetitions of one trial."""
+def trial(number: int, agent: str, config: Config, seed: int, episodes: int, permute: bool) -> list[Episode]:
+    """The episodes of one trial."""
     order = stream(seed, number, ORDER).permutation(len(COMMANDS)) if permute else np.arange(len(COMMANDS))
     commands = tuple(COMMANDS[k] for k in order)
     learner: Agent | str = agent
@@ -50,13 +50,13 @@ def trial(number: int, agent: str, config: Config, seed: int, reps: int, permute
             stream(seed, number, AGENT), COMMANDS, Settings(policy="greedy", training=0, learn_on=False)
         )
         learner.q = np.array(TABLE_5_3)
-    return on_bench(learner, config, seed, number, reps, commands=commands).repetitions
+    return on_bench(learner, config, seed, number, episodes, commands=commands).episodes
 
 
 # -- where the time goes -----------------------------------------------------------------------------------------
 
 SLOW = 15.0
-"""A repetition that takes longer is slow, s."""
+"""An episode that takes longer is slow, s."""
 BANDS = (0.75, 1.25, 2.5)
 """Distances from the light between which time is told apart, m."""
 CAUSES = ("right", "compression", "noise", "table", "exploration")
@@ -72,8 +72,8 @@ class Decision(NamedTuple):
     """A decision and what came of it.
 
     Attributes:
-        slow: whether its repetition was.
-        repetition: number, from 1.
+        slow: whether its episode was.
+        episode: number, from 1.
         state: true sector of the light.
         distance: from the light, m.
         cause: index of what it was.
@@ -83,7 +83,7 @@ class Decision(NamedTuple):
     """
 
     slow: bool
-    repetition: int
+    episode: int
     state: int
     distance: float
     cause: int
@@ -96,14 +96,14 @@ Noted = tuple[float, int | None, int, bool]
 
 
 class Watched(ThesisAgent):
-    """The thesis's learner, and the decisions of each repetition."""
+    """The thesis's learner, and the decisions of each episode."""
 
     def __init__(self, rng: np.random.Generator, settings: Settings) -> None:
         self.logs: list[list[Noted]] = []
         super().__init__(rng, COMMANDS, settings)
 
     def begin(self) -> None:
-        """Note a new repetition."""
+        """Note a new episode."""
         super().begin()
         self._log: list[Noted] = []
 
@@ -121,12 +121,12 @@ class Watched(ThesisAgent):
         self.logs.append(self._log)
 
 
-def watched(number: int, config: Config, seed: int, reps: int) -> tuple[list[Repetition], list[Decision]]:
-    """A trial's repetitions, and the decisions of those after the 7th."""
+def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
+    """A trial's episodes, and the decisions of those after the 7th."""
     agent = Watched(stream(seed, number, AGENT), thesis_settings(config))
-    outcome = on_bench(agent, config, seed, number, reps, keep_paths=range(1, reps + 1))
+    outcome = on_bench(agent, config, seed, number, episodes, keep_paths=range(1, episodes + 1))
     decisions = []
-    for one, log in zip(outcome.repetitions[LEARNED:], agent.logs[LEARNED:], strict=True):
+    for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):
         x, y = np.array(outcome.paths[one.number]).T - np.array(config.sim.room.light)[:, None]
         distance = np.hypot(x, y)
         ticks = [round((now - log[0][0]) / TICK) for now, *_ in log] + [len(x) - 1]
@@ -147,7 +147,7 @@ def watched(number: int, config: Config, seed: int, reps: int) -> tuple[list[Rep
                 Decision(one.time > SLOW, one.number, sector(bearing), float(distance[k]), CAUSES.index(cause),
                          (after - k) * TICK, float(distance[k] - distance[after]))
             )  # fmt: skip
-    return outcome.repetitions, decisions
+    return outcome.episodes, decisions
 
 
 def is_right(action: int, state: int) -> bool:
@@ -158,7 +158,7 @@ def is_right(action: int, state: int) -> bool:
 
 
 def where(decisions: Sequence[Decision]) -> dict[str, Any]:
-    """Of slow and of other repetitions: shares of their time by cause, distance and side; m/s gained meanwhile."""
+    """Of slow and of other episodes: shares of their time by cause, distance and side; m/s gained meanwhile."""
     table = np.array(decisions)
     found: dict[str, Any] = {}
     for name, some in (("slow", table[table[:, 0] == 1.0]), ("other", table[table[:, 0] == 0.0])):
@@ -168,7 +168,7 @@ def where(decisions: Sequence[Decision]) -> dict[str, Any]:
         for low, high in pairwise(edges):
             parts[f"distance: {low} to {high} m"] = (distance >= low) & (distance < high)
         for low, high in pairwise((8, 11, 16, 1000)):
-            parts[f"repetitions {low} to {high - 1}"] = (number >= low) & (number < high)
+            parts[f"episodes {low} to {high - 1}"] = (number >= low) & (number < high)
         for side, states in SIDES.items():
             there = np.isin(state, states)
             parts[f"light {side}"] = there
@@ -194,21 +194,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--permute", action="store_true")
-    parser.add_argument("--where", action="store_true", help="where the time of slow repetitions goes; thesis only")
+    parser.add_argument("--where", action="store_true", help="where the time of slow episodes goes; thesis only")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args(argv)
     config = load(None, arguments.set).config
-    work = partial(trial, agent=arguments.agent, config=config, seed=arguments.seed, reps=arguments.reps,
+    work = partial(trial, agent=arguments.agent, config=config, seed=arguments.seed, episodes=arguments.episodes,
                    permute=arguments.permute)  # fmt: skip
     numbers = range(arguments.first, arguments.first + arguments.trials)
-    if arguments.where and (arguments.agent != ThesisAgent.name or arguments.permute or arguments.reps <= LEARNED):
-        parser.error(f"--where goes with --agent thesis, more than {LEARNED} repetitions, and without --permute")
+    if arguments.where and (arguments.agent != ThesisAgent.name or arguments.permute or arguments.episodes <= LEARNED):
+        parser.error(f"--where goes with --agent thesis, more than {LEARNED} episodes, and without --permute")
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(arguments.jobs, get_context("spawn")) as pool:
         if arguments.where:
-            look = partial(watched, config=config, seed=arguments.seed, reps=arguments.reps)
+            look = partial(watched, config=config, seed=arguments.seed, episodes=arguments.episodes)
             both = list(pool.map(look, numbers, chunksize=4))
-            trials = [repetitions for repetitions, _ in both]
+            trials = [episodes for episodes, _ in both]
             found["where"] = where([one for _, decisions in both for one in decisions])
         else:
             trials = list(pool.map(work, numbers, chunksize=4))

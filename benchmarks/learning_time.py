@@ -1,4 +1,4 @@
-"""How long the thesis's whole experiment takes, 5 trials of 31 repetitions, through the real tasks on one processor."""
+"""How long the thesis's whole experiment takes, 5 trials of 31 episodes, through the real tasks on one processor."""
 
 from __future__ import annotations
 

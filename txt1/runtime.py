@@ -60,7 +60,7 @@ class Witness(Protocol):
     def light(self, lux: Readings) -> None:
         """The light sensors were read."""
 
-    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+    def learning_step(self, episode: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
         """A learner has decided; see `txt1.learning.task.Observer`."""
 
 

@@ -30,9 +30,9 @@ from txt1.learning.agents import make
 from txt1.learning.conduct import new_trial
 from txt1.learning.experiment import Plan
 from txt1.learning.qtable import TABLE_5_3, StoredTable
-from txt1.learning.running import REPETITIONS
+from txt1.learning.running import EPISODES
 from txt1.learning.task import LearningTask
-from txt1.learning.trial import Phase, Repetition
+from txt1.learning.trial import Episode, Phase
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
@@ -49,11 +49,11 @@ async def with_light(robot: Robot) -> LightSensors:
     return sensors
 
 
-async def task_on(robot: Robot, repetitions: int = 3, agent: str = "sweeps") -> LearningTask:
+async def task_on(robot: Robot, episodes: int = 3, agent: str = "sweeps") -> LearningTask:
     """A learning task at work."""
     if "light" not in robot.sensors:
         await with_light(robot)
-    trial = new_trial(make(agent, CONFIG, np.random.default_rng(1)), SMALL, 1, 1, repetitions)
+    trial = new_trial(make(agent, CONFIG, np.random.default_rng(1)), SMALL, 1, 1, episodes)
     task = LearningTask(robot, trial)
     task.start()
     return task
@@ -83,8 +83,8 @@ async def test_the_robot_finds_the_light_by_two_tasks_of_its_own_at_their_rates(
     cycles = {name: statistics.cycles for name, statistics in robot.runtime.statistics().items()}
     assert cycles["learning"] == pytest.approx(20 * took, abs=2)
     assert cycles["sensor light"] == pytest.approx(62.5 * took, abs=2)
-    assert [one.number for one in task.trial.repetitions] == [1, 2, 3]
-    assert all(one.success and one.time > one.optimal_time for one in task.trial.repetitions)
+    assert [one.number for one in task.trial.episodes] == [1, 2, 3]
+    assert all(one.success and one.time > one.optimal_time for one in task.trial.episodes)
     assert robot.pose is not None
     assert np.hypot(*robot.pose[:2]) < 0.5
 
@@ -106,21 +106,21 @@ async def test_the_thesiss_learner_decides_twice_a_second_and_commands_20_times(
     assert robot.runtime.state.received - received == pytest.approx(20 * (robot.now - began), abs=2)
 
 
-async def test_a_disarm_voids_the_repetition_and_after_the_arm_it_is_done_again(robot: Robot) -> None:
+async def test_a_disarm_voids_the_episode_and_after_the_arm_it_is_done_again(robot: Robot) -> None:
     task = await task_on(robot)
-    await until(lambda: len(task.trial.repetitions) == 1 and task.trial.phase is Phase.DRIVE)
+    await until(lambda: len(task.trial.episodes) == 1 and task.trial.phase is Phase.DRIVE)
     start = task.trial.start
     await asyncio.sleep(1.0)
     known = task.trial.agent.memory()
     robot.disarm("somebody was in the way")
     await asyncio.sleep(3.0)
     assert robot.odometry.v == 0.0
-    assert len(task.trial.repetitions) == 1
+    assert len(task.trial.episodes) == 1
     assert task.trial.start == start
-    assert task.trial.agent.memory()["count"] != known["count"], "what the broken repetition taught is forgotten"
+    assert task.trial.agent.memory()["count"] != known["count"], "what the broken episode taught is forgotten"
     robot.arm()
     await task.ended.wait()
-    assert [one.number for one in task.trial.repetitions] == [1, 2, 3]
+    assert [one.number for one in task.trial.episodes] == [1, 2, 3]
     assert task.trial.voided == 1
 
 
@@ -150,7 +150,7 @@ async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_di
         robot.arm()
         async with asyncio.timeout(300.0):
             await task.ended.wait()
-        assert [one.success for one in task.trial.repetitions] == [True, True]
+        assert [one.success for one in task.trial.episodes] == [True, True]
 
 
 async def test_odometry_serves_for_goal_and_boundary() -> None:
@@ -159,7 +159,7 @@ async def test_odometry_serves_for_goal_and_boundary() -> None:
         task = await task_on(robot)
         await task.ended.wait()
         assert robot.pose is not None
-        assert all(one.success for one in task.trial.repetitions)
+        assert all(one.success for one in task.trial.episodes)
         assert np.hypot(*robot.pose[:2]) == pytest.approx(0.48, abs=0.1)
 
 
@@ -170,7 +170,7 @@ async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
     task = LearningTask(robot, trial, asked)
     task.start()
     await task.ended.wait()
-    assert [one.time for one in task.trial.repetitions] == [0.0, 0.0], "it says that the robot is at the light already"
+    assert [one.time for one in task.trial.episodes] == [0.0, 0.0], "it says that the robot is at the light already"
 
 
 @pytest.mark.parametrize(
@@ -209,12 +209,12 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     with (out / "learning.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
-        "trial", "repetition", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s",
+        "trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s",
     ]  # fmt: skip
-    assert [(row["trial"], row["repetition"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
+    assert [(row["trial"], row["episode"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
     assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)
     metrics = json.loads((out / "metrics.json").read_text())
-    assert metrics["repetitions"] == 8
+    assert metrics["episodes"] == 8
     assert metrics["thesis_mean_time_s"] == 7.165
     mean = np.mean([float(row["time_s"]) for row in rows])
     assert metrics["last_10"]["mean_time_s"] == pytest.approx(mean, abs=1e-4)
@@ -232,13 +232,13 @@ def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_on
     whole, ended = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
     assert ended is None
 
-    def interrupt(trial: int, one: Repetition) -> None:
+    def interrupt(trial: int, one: Episode) -> None:
         if (trial, one.number) == (2, 2):
             os.kill(os.getpid(), number)
 
     broken, ended = experiment.conduct(plan, tmp_path / "broken", False, interrupt)
     assert ended is number
-    assert [len(one.repetitions) for one in broken] == [4, 2], "all that was learned is kept"
+    assert [len(one.episodes) for one in broken] == [4, 2], "all that was learned is kept"
     resumed, ended = experiment.conduct(plan, tmp_path / "broken", True, lambda *_: None)
     assert ended is None
     for path, outcomes in ((tmp_path / "whole", whole), (tmp_path / "broken", resumed)):
@@ -344,7 +344,7 @@ def test_run_shows_the_learning_among_the_tasks(capsys: pytest.CaptureFixture[st
     tasks = json.loads(capsys.readouterr().out)["tasks"]
     assert tasks["learning"]["cycles"] > 500
     assert tasks["sensor light"]["cycles"] > 1600
-    assert REPETITIONS > 30 / 2.5, "enough for anybody who watches"
+    assert EPISODES > 30 / 2.5, "enough for anybody who watches"
 
 
 def test_run_drives_by_a_stored_table(table_5_3: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -416,17 +416,17 @@ PROCESS = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[list[Repetition]]:
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[list[Episode]]:
     """What comes of it when nobody interrupts it."""
     outcomes, _ = experiment.conduct(PROCESS, tmp_path_factory.mktemp("whole"), False, lambda *_: None)
-    return [one.repetitions for one in outcomes]
+    return [one.episodes for one in outcomes]
 
 
-def resumed(out: Path) -> list[list[Repetition]]:
+def resumed(out: Path) -> list[list[Episode]]:
     """What comes of it when it is carried on."""
     outcomes, ended = experiment.conduct(PROCESS, out, True, lambda *_: None)
     assert ended is None
-    return [one.repetitions for one in outcomes]
+    return [one.episodes for one in outcomes]
 
 
 def wait_for(condition: Callable[[], object]) -> None:
@@ -437,7 +437,7 @@ def wait_for(condition: Callable[[], object]) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost(
-    number: signal.Signals, jobs: str, tmp_path: Path, uninterrupted: list[list[Repetition]]
+    number: signal.Signals, jobs: str, tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:
     out = tmp_path / "out"
     learner = process(out, "--jobs", jobs)
@@ -455,7 +455,7 @@ def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost
 
 
 def test_trials_that_were_completed_survive_the_death_of_the_program_and_its_processes_end_with_it(
-    tmp_path: Path, uninterrupted: list[list[Repetition]]
+    tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:
     out = tmp_path / "out"
     learner = process(out, "--jobs", "2")
@@ -499,7 +499,7 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
             super().__init__(*given)  # type: ignore[arg-type]
             began.append(self)
 
-    def fail(trial: int, one: Repetition) -> None:
+    def fail(trial: int, one: Episode) -> None:
         if len(began) == 1 and one.number == 2:
             began[0].faults = [Fault.NAN] * 4
 
@@ -510,11 +510,11 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     monkeypatch.setattr(Plan, "simulated", False)  # as on a real robot: what was done cannot be done again
     broken, ended = experiment.conduct(plan, tmp_path, False, fail)
     assert isinstance(ended, TaskFault)
-    assert [len(one.repetitions) for one in broken] == [2]
+    assert [len(one.episodes) for one in broken] == [2]
     resumed, ended = experiment.conduct(plan, tmp_path, True, lambda *_: None)
     assert ended is None
-    assert resumed[0].repetitions[:2] == broken[0].repetitions
-    assert len(resumed[0].repetitions) == 4
-    assert resumed[0].memory["repetition"] == 4
+    assert resumed[0].episodes[:2] == broken[0].episodes
+    assert len(resumed[0].episodes) == 4
+    assert resumed[0].memory["episode"] == 4
     assert resumed[0].paths[1] == broken[0].paths[1]
     assert resumed[0].voided == 1

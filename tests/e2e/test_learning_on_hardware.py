@@ -77,8 +77,8 @@ async def until(condition: Callable[[], bool], timeout: float = 200.0) -> None:
             await asyncio.sleep(0.05)
 
 
-def trial_of(agent: str, repetitions: int) -> Trial:
-    return new_trial(make(agent, CONFIG, np.random.default_rng(1)), CONFIG, 1, 1, repetitions)
+def trial_of(agent: str, episodes: int) -> Trial:
+    return new_trial(make(agent, CONFIG, np.random.default_rng(1)), CONFIG, 1, 1, episodes)
 
 
 def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
@@ -110,20 +110,20 @@ async def test_over_the_wire_it_drives_to_each_start_and_learns_from_there(agent
                     began.append(from_start(trial, where()))
             if phase is Phase.MOVE:
                 farthest = max(farthest, *map(abs, where()[:2]))
-        assert [one.number for one in trial.repetitions] == [1, 2, 3]
+        assert [one.number for one in trial.episodes] == [1, 2, 3]
         assert len(began) == 3
         assert max(distance for distance, _ in began) < 0.05
         assert max(turn for _, turn in began) < 5.0 * pi / 180.0
         if agent == "sweeps":
-            assert all(one.success for one in trial.repetitions)
+            assert all(one.success for one in trial.episodes)
             assert farthest < BOUNDARY
-        else:  # it begins outside, where its first repetitions end
+        else:  # it begins outside, where its first episodes end
             assert farthest < BOUNDARY + 0.5
         assert robot.faults["command_stale"] == robot.faults["missed_ticks"] == 0
     assert source.closed
 
 
-async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_is_done_again() -> None:
+async def test_over_the_wire_a_disarm_voids_the_episode_and_after_the_arm_it_is_done_again() -> None:
     async with Robot.open("serial", settings=SETTINGS, seed=1) as robot:
         assert await robot.load_gains()
         where = vehicle_of(robot)
@@ -131,7 +131,7 @@ async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_
         await robot.add_sensor("light", Ceiling(where))
         task = LearningTask(robot, trial, PoseSource("ceiling", where))
         task.start()
-        await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.REST)
+        await until(lambda: len(trial.episodes) == 1 and trial.phase is Phase.REST)
         known, start = trial.agent.memory()["q"], trial.start
         await until(lambda: trial.phase is Phase.DRIVE)
         await asyncio.sleep(3.0)
@@ -139,8 +139,8 @@ async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_
         robot.disarm("somebody was in the way")
         await asyncio.sleep(5.0)
         assert trial.phase is Phase.MOVE
-        assert trial.agent.memory()["q"] == known, "what the broken repetition taught is forgotten"
-        assert len(trial.repetitions) == 1
+        assert trial.agent.memory()["q"] == known, "what the broken episode taught is forgotten"
+        assert len(trial.episodes) == 1
         rests = where()
         await asyncio.sleep(5.0)
         assert where() == rests, "it waits for the arm"
@@ -150,7 +150,7 @@ async def test_over_the_wire_a_disarm_voids_the_repetition_and_after_the_arm_it_
         assert trial.start == start
         assert from_start(trial, where())[0] < 0.05
         await until(task.ended.is_set)
-        assert [one.number for one in trial.repetitions] == [1, 2]
+        assert [one.number for one in trial.episodes] == [1, 2]
         assert trial.voided == 1
 
 
@@ -171,7 +171,7 @@ async def test_a_pose_source_that_loses_the_robot_stops_it_and_it_carries_on_whe
             assert robot.odometry.v == 0.0
             seen = True
         await until(task.ended.is_set)
-        assert [one.success for one in trial.repetitions] == [True, True]
+        assert [one.success for one in trial.episodes] == [True, True]
         assert trial.voided == 1
 
 
@@ -205,9 +205,9 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
             assert await robot.load_gains()
             where = vehicle_of(robot)
             await robot.add_sensor("light", Ceiling(where))
-            task = running.start(robot, agent, PoseSource("ceiling", where), repetitions=2)
+            task = running.start(robot, agent, PoseSource("ceiling", where), episodes=2)
             await task.ended.wait()
-            assert [one.success for one in task.trial.repetitions] == [True, True]
+            assert [one.success for one in task.trial.episodes] == [True, True]
 
     txt1.run(learn(), speed="max")
     file = tmp_path / "qtable.json"
@@ -380,8 +380,8 @@ async def test_a_kit_that_is_unplugged_stops_the_robot_with_an_error_that_names_
             await robot.add_sensor("light", PhidgetLight())
             task = LearningTask(robot, trial)
             task.start()
-            await until(lambda: len(trial.repetitions) == 1 and trial.phase is Phase.DRIVE and robot.odometry.v > 0.2)
-            assert trial.repetitions[0].success
+            await until(lambda: len(trial.episodes) == 1 and trial.phase is Phase.DRIVE and robot.odometry.v > 0.2)
+            assert trial.episodes[0].success
             for one in kit[1:2]:
                 one.unplug()
             await until(task.ended.is_set, 3.0)

@@ -28,7 +28,7 @@ from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
 from txt1.learning.light import reward
 from txt1.learning.qtable import TABLE_5_3, StoredTable
-from txt1.learning.trial import Repetition
+from txt1.learning.trial import Episode
 from txt1.record.session import discard, recording
 from txt1.record.verify import verify
 from txt1.robot import Robot
@@ -77,8 +77,8 @@ def time_of(message: Any) -> float:
     return float(message.header.stamp.sec + message.header.stamp.nanosec / 1e9)
 
 
-def repetitions(steps: list[Any]) -> list[list[Any]]:
-    return [list(group) for _, group in groupby(steps, lambda step: step.repetition)]
+def episodes(steps: list[Any]) -> list[list[Any]]:
+    return [list(group) for _, group in groupby(steps, lambda step: step.episode)]
 
 
 # -- txt1 run ----------------------------------------------------------------------------------------------------
@@ -88,10 +88,10 @@ def test_every_sample_of_the_light_and_every_decision_are_recorded(tmp_path: Pat
     path = recorded(tmp_path / "run.mcap", "--learn", "thesis")
     times = [time_of(message) for message in messages(path, "/light")]
     steps = [later - earlier for earlier, later in pairwise(times)]
-    assert sum(abs(step - 0.016) < 1e-9 for step in steps) > 0.99 * len(steps), "between repetitions there are none"
+    assert sum(abs(step - 0.016) < 1e-9 for step in steps) > 0.99 * len(steps), "between episodes there are none"
     assert all(1.0 <= lux <= 1000.0 for message in messages(path, "/light") for lux in message.lux)
-    done = repetitions(messages(path, "/learning/step"))
-    assert [group[0].repetition for group in done] == list(range(1, len(done) + 1))
+    done = episodes(messages(path, "/learning/step"))
+    assert [group[0].episode for group in done] == list(range(1, len(done) + 1))
     for group in done[:-1]:
         assert [step.action == OVER for step in group] == [*([False] * (len(group) - 1)), True]
         assert all(time_of(later) - time_of(step) == pytest.approx(0.5) for step, later in pairwise(group))
@@ -99,7 +99,7 @@ def test_every_sample_of_the_light_and_every_decision_are_recorded(tmp_path: Pat
 
 def test_the_thesiss_table_can_be_followed_in_its_steps(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", "thesis", "--set", "learning.remedy=none")
-    done = repetitions(messages(path, "/learning/step"))
+    done = episodes(messages(path, "/learning/step"))
     table: dict[int, list[float]] = {}
     checked = 0
     for group in done:
@@ -126,10 +126,10 @@ def test_the_better_learners_steps_are_rows_of_its_table(tmp_path: Path) -> None
     assert {step.action for step in steps} == {OVER, 0, 1, 2}
     rows = make("sweeps", CONFIG, np.random.default_rng(1)).table().values.shape[0]
     assert all(0 <= step.state < rows and len(step.values) == 3 for step in steps)
-    chosen = [step for step in steps if step.repetition > 2 and step.action != OVER]
+    chosen = [step for step in steps if step.episode > 2 and step.action != OVER]
     best = sum(step.action == int(np.argmax(step.values)) for step in chosen)
     assert best > 0.85 * len(chosen), "between cells it weighs the neighbours, too"
-    assert all(isnan(group[0].reward) for group in repetitions(steps)), "nothing came of anything yet"
+    assert all(isnan(group[0].reward) for group in episodes(steps)), "nothing came of anything yet"
 
 
 def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None
     beside, _ = experiment.conduct(
         plan._replace(log=tmp_path / "log.mcap"), tmp_path / "beside", False, lambda *_: None
     )
-    assert alone[0].repetitions == beside[0].repetitions
+    assert alone[0].episodes == beside[0].episodes
     assert (alone[0].table.values == beside[0].table.values).all()
 
 
@@ -183,7 +183,7 @@ def test_each_trial_is_recorded_to_a_file_of_its_own_and_repeats(tmp_path: Path)
     for one, other in zip(trials(tmp_path / "1"), trials(tmp_path / "2"), strict=True):
         assert stream(one) == stream(other)
         assert verify(one).difference is None
-        assert [group[-1].action for group in repetitions(messages(one, "/learning/step"))] == [OVER] * 3
+        assert [group[-1].action for group in episodes(messages(one, "/learning/step"))] == [OVER] * 3
 
 
 def test_a_single_trial_is_recorded_to_the_file_that_was_named(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_a_single_trial_is_recorded_to_the_file_that_was_named(tmp_path: Path) -
 def test_what_is_resumed_leaves_the_recordings_of_an_uninterrupted_run(tmp_path: Path) -> None:
     plan = Plan("sweeps", 2, 3, 3, load(overrides=["record.rotate_time=8"]).config)
 
-    def interrupt(trial: int, one: Repetition) -> None:
+    def interrupt(trial: int, one: Episode) -> None:
         if (trial, one.number) == (2, 2):
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -221,13 +221,13 @@ def length(path: Path) -> int:
 def test_a_trial_that_carries_on_is_recorded_to_a_file_of_its_own(tmp_path: Path) -> None:
     plan = Plan("sweeps", 2, 3, 3, load(overrides=["hal=serial"]).config, log=tmp_path / "run.mcap")
     first, second = trials(tmp_path)
-    first.write_bytes(b"of the repetitions before")
+    first.write_bytes(b"of the episodes before")
     again = tmp_path / "run-trial-0001-again-1.mcap"
     assert experiment.recordings(plan, [1, 2], {1}, True) == {1: again, 2: second}
     again.write_bytes(b"of some more")
     assert experiment.recordings(plan, [1], {1}, True) == {1: tmp_path / "run-trial-0001-again-2.mcap"}
     assert first.exists() and again.exists()
-    second.write_bytes(b"of a run that failed before its first repetition had ended")
+    second.write_bytes(b"of a run that failed before its first episode had ended")
     assert experiment.recordings(plan, [2], set(), True) == {2: tmp_path / "run-trial-0002-again-1.mcap"}
     assert second.exists()
 

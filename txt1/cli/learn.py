@@ -18,7 +18,7 @@ from txt1.kernel.processors import processors
 from txt1.learning import agents, experiment, plots
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
-from txt1.learning.trial import Repetition
+from txt1.learning.trial import Episode
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,16 +58,16 @@ def main(arguments: argparse.Namespace) -> int:
 
     console = Console(stderr=True)
     with _progress(console) as progress:
-        bar = progress.add_task("", total=plan.trials * plan.repetitions, now="the robot gets ready")
+        bar = progress.add_task("", total=plan.trials * plan.episodes, now="the robot gets ready")
 
-        def watch(trial: int, one: Repetition) -> None:
+        def watch(trial: int, one: Episode) -> None:
             how = "reached the light" if one.success else "lost it"
             progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
 
         outcomes, ended = experiment.conduct(plan, arguments.out, arguments.resume, watch)
     if outcomes:
         _tell(experiment.write(plan, arguments.out, outcomes))
-        if any(one.repetitions for one in outcomes):
+        if any(one.episodes for one in outcomes):
             try:
                 plots.draw(arguments.out, outcomes, experiment.best(outcomes), task_of(config))
             except MissingExtra as error:
@@ -89,9 +89,9 @@ def _progress(console: Console) -> Progress:
 
 def _tell(metrics: dict[str, Any]) -> None:
     """Print the figures in a few lines."""
-    for key, what in (("after_repetition_7", "after episode 7"), ("last_10", "last 10 episodes")):
+    for key, what in (("after_episode_7", "after episode 7"), ("last_10", "last 10 episodes")):
         one = metrics.get(key, {})
-        if one.get("repetitions"):
+        if one.get("episodes"):
             print(
                 f"{what:<20} mean {one['mean_time_s']:.2f} s, median {one['median_time_s']:.2f} s, success "
                 f"{one['success']:.2%}; optimum {one['optimal_mean_time_s']:.2f} s, "
@@ -99,5 +99,5 @@ def _tell(metrics: dict[str, Any]) -> None:
             )
     if "thesis_mean_time_s" in metrics:
         print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
-    if "ratio_at_repetition" in metrics:
-        print(f"{'ratio at episode':<20} {json.dumps(metrics['ratio_at_repetition'])}")
+    if "ratio_at_episode" in metrics:
+        print(f"{'ratio at episode':<20} {json.dumps(metrics['ratio_at_episode'])}")

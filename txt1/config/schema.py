@@ -176,7 +176,7 @@ class LearningConfig(Section):
     """The learning task (thesis 5), and the thesis's learner."""
 
     start_radius: Positive = 1.25
-    """Distance from the light at which a repetition begins, m."""
+    """Distance from the light at which an episode begins, m."""
     goal_radius: Positive = 0.5
     """Distance at which it has succeeded, m."""
     boundary: Positive = 8.0
@@ -196,13 +196,13 @@ class LearningConfig(Section):
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
     """Its learning rate."""
     rate: Literal["constant", "fading", "per_state"] = "constant"
-    """How its learning rate goes on: over repetitions, or by visits of each state."""
+    """How its learning rate goes on: over episodes, or by visits of each state."""
     gamma: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
     """Its discount factor."""
     temperature: Positive = 5.0
-    """Its temperature in the first repetition."""
+    """Its temperature in the first episode."""
     temperature_decay: Annotated[float, Field(gt=0.0, le=1.0)] = 0.65
-    """Factor on it from one repetition to the next."""
+    """Factor on it from one episode to the next."""
     temperature_floor: Positive = 0.05
     """The lowest."""
     filtered: bool = True
@@ -210,7 +210,7 @@ class LearningConfig(Section):
     direction: Literal["summed", "corrected"] = "summed"
     """How it makes a direction of them: the thesis's sum (5.3), or the same without its compression."""
     training: Annotated[int, Field(ge=0)] | None = None
-    """Repetitions after which it chooses greedily; null: never."""
+    """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning then."""
 

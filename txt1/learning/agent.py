@@ -10,7 +10,7 @@ from txt1.model.odometry import Odometry
 
 
 class Decision(NamedTuple):
-    """What a learner knew when it last decided, or when the repetition ended.
+    """What a learner knew when it last decided, or when the episode ended.
 
     Attributes:
         state: row of its table; None where the sensors tell no direction.
@@ -27,7 +27,7 @@ class Decision(NamedTuple):
 class Agent(Protocol):
     """A learner. It knows no clock, no vehicle and no asyncio: a trial (`txt1.learning.trial`) tells it everything.
 
-    In one repetition: `begin`, then `see` with every sample of the light, and, as soon as it is `ready` and 20 times a
+    In one episode: `begin`, then `see` with every sample of the light, and, as soon as it is `ready` and 20 times a
     second from then on, `waits` and, when it does not, `act`. At last `end`, or `void` when it does not count.
     """
 
@@ -36,7 +36,7 @@ class Agent(Protocol):
         """The name it is asked for by."""
 
     def begin(self) -> None:
-        """A repetition begins: the robot rests on its start pose, and what was sensed before is past."""
+        """An episode begins: the robot rests on its start pose, and what was sensed before is past."""
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the four light sensors, lux, once every 16 ms.
@@ -57,13 +57,13 @@ class Agent(Protocol):
         """The index of the next action, after learning from what came of the last one."""
 
     def end(self, success: bool, odometry: Odometry) -> None:
-        """The repetition is over: the robot has reached the light, or left the boundary."""
+        """The episode is over: the robot has reached the light, or left the boundary."""
 
     def decision(self, odometry: Odometry) -> Decision:
         """What the last `act` or `end` rested on, for who looks on."""
 
     def void(self) -> None:
-        """The repetition does not count: forget what was learned in it."""
+        """The episode does not count: forget what was learned in it."""
 
     def table(self) -> StoredTable:
         """What has been learned, as it goes into a file."""

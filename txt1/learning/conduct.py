@@ -21,7 +21,7 @@ from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import LearningTask, need_light, task_of
-from txt1.learning.trial import COMMANDS, Repetition, Trial, starts
+from txt1.learning.trial import COMMANDS, Episode, Trial, starts
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.sensors.light import STREAM, eyes
@@ -42,17 +42,17 @@ class Outcome:
 
     Attributes:
         trial: its number, from 1.
-        repetitions: those that were completed.
+        episodes: those that were completed.
         complete: whether that is all of them.
         table: what was learned.
         memory: with which the agent can carry on.
-        paths: by the repetition's number, (x, y) in m 20 times a second.
-        voided: repetitions that were broken off by a disarm and done again.
+        paths: by the episode's number, (x, y) in m 20 times a second.
+        voided: episodes that were broken off by a disarm and done again.
 
     """
 
     trial: int
-    repetitions: list[Repetition]
+    episodes: list[Episode]
     complete: bool
     table: StoredTable
     memory: dict[str, Any]
@@ -89,18 +89,18 @@ def new_trial(
     config: Config,
     seed: int,
     number: int,
-    repetitions: int,
-    done: Callable[[Repetition], None] = lambda _: None,
+    episodes: int,
+    done: Callable[[Episode], None] = lambda _: None,
     keep_paths: Collection[int] = (),
     commands: tuple[tuple[float, float], ...] = COMMANDS,
 ) -> Trial:
     """A trial that has not begun."""
-    return Trial(agent, task_of(config), starts(seed, number, repetitions), commands, done, keep_paths)
+    return Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, keep_paths)
 
 
-def recorded_plan(name: str, seed: int, number: int, repetitions: int) -> dict[str, object]:
+def recorded_plan(name: str, seed: int, number: int, episodes: int) -> dict[str, object]:
     """What the recording of a trial says that it is."""
-    return {"learn": name, "seed": seed, "trial": number, "repetitions": repetitions}
+    return {"learn": name, "seed": seed, "trial": number, "episodes": episodes}
 
 
 def on_robot(
@@ -108,11 +108,11 @@ def on_robot(
     config: Config,
     seed: int,
     number: int,
-    repetitions: int,
+    episodes: int,
     *,
     speed: Speed = "max",
     arm: bool = False,
-    done: Callable[[Repetition], None] = lambda _: None,
+    done: Callable[[Episode], None] = lambda _: None,
     keep_paths: Collection[int] = (),
     stopped: Callable[[], bool] = lambda: False,
     before: Outcome | None = None,
@@ -128,14 +128,14 @@ def on_robot(
         config: of everything.
         seed: with the trial's number, repeats every random value.
         number: of the trial, from 1.
-        repetitions: how many.
+        episodes: how many.
         speed: of its time, see `txt1.kernel.loop.run`.
         arm: whether to arm a robot that does not arm by itself.
-        done: told each repetition as it ends.
-        keep_paths: numbers of the repetitions whose paths are to be kept.
+        done: told each episode as it ends.
+        keep_paths: numbers of the episodes whose paths are to be kept.
         stopped: asked all the time; once it says yes the trial ends.
         before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
-        keep: given what has come of it when it ends; with an error, too, if a repetition was completed.
+        keep: given what has come of it when it ends; with an error, too, if an episode was completed.
         log: the file to record it to.
 
     Raises:
@@ -145,12 +145,12 @@ def on_robot(
 
     """
     agent = make(name, config, stream(seed, number, AGENT))
-    trial = new_trial(agent, config, seed, number, repetitions, done, keep_paths)
+    trial = new_trial(agent, config, seed, number, episodes, done, keep_paths)
     if before is not None:
         agent.recall(before.memory)
-        trial.carry_on(before.repetitions, before.paths, before.voided)
+        trial.carry_on(before.episodes, before.paths, before.voided)
 
-    own, told = robot_config(config, seed, number), recorded_plan(name, seed, number, repetitions)
+    own, told = robot_config(config, seed, number), recorded_plan(name, seed, number, episodes)
 
     async def conduct() -> None:
         async with (
@@ -166,17 +166,17 @@ def on_robot(
             learning.start()
             await learning.ended.wait()
             robot.command(0.0, 0.0)
-            if len(trial.repetitions) < repetitions and not stopped():
+            if len(trial.episodes) < episodes and not stopped():
                 raise NotArmed(robot.reason)
 
     try:
         run(conduct(), speed=speed)
     except Txt1Error:
         trial.void()
-        if trial.repetitions:
-            keep(outcome(trial, number, repetitions))
+        if trial.episodes:
+            keep(outcome(trial, number, episodes))
         raise
-    came = outcome(trial, number, repetitions)
+    came = outcome(trial, number, episodes)
     keep(came)
     return came
 
@@ -198,7 +198,7 @@ def on_bench(
     config: Config,
     seed: int,
     number: int,
-    repetitions: int,
+    episodes: int,
     *,
     begin_ms: int = BEGIN_MS,
     commands: tuple[tuple[float, float], ...] = COMMANDS,
@@ -212,30 +212,30 @@ def on_bench(
         config: of everything.
         seed: with the trial's number, repeats every random value.
         number: of the trial, from 1.
-        repetitions: how many.
+        episodes: how many.
         begin_ms: when the learning begins, ms of simulated time.
         commands: (v, omega) of each action, m/s and rad/s.
-        keep_paths: numbers of the repetitions whose paths are to be kept.
-        stopped: asked between repetitions.
+        keep_paths: numbers of the episodes whose paths are to be kept.
+        stopped: asked between episodes.
 
     """
     if isinstance(agent, str):
         agent = make(agent, config, stream(seed, number, AGENT))
 
-    def look(_: Repetition) -> None:
+    def look(_: Episode) -> None:
         if stopped():
             raise KeyboardInterrupt
 
-    trial = new_trial(agent, config, seed, number, repetitions, look, keep_paths, commands)
+    trial = new_trial(agent, config, seed, number, episodes, look, keep_paths, commands)
     hal = create_sim(robot_config(config, seed, number))
     assert isinstance(hal, SimHal)
     bench.run_trial(trial, hal.vehicle, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
-    return outcome(trial, number, repetitions)
+    return outcome(trial, number, episodes)
 
 
-def outcome(trial: Trial, number: int, repetitions: int) -> Outcome:
+def outcome(trial: Trial, number: int, episodes: int) -> Outcome:
     """What came of a trial."""
-    done = trial.repetitions
-    complete = len(done) == repetitions
+    done = trial.episodes
+    complete = len(done) == episodes
     agent = trial.agent
     return Outcome(number, done, complete, agent.table(), agent.memory(), trial.paths, trial.voided)

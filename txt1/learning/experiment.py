@@ -2,10 +2,10 @@
 
 A directory holds
 
-    experiment.json      what is done: agent, seed, repetitions, settings
-    trials/0001.json     each trial: its repetitions, its table, the paths of some of them
-    qtable.json          the table of the best trial: most successes, then least time over its last 10 repetitions
-    learning.csv         a line for each repetition
+    experiment.json      what is done: agent, seed, episodes, settings
+    trials/0001.json     each trial: its episodes, its table, the paths of some of them
+    qtable.json          the table of the best trial: most successes, then least time over its last 10 episodes
+    learning.csv         a line for each episode
     metrics.json         what it all amounts to
     *.png                pictures, where matplotlib is installed
 
@@ -39,12 +39,12 @@ from txt1.learning.conduct import Outcome, on_robot, recorded_plan, robot_config
 from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import SIMULATED
-from txt1.learning.trial import Repetition, Start
+from txt1.learning.trial import Episode, Start
 from txt1.record.session import discard, need
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
-COLUMNS: Final = ("trial", "repetition", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
 SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 POLL: Final = 0.1
 """s of real time between two looks at what the processes have to tell."""
@@ -56,7 +56,7 @@ class Plan(NamedTuple):
     Attributes:
         agent: name of the learner.
         trials: how many, each from scratch.
-        repetitions: of each trial.
+        episodes: of each trial.
         seed: repeats every random value.
         config: of everything else.
         speed: of the robot's time.
@@ -68,7 +68,7 @@ class Plan(NamedTuple):
 
     agent: str
     trials: int
-    repetitions: int
+    episodes: int
     seed: int
     config: Config
     speed: Speed = "max"
@@ -83,17 +83,17 @@ class Plan(NamedTuple):
         return self.config.hal == "sim" and (light is None or light.driver == SIMULATED)
 
     def keep_paths(self) -> set[int]:
-        """Numbers of the repetitions whose paths are kept: the first, the thesis's 10th, the last."""
-        return {1, min(10, self.repetitions), self.repetitions}
+        """Numbers of the episodes whose paths are kept: the first, the thesis's 10th, the last."""
+        return {1, min(10, self.episodes), self.episodes}
 
     def identity(self) -> dict[str, Any]:
         """What must be the same for one run to carry on where another ended; the number of trials may grow."""
         config = self.config.model_dump(mode="json", exclude={"seed"})
-        return {"agent": self.agent, "repetitions": self.repetitions, "seed": self.seed, "config": config}
+        return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
-Watch = Callable[[int, Repetition], None]
-"""Told each repetition as it ends, with the number of its trial."""
+Watch = Callable[[int, Episode], None]
+"""Told each episode as it ends, with the number of its trial."""
 
 Ended = signal.Signals | Txt1Error | None
 """Why there are no more trials: a signal or an error ended them, or, None, all are complete."""
@@ -112,8 +112,8 @@ def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Out
     done = prepare(plan, out, resume)
     outcomes = {one.trial: one for one in done if one.complete}
     for outcome in outcomes.values():
-        for repetition in outcome.repetitions:
-            watch(outcome.trial, repetition)
+        for episode in outcome.episodes:
+            watch(outcome.trial, episode)
     missing = [number for number in range(1, plan.trials + 1) if number not in outcomes]
     begun = {} if plan.simulated else {one.trial: one for one in done if not one.complete}
     logs = recordings(plan, missing, begun, resume)
@@ -180,7 +180,7 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
             file = next(each for each in again if not each.exists())
         elif file.exists():
             own = robot_config(plan.config, plan.seed, number)
-            told = recorded_plan(plan.agent, plan.seed, number, plan.repetitions)
+            told = recorded_plan(plan.agent, plan.seed, number, plan.episodes)
             if not (resume and discard(file, own, told)):
                 raise ConfigError(f"--log: there is a file {file} already; choose another name")
         files[number] = file
@@ -201,11 +201,11 @@ def _one_by_one(
         if came:
             return
         before = begun.get(number)
-        for repetition in before.repetitions if before else []:
-            watch(number, repetition)
+        for episode in before.episodes if before else []:
+            watch(number, episode)
         on_robot(
-            plan.agent, plan.config, plan.seed, number, plan.repetitions, speed=plan.speed, arm=plan.arm,
-            done=lambda repetition, number=number: watch(number, repetition),  # type: ignore[misc]
+            plan.agent, plan.config, plan.seed, number, plan.episodes, speed=plan.speed, arm=plan.arm,
+            done=lambda episode, number=number: watch(number, episode),  # type: ignore[misc]
             keep_paths=plan.keep_paths(), stopped=lambda: bool(came), before=before, keep=save, log=logs.get(number),
         )  # fmt: skip
 
@@ -233,8 +233,8 @@ def _work(plan: Plan, number: int, log: Path | None, out: Path) -> Outcome | Non
     if _stop.is_set():
         return None
     return on_robot(
-        plan.agent, plan.config, plan.seed, number, plan.repetitions, keep_paths=plan.keep_paths(),
-        done=lambda repetition: _news.put((number, repetition)), stopped=_stop.is_set,
+        plan.agent, plan.config, plan.seed, number, plan.episodes, keep_paths=plan.keep_paths(),
+        done=lambda episode: _news.put((number, episode)), stopped=_stop.is_set,
         keep=lambda outcome: save_outcome(out, outcome), log=log,
     )  # fmt: skip
 
@@ -348,7 +348,7 @@ def save_outcome(out: Path, outcome: Outcome) -> None:
         "trial": outcome.trial,
         "complete": outcome.complete,
         "voided": outcome.voided,
-        "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in outcome.repetitions],
+        "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in outcome.episodes],
         "paths": {str(number): path for number, path in outcome.paths.items()},
         "memory": outcome.memory,
     }
@@ -369,8 +369,8 @@ def load_outcome(path: Path) -> Outcome:
         raise QTableError(str(path), error.problem, again) from error
     about = dict(stored.about)
     try:
-        repetitions = [
-            Repetition(k, Start(bearing, heading), time, success, best)
+        episodes = [
+            Episode(k, Start(bearing, heading), time, success, best)
             for k, (bearing, heading, time, success, best) in enumerate(about.pop("learned"), 1)
         ]
         paths = {int(number): [(x, y) for x, y in path] for number, path in about.pop("paths").items()}
@@ -378,14 +378,14 @@ def load_outcome(path: Path) -> Outcome:
         memory = about.pop("memory")
     except (KeyError, TypeError, ValueError) as error:
         raise QTableError(str(path), f"is no trial: {error}", again) from error
-    return Outcome(trial, repetitions, complete, StoredTable(stored.values, about), memory, paths, voided)
+    return Outcome(trial, episodes, complete, StoredTable(stored.values, about), memory, paths, voided)
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
-    """The trial that ended best: most successes, then least time over its last 10 repetitions."""
+    """The trial that ended best: most successes, then least time over its last 10 episodes."""
 
     def merit(one: Outcome) -> tuple[int, float]:
-        last = one.repetitions[-LAST:]
+        last = one.episodes[-LAST:]
         return sum(each.success for each in last), -sum(each.time for each in last) / max(1, len(last))
 
     return max(outcomes, key=merit)
@@ -404,7 +404,7 @@ def write(plan: Plan, out: Path, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for outcome in outcomes:
-            for one in outcome.repetitions:
+            for one in outcome.episodes:
                 row = (outcome.trial, one.number, *(round(x, 9) for x in (*one.start, one.time)), int(one.success))
                 writer.writerow((*row, round(one.optimal_time, 9)))
     part.replace(out / "learning.csv")
@@ -413,7 +413,7 @@ def write(plan: Plan, out: Path, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "seed": plan.seed,
         "hal": plan.config.hal,
         "voided": sum(one.voided for one in outcomes),
-        **summary([one.repetitions for one in outcomes]),
+        **summary([one.episodes for one in outcomes]),
     }
     part = out / "metrics.json.part"
     part.write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the repetitions of many trials amount to, beside the optimum and the thesis's figure."""
+"""What the episodes of many trials amount to, beside the optimum and the thesis's figure."""
 
 from __future__ import annotations
 
@@ -8,55 +8,55 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.learning.trial import Repetition
+from txt1.learning.trial import Episode
 
 THESIS_MEAN: Final = 7.165
-"""Mean time to the light after the first seven repetitions that the thesis reports, s (5.4)."""
+"""Mean time to the light after the first seven episodes that the thesis reports, s (5.4)."""
 LEARNED: Final = 7
-"""Repetitions after which the thesis takes its mean."""
+"""Episodes after which the thesis takes its mean."""
 LAST: Final = 10
-"""Repetitions at the end that are looked at by themselves."""
+"""Episodes at the end that are looked at by themselves."""
 MILESTONES: Final = (1, 2, 4, 8, 16, 31)
-"""Repetitions whose ratio to the optimum is reported."""
+"""Episodes whose ratio to the optimum is reported."""
 
 
-def summary(trials: Sequence[Sequence[Repetition]]) -> dict[str, Any]:
+def summary(trials: Sequence[Sequence[Episode]]) -> dict[str, Any]:
     """Times in s, success as shares, and ratios to the optimum; JSON values. Trials may be of different length."""
     every = [one for trial in trials for one in trial]
     if not every:
-        return {"trials": len(trials), "repetitions": 0}
+        return {"trials": len(trials), "episodes": 0}
     length = max(len(trial) for trial in trials)
-    # the mean of a repetition over the trials that got so far, against the same starts' optimum
+    # the mean of an episode over the trials that got so far, against the same starts' optimum
     curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
     learned = [one for trial in trials for one in trial[LEARNED:]]
     last = [one for trial in trials for one in trial[-LAST:]]
     return {
         "trials": len(trials),
-        "repetitions": len(every),
+        "episodes": len(every),
         "thesis_mean_time_s": THESIS_MEAN,
-        "after_repetition_7": _figures(learned, [trial[LEARNED:] for trial in trials]),
+        "after_episode_7": _figures(learned, [trial[LEARNED:] for trial in trials]),
         "last_10": _figures(last, [trial[-LAST:] for trial in trials]),
-        "ratio_at_repetition": {str(k): _ratio(curve[k - 1]) for k in MILESTONES if k <= length},
-        "robot_seconds_until_repetition": {
+        "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in MILESTONES if k <= length},
+        "robot_seconds_until_episode": {
             str(k): _round(sum(np.mean([one.time for one in row]) for row in curve[:k]))
             for k in MILESTONES
             if k <= length
         },
-        "success_at_repetition": [_round(np.mean([one.success for one in row])) for row in curve],
-        "mean_time_at_repetition_s": [_round(np.mean([one.time for one in row])) for row in curve],
+        "success_at_episode": [_round(np.mean([one.success for one in row])) for row in curve],
+        "mean_time_at_episode_s": [_round(np.mean([one.time for one in row])) for row in curve],
         "robot_seconds_in_all": _round(sum(one.time for one in every)),
     }
 
 
-def _figures(some: Sequence[Repetition], by_trial: Sequence[Sequence[Repetition]]) -> dict[str, Any]:
-    """Times, success and regret of some repetitions."""
+def _figures(some: Sequence[Episode], by_trial: Sequence[Sequence[Episode]]) -> dict[str, Any]:
+    """Times, success and regret of some episodes."""
     if not some:
-        return {"repetitions": 0}
+        return {"episodes": 0}
     time, best = _times(some), np.array([one.optimal_time for one in some])
     means = np.array([_times(trial).mean() for trial in by_trial if trial])
     won = np.array([one.success for one in some])
     return {
-        "repetitions": len(some),
+        "episodes": len(some),
         "failures": int((~won).sum()),
         "success": float(won.mean()),
         "mean_time_s": _round(time.mean()),
@@ -73,11 +73,11 @@ def _figures(some: Sequence[Repetition], by_trial: Sequence[Sequence[Repetition]
     }
 
 
-def _times(some: Sequence[Repetition]) -> NDArray[np.float64]:
+def _times(some: Sequence[Episode]) -> NDArray[np.float64]:
     return np.array([one.time for one in some])
 
 
-def _ratio(some: Sequence[Repetition]) -> float:
+def _ratio(some: Sequence[Episode]) -> float:
     return _round(_times(some).sum() / sum(one.optimal_time for one in some))
 
 

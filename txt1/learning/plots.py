@@ -68,14 +68,14 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
 
 
 def _curve(figure: Any, outcomes: Sequence[Outcome], ticker: Any, line_collection: Any) -> None:
-    """Time of each repetition: every trial, their mean and median, the optimum (figure 5.10)."""
+    """Time of each episode: every trial, their mean and median, the optimum (figure 5.10)."""
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.775)
-    length = max((len(one.repetitions) for one in outcomes), default=0)
-    begun = [one.repetitions for one in outcomes if one.repetitions]  # a trial may be ended in its first one
-    lines = [[(repetition.number, repetition.time) for repetition in repetitions] for repetitions in begun]
+    length = max((len(one.episodes) for one in outcomes), default=0)
+    begun = [one.episodes for one in outcomes if one.episodes]  # a trial may be ended in its first one
+    lines = [[(episode.number, episode.time) for episode in episodes] for episodes in begun]
     alpha = max(0.05, min(0.6, 4.0 / len(outcomes)))
     axes.add_collection(line_collection(lines, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
-    rows = [[one.repetitions[k] for one in outcomes if len(one.repetitions) > k] for k in range(length)]
+    rows = [[one.episodes[k] for one in outcomes if len(one.episodes) > k] for k in range(length)]
     numbers = range(1, length + 1)
     axes.plot(numbers, [np.mean([one.time for one in row]) for row in rows], color=RED, lw=2.5, label="mean")
     axes.plot(
@@ -86,7 +86,7 @@ def _curve(figure: Any, outcomes: Sequence[Outcome], ticker: Any, line_collectio
     )
     agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
     title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
-    axes.set(xlabel="repetition", ylabel="time, s", yscale="log", title=title, xlim=(0.5, length + 0.5))
+    axes.set(xlabel="episode", ylabel="time, s", yscale="log", title=title, xlim=(0.5, length + 0.5))
     axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 3.0, 5.0, 7.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(ticker.NullLocator())
@@ -105,9 +105,9 @@ def _paths(figure: Any, chosen: Outcome, task: Task) -> None:
         x, y = np.array(chosen.paths[number]).T
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
-        title = f"trial {chosen.trial}, repetition {number}"
-        if len(chosen.repetitions) >= number:  # else it was broken off
-            one = chosen.repetitions[number - 1]
+        title = f"trial {chosen.trial}, episode {number}"
+        if len(chosen.episodes) >= number:  # else it was broken off
+            one = chosen.episodes[number - 1]
             tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
             axes.annotate("", tip, (x[0], y[0]), arrowprops={"arrowstyle": "->"})
             title += f": {'reached' if one.success else 'lost'} after {one.time:.1f} s"

@@ -90,18 +90,18 @@ def _check(values: list[float]) -> None:
 # -- schedules ---------------------------------------------------------------------------------------------------
 
 
-def temperature(repetition: int, start: float = 5.0, decay: float = 0.65, floor: float = 0.05) -> float:
-    """Temperature T = C alpha^k of repetition k, from 0, but at least the floor (5.4): reached at k = 11."""
-    return max(floor, start * decay**repetition)
+def temperature(episode: int, start: float = 5.0, decay: float = 0.65, floor: float = 0.05) -> float:
+    """Temperature T = C alpha^k of episode k, from 0, but at least the floor (5.4): reached at k = 11."""
+    return max(floor, start * decay**episode)
 
 
-def learning_rate(repetition: int, start: float = 0.3, decay: float = 1.0, floor: float = 0.0) -> float:
-    """Learning rate alpha of repetition k, from 0: start decay^k, but at least the floor.
+def learning_rate(episode: int, start: float = 0.3, decay: float = 1.0, floor: float = 0.0) -> float:
+    """Learning rate alpha of episode k, from 0: start decay^k, but at least the floor.
 
     The default is the thesis's constant 0.3; start = 1 with a decay below 1 is its outlook, full weight for what is new
     at first and less and less later (5.2.1).
     """
-    return max(floor, start * decay**repetition)
+    return max(floor, start * decay**episode)
 
 
 def state_learning_rate(visits: int, start: float = 1.0, half: float = 10.0, floor: float = 0.0) -> float:

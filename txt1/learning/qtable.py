@@ -5,7 +5,7 @@ The file, qtable.json, is text:
     format      "txt1 Q-table"
     version     1
     values      one list for each state, one number in it for each action
-    about       whatever the agent wants to remember with it: its name, seed, repetitions
+    about       whatever the agent wants to remember with it: its name, seed, episodes
     sha256      checksum of all the above
 
 so that a table that was cut off, altered or written by something else is refused instead of driven by.
@@ -45,7 +45,7 @@ TABLE_5_3: Final = (
     (-0.5585, -0.0546, 1.1205),
     (-0.3775, 0.0077, 0.8443),
 )
-"""What the thesis's robot had learned after 30 repetitions (table 5.3); rows by state, columns by action."""
+"""What the thesis's robot had learned after 30 episodes (table 5.3); rows by state, columns by action."""
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1

@@ -10,11 +10,11 @@ from txt1.learning.agent import Agent
 from txt1.learning.agents import from_table, make
 from txt1.learning.conduct import AGENT, new_trial, stream
 from txt1.learning.task import LearningTask
-from txt1.learning.trial import Repetition
+from txt1.learning.trial import Episode
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
 
-REPETITIONS: Final = 10_000
+EPISODES: Final = 10_000
 """More than anybody will watch."""
 
 FROM_WALL: Final = 0.5
@@ -35,14 +35,14 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
     return None if learn is None else make(learn, config, rng)
 
 
-def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, repetitions: int = REPETITIONS) -> LearningTask:
+def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES) -> LearningTask:
     """The learning task, at work beside the robot's others.
 
     Args:
         robot: its gains loaded, with light sensors (see `txt1.learning.task.need_light`).
         agent: who learns or drives.
         pose: where the robot is; None: as configured.
-        repetitions: how many.
+        episodes: how many.
 
     """
     config = robot.config
@@ -51,11 +51,11 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, repetition
         boundary = min(config.learning.boundary, 0.5 * min(room.length, room.width) - FROM_WALL)
         config = config.model_copy(update={"learning": config.learning.model_copy(update={"boundary": boundary})})
 
-    def tell(one: Repetition) -> None:
+    def tell(one: Episode) -> None:
         how = "reached the light" if one.success else "lost the light"
-        robot.tell(f"repetition {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
+        robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
-    trial = new_trial(agent, config, config.seed, 1, repetitions, tell)
+    trial = new_trial(agent, config, config.seed, 1, episodes, tell)
     task = LearningTask(robot, trial, pose, observer=robot.runtime.witness)
     task.start()
     return task

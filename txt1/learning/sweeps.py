@@ -115,7 +115,7 @@ class SweepsAgent:
         self.settings = settings
         self.q: Array = np.zeros((BEARINGS, YAW_RATES, ACTIONS))
         self.model = TurnModel()
-        self.repetition = 0
+        self.episode = 0
         self._rng = rng
         self._untried = [int(a) for a in rng.permutation(ACTIONS)]
         self._fitted = 0
@@ -138,7 +138,7 @@ class SweepsAgent:
     # -- what it senses ----------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """A repetition begins."""
+        """An episode begins."""
         self._watch.clear()
         self._east = self._north = 0.0
         self._a = -1
@@ -170,7 +170,7 @@ class SweepsAgent:
         """Where the light is, rad."""
         return wrap_angle(atan2(self._north, self._east) - odometry.theta)
 
-    # -- one repetition ----------------------------------------------------------------------------------------
+    # -- one episode ----------------------------------------------------------------------------------------
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
@@ -206,10 +206,10 @@ class SweepsAgent:
         return best_action(self.q, self.bearing(odometry), self._w)
 
     def end(self, success: bool, odometry: Odometry) -> None:
-        """The repetition is over."""
+        """The episode is over."""
         del success
         self._learned = self._learn(odometry)
-        self.repetition += 1
+        self.episode += 1
 
     def decision(self, odometry: Odometry) -> Decision:
         """The nearest cell of bearing and yaw rate, the progress towards the light, and the cell's values."""
@@ -258,7 +258,7 @@ class SweepsAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
-        about = {"agent": self.name, "repetitions": self.repetition, "bearings": BEARINGS, "yaw_rates": YAW_RATES,
+        about = {"agent": self.name, "episodes": self.episode, "bearings": BEARINGS, "yaw_rates": YAW_RATES,
                  "yaw_max": YAW_MAX, "actions": [f"action {a}" for a in range(ACTIONS)],
                  "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
         return StoredTable(self.q.reshape(-1, ACTIONS).copy(), about)
@@ -270,7 +270,7 @@ class SweepsAgent:
             "sums": self.model.sums.tolist(),
             "count": self.model.count.tolist(),
             "untried": list(self._untried),
-            "repetition": self.repetition,
+            "episode": self.episode,
             "rng": self._rng.bit_generator.state,
         }
 
@@ -280,7 +280,7 @@ class SweepsAgent:
         self.model.sums = np.array(memory["sums"], float)
         self.model.count = np.array(memory["count"], int)
         self._untried = list(memory["untried"])
-        self.repetition = int(memory["repetition"])
+        self.episode = int(memory["episode"])
         self._rng.bit_generator.state = memory["rng"]
         self._cells = ()
         self._fitted = 0

@@ -34,13 +34,13 @@ class Observer(Protocol):
     def light(self, lux: Readings) -> None:
         """The light sensors were read."""
 
-    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
-        """The learner has decided, or a repetition is over.
+    def learning_step(self, episode: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+        """The learner has decided, or an episode is over.
 
         Args:
-            repetition: its number, from 1.
+            episode: its number, from 1.
             state: the row of the learner's table that it is in; -1: in none.
-            action: the one that it takes; -1: the repetition is over.
+            action: the one that it takes; -1: the episode is over.
             reward: for what came of the action before; NaN when nothing was learned from it.
             values: of the actions in this state, after learning.
 
@@ -50,7 +50,7 @@ class Observer(Protocol):
 class LearningTask:
     """A trial, conducted on a robot.
 
-    A disarm voids the repetition; after the arm the robot goes to the start once more and repeats it.
+    A disarm voids the episode; after the arm the robot goes to the start once more and repeats it.
 
     Args:
         robot: armed or not, its gains loaded.
@@ -75,7 +75,7 @@ class LearningTask:
         if observer is not None:
             trial.decided = self._tell
         self.ended = asyncio.Event()
-        """Set when the last repetition is over, or somebody stopped the trial; from then on it commands nothing."""
+        """Set when the last episode is over, or somebody stopped the trial; from then on it commands nothing."""
         self._robot = robot
         self._light = robot.sensors[robot.config.learning.sensor]
         self._given = pose
@@ -86,7 +86,7 @@ class LearningTask:
         self._drive: asyncio.Task[Arrival] | None = None
 
     def start(self) -> None:
-        """Listen to the light sensors while a repetition is on, and add the task to the robot's."""
+        """Listen to the light sensors while an episode is on, and add the task to the robot's."""
         trial = self.trial
         light = self._light
         light.needed = lambda: trial.phase is REST or trial.phase is DRIVE
@@ -131,7 +131,7 @@ class LearningTask:
                 if trial.phase is DONE:
                     self.ended.set()
                 elif trial.phase is not before:
-                    robot.tell(f"repetition {len(trial.repetitions) + 1} {trial.phase.value}")
+                    robot.tell(f"episode {len(trial.episodes) + 1} {trial.phase.value}")
         finally:
             self._let_go()
 
@@ -141,7 +141,7 @@ class LearningTask:
         trial = self.trial
         state, reward, values = trial.agent.decision(self._robot.odometry)
         self._observer.learning_step(
-            len(trial.repetitions) + 1,
+            len(trial.episodes) + 1,
             -1 if state is None else state,
             action,
             nan if reward is None else reward,

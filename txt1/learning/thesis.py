@@ -44,15 +44,15 @@ class Settings(NamedTuple):
         policy: how to choose (5.2.1).
         alpha: learning rate (5.4); at the start, where it fades.
         gamma: discount factor (5.4).
-        rate: "constant" as in the thesis; "fading" over repetitions, or "per_state" by visits, as in its outlook.
-        rate_decay: of a fading rate, per repetition.
-        temperature: T at the first repetition (5.4).
-        decay: of T, per repetition (5.4).
+        rate: "constant" as in the thesis; "fading" over episodes, or "per_state" by visits, as in its outlook.
+        rate_decay: of a fading rate, per episode.
+        temperature: T at the first episode (5.4).
+        decay: of T, per episode (5.4).
         floor: lowest T (O).
         filtered: whether the readings pass the filter (5.10).
         direction: "summed" as in (5.3), or "corrected" for the compression of that sum, see `txt1.learning.light`.
         exponent: of the light's fall, for the watch over the sensors.
-        training: repetitions after which it stops to explore and to learn; None: never.
+        training: episodes after which it stops to explore and to learn; None: never.
         learn_on: go on learning after the training.
 
     """
@@ -96,7 +96,7 @@ class ThesisAgent:
     ) -> None:
         self.settings = settings
         self.q: Table = initial(rng)
-        self.repetition = 0
+        self.episode = 0
         self.visits = np.zeros(STATES, int)
         self._rng = rng
         self._commands = commands
@@ -109,7 +109,7 @@ class ThesisAgent:
     # -- what it senses ----------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """A repetition begins."""
+        """An episode begins."""
         self._filter.clear()
         self._s: int | None = None
         self._earned: float | None = None
@@ -143,7 +143,7 @@ class ThesisAgent:
         """The action the robot is seen to carry out (figure 5.7)."""
         return 0 if odometry.omega < -SENSED else 2 if odometry.omega > SENSED else 1
 
-    # -- one repetition ----------------------------------------------------------------------------------------
+    # -- one episode ----------------------------------------------------------------------------------------
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
@@ -182,7 +182,7 @@ class ThesisAgent:
         one = self.settings
         if one.rate == "per_state":
             return state_learning_rate(int(self.visits[s]))
-        return learning_rate(self.repetition, one.alpha, 1.0 if one.rate == "constant" else one.rate_decay)
+        return learning_rate(self.episode, one.alpha, 1.0 if one.rate == "constant" else one.rate_decay)
 
     def _choose(self, s: int | None) -> int:
         one = self.settings
@@ -190,21 +190,19 @@ class ThesisAgent:
             return random_action(len(self.q[0]), self._rng)
         if one.policy == "greedy" or not self.training:
             return greedy_action(self.q[s], self._rng)
-        return boltzmann_action(
-            self.q[s], temperature(self.repetition, one.temperature, one.decay, one.floor), self._rng
-        )
+        return boltzmann_action(self.q[s], temperature(self.episode, one.temperature, one.decay, one.floor), self._rng)
 
     @property
     def training(self) -> bool:
         """Whether it still explores."""
-        return self.settings.training is None or self.repetition < self.settings.training
+        return self.settings.training is None or self.episode < self.settings.training
 
     def end(self, success: bool, odometry: Odometry) -> None:
-        """The repetition is over; leaving the boundary teaches nothing (O)."""
+        """The episode is over; leaving the boundary teaches nothing (O)."""
         s_next = self.state()
         self._earned = self._learn(s_next, odometry) if success else None
         self._s = s_next
-        self.repetition += 1
+        self.episode += 1
 
     def decision(self, odometry: Odometry) -> Decision:
         """Sector, reward, and the sector's row of the table."""
@@ -220,16 +218,14 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
-        return StoredTable(
-            self.q.copy(), {"agent": self.name, "repetitions": self.repetition, "actions": list(ACTIONS)}
-        )
+        return StoredTable(self.q.copy(), {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS)})
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         return {
             "q": self.q.tolist(),
             "visits": self.visits.tolist(),
-            "repetition": self.repetition,
+            "episode": self.episode,
             "rng": self._rng.bit_generator.state,
         }
 
@@ -237,5 +233,5 @@ class ThesisAgent:
         """Carry on from what `memory` gave."""
         self.q = np.array(memory["q"], float)
         self.visits = np.array(memory["visits"], int)
-        self.repetition = int(memory["repetition"])
+        self.episode = int(memory["episode"])
         self._rng.bit_generator.state = memory["rng"]

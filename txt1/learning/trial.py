@@ -1,4 +1,4 @@
-"""One trial: repetitions of the task by one agent, from random starts, told the time 20 times a second (thesis 5.3).
+"""One trial: episodes of the task by one agent, from random starts, told the time 20 times a second (thesis 5.3).
 
 It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot, `txt1.learning.bench`
 on the bare simulation, and both get the same result.
@@ -31,7 +31,7 @@ COMMANDS: tuple[tuple[float, float], ...] = ((SPEED, -TURN), (SPEED, 0.0), (SPEE
 
 
 OVER: Final = -1
-"""In place of an action, when a repetition has ended."""
+"""In place of an action, when an episode has ended."""
 
 
 class Task(NamedTuple):
@@ -39,7 +39,7 @@ class Task(NamedTuple):
 
     Attributes:
         light: where it is in the room, x and y in m.
-        start_radius: distance from the light at which a repetition begins, m (5.4).
+        start_radius: distance from the light at which an episode begins, m (5.4).
         goal_radius: ... and at which it has succeeded, m (5.4).
         boundary: it has failed outside the square of +-this around the room's centre, m.
         time_limit: ... or when it has taken so long, s; not in the thesis: nobody waits for ever.
@@ -56,7 +56,7 @@ class Task(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Where a repetition begins: bearing of the robot from the light, and its heading, rad."""
+    """Where an episode begins: bearing of the robot from the light, and its heading, rad."""
 
     bearing: float
     heading: float
@@ -72,8 +72,8 @@ class Start(NamedTuple):
         return float(optimal_time(x - task.light[0], y - task.light[1], theta, goal_radius=task.goal_radius))
 
 
-class Repetition(NamedTuple):
-    """How a repetition went: one line of learning.csv.
+class Episode(NamedTuple):
+    """How an episode went: one line of learning.csv.
 
     Attributes:
         number: from 1.
@@ -97,7 +97,7 @@ class Phase(StrEnum):
     MOVE = "moves to the next start"
     REST = "rests on the start"
     DRIVE = "looks for the light"
-    DONE = "has done all repetitions"
+    DONE = "has done all episodes"
 
 
 MOVE: Final = Phase.MOVE  # an attribute of an Enum is not found quickly, and these are asked for 80 times a second
@@ -107,13 +107,13 @@ DONE: Final = Phase.DONE
 
 
 def starts(seed: int, trial: int, count: int) -> list[Start]:
-    """The starts of a trial's repetitions: the same for every agent."""
+    """The starts of a trial's episodes: the same for every agent."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, trial, 1]))
     return [Start(*map(float, pair)) for pair in rng.uniform(-pi, pi, (count, 2))]
 
 
 class Trial:
-    """Repetitions by one agent.
+    """Episodes by one agent.
 
     Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows the agent every
     sample of the light, and calls `tick` 20 times a second.
@@ -121,10 +121,10 @@ class Trial:
     Args:
         agent: the learner.
         task: what it is to learn.
-        starts: one for each repetition.
+        starts: one for each episode.
         commands: (v, omega) of each action, m/s and rad/s.
-        done: told each repetition as it ends.
-        keep_paths: numbers of the repetitions whose paths are to be kept.
+        done: told each episode as it ends.
+        keep_paths: numbers of the episodes whose paths are to be kept.
 
     """
 
@@ -134,12 +134,12 @@ class Trial:
         task: Task,
         starts: list[Start],
         commands: tuple[tuple[float, float], ...] = COMMANDS,
-        done: Callable[[Repetition], None] = lambda _: None,
+        done: Callable[[Episode], None] = lambda _: None,
         keep_paths: Collection[int] = (),
     ) -> None:
         self.agent = agent
         self.task = task
-        self.repetitions: list[Repetition] = []
+        self.episodes: list[Episode] = []
         self.paths: dict[int, list[tuple[float, float]]] = {}
         self.voided = 0
         self._starts = starts
@@ -147,24 +147,22 @@ class Trial:
         self._done = done
         self._keep_paths = keep_paths
         self.decided: Callable[[int], None] = lambda action: None
-        """Told the index of every action as it is decided, and OVER when a repetition has ended."""
+        """Told the index of every action as it is decided, and OVER when an episode has ended."""
         self._began = 0.0
         self._action = 0
         self.phase: Phase = MOVE if starts else DONE
 
-    def carry_on(
-        self, earlier: Sequence[Repetition], paths: Mapping[int, list[tuple[float, float]]], voided: int
-    ) -> None:
-        """Count repetitions that were done before, and keep their paths."""
-        self.repetitions.extend(earlier)
+    def carry_on(self, earlier: Sequence[Episode], paths: Mapping[int, list[tuple[float, float]]], voided: int) -> None:
+        """Count episodes that were done before, and keep their paths."""
+        self.episodes.extend(earlier)
         self.paths.update({number: path for number, path in paths.items() if number <= len(earlier)})
         self.voided += voided
-        self.phase = MOVE if len(self.repetitions) < len(self._starts) else DONE
+        self.phase = MOVE if len(self.episodes) < len(self._starts) else DONE
 
     @property
     def start(self) -> Pose:
-        """The pose at which the next repetition begins."""
-        return self._starts[len(self.repetitions)].pose(self.task)
+        """The pose at which the next episode begins."""
+        return self._starts[len(self.episodes)].pose(self.task)
 
     def placed(self, now: float) -> None:
         """The robot stands on its start pose since `now`."""
@@ -177,7 +175,7 @@ class Trial:
 
         Args:
             now: s.
-            armed: whether the safety gate is open; when it closes, the repetition is void and will be repeated.
+            armed: whether the safety gate is open; when it closes, the episode is void and will be repeated.
             pose: of the robot in the room, m and rad.
             odometry: what the encoders say.
 
@@ -192,7 +190,7 @@ class Trial:
                 return 0.0, 0.0
             self.phase = DRIVE
             self._began = now
-        number = len(self.repetitions) + 1
+        number = len(self.episodes) + 1
         if number in self._keep_paths:
             self.paths.setdefault(number, []).append((pose[0], pose[1]))
         if not self.agent.waits(now, odometry):
@@ -205,11 +203,11 @@ class Trial:
         return self._commands[self._action]
 
     def void(self) -> None:
-        """Do the present repetition again, as if it had never begun."""
+        """Do the present episode again, as if it had never begun."""
         if self.phase is REST or self.phase is DRIVE:
             self.agent.void()
             self.voided += 1
-            self.paths.pop(len(self.repetitions) + 1, None)
+            self.paths.pop(len(self.episodes) + 1, None)
             self.phase = MOVE
 
     def _ended(self, now: float, pose: Pose) -> bool | None:
@@ -225,9 +223,9 @@ class Trial:
     def _end(self, now: float, success: bool, odometry: Odometry) -> None:
         self.agent.end(success, odometry)
         self.decided(OVER)
-        number = len(self.repetitions) + 1
+        number = len(self.episodes) + 1
         start = self._starts[number - 1]
-        repetition = Repetition(number, start, now - self._began, success, start.optimal_time(self.task))
-        self.repetitions.append(repetition)
+        episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task))
+        self.episodes.append(episode)
         self.phase = MOVE if number < len(self._starts) else DONE
-        self._done(repetition)
+        self._done(episode)

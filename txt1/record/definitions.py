@@ -62,7 +62,7 @@ DEFINITIONS: Final = {
     "txt1_msgs/LinkBytes": "std_msgs/Header header\nstring direction\nuint8[] data",
     "txt1_msgs/Light": "std_msgs/Header header\nfloat64[4] lux",
     "txt1_msgs/LearningStep": (
-        "std_msgs/Header header\nint32 repetition\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values"
+        "std_msgs/Header header\nint32 episode\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values"
     ),
     "txt1_msgs/Ticks": "std_msgs/Header header\nuint8[] task\nfloat64[] time\nuint32[] missed",
 }

@@ -500,7 +500,7 @@ def _light(lux: Readings) -> bytes:
 @lru_cache(256)
 def _learning_filler(actions: int) -> Callable[..., bytes]:
     layout = Layout("txt1_msgs/LearningStep", {"values": [0.0] * actions})
-    return layout.filler("repetition", "state", "action", "reward", *_elements("values", actions))
+    return layout.filler("episode", "state", "action", "reward", *_elements("values", actions))
 
 
 def _learning(step: tuple[int, int, int, float, tuple[float, ...]]) -> bytes:

@@ -347,9 +347,9 @@ class Recorder:
         """The light sensors were read."""
         self._extra(self._runtime.now, topics.LIGHT, lux)
 
-    def learning_step(self, repetition: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
+    def learning_step(self, episode: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
         """A learner has decided."""
-        self._extra(self._runtime.now, topics.LEARNING, (repetition, state, action, reward, values))
+        self._extra(self._runtime.now, topics.LEARNING, (episode, state, action, reward, values))
 
     # -- in the writer's thread --------------------------------------------------------------------------------
 

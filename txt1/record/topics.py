@@ -60,7 +60,7 @@ TOPICS: Final = tuple(
         (LINK, "txt1_msgs/LinkBytes", "the bytes on the line to the board, with their direction"),
         (INPUT, "txt1_msgs/Input", "everything given to the tasks from outside, exact: what a replay needs"),
         (LIGHT, "txt1_msgs/Light", "the four light sensors"),
-        (LEARNING, "txt1_msgs/LearningStep", "each decision of the learner, and the end of each repetition: action -1"),
+        (LEARNING, "txt1_msgs/LearningStep", "each decision of the learner, and the end of each episode: action -1"),
         (SNAPSHOT, "std_msgs/String", "all of the state as one line of JSON, once a second: what the screens show"),
         (
             TICKS,

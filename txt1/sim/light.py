@@ -92,7 +92,7 @@ def noise_for_jitter(
     """Standard deviation sigma of a reading's noise, as a share of it, for a direction that jitters so much.
 
     The thesis saw the unfiltered direction oscillate by +-45 degrees (5.5.2). Here that is an interval which holds
-    `share` of the samples when the robot faces the light at the distance where repetitions begin.
+    `share` of the samples when the robot faces the light at the distance where episodes begin.
 
     By symmetry both front sensors then see the light F and both rear ones B. With readings I_i = (1 + sigma z_i) times
     these, z_i standard normal, the summed components X = a (FL + FR - RL - RR) and Y = b (FL + RL - FR - RR), where

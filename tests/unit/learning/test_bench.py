@@ -24,10 +24,10 @@ def test_a_trial_is_the_same_on_the_robots_tasks_and_on_the_bare_simulation(agen
     assert bare.complete
     assert paths(robot) == paths(bare), "20 true positions a second, without any tolerance"
     assert len(paths(robot)) > 400
-    assert robot.repetitions == bare.repetitions
+    assert robot.episodes == bare.episodes
     assert robot.table.values.tolist() == bare.table.values.tolist()
 
 
 def test_a_trial_repeats_from_its_seed_and_another_seed_is_another_trial() -> None:
     one, same, other = (on_bench("sweeps", CONFIG, seed, 1, 2) for seed in (5, 5, 6))
-    assert one.repetitions == same.repetitions != other.repetitions
+    assert one.episodes == same.episodes != other.episodes

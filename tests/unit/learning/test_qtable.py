@@ -80,16 +80,14 @@ def test_table_5_3_turns_to_where_the_light_is() -> None:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "qtable.json"
-    save(
-        path, StoredTable(np.array(TABLE_5_3), {"agent": "thesis", "seed": 1, "repetitions": 31, "grüße": [1.5, None]})
-    )
+    save(path, StoredTable(np.array(TABLE_5_3), {"agent": "thesis", "seed": 1, "episodes": 31, "grüße": [1.5, None]}))
     return path
 
 
 def test_what_was_saved_is_loaded_to_the_last_bit(tmp_path: Path, file: Path) -> None:
     stored = load(file, 8, 3)
     assert np.array_equal(stored.values, np.array(TABLE_5_3))
-    assert stored.about == {"agent": "thesis", "seed": 1, "repetitions": 31, "grüße": [1.5, None]}
+    assert stored.about == {"agent": "thesis", "seed": 1, "episodes": 31, "grüße": [1.5, None]}
     values = np.random.default_rng(1).normal(size=(24, 5)) * 10.0 ** np.arange(-2, 3)
     save(tmp_path / "other.json", StoredTable(values))
     assert np.array_equal(load(tmp_path / "other.json").values, values)

@@ -11,13 +11,13 @@ CONFIG = load().config
 
 
 def test_who_is_watched_does_what_he_does_unwatched_and_all_of_his_time_is_accounted_for() -> None:
-    repetitions, decisions = watched(1, CONFIG, 1, 12)
-    assert repetitions == trial(1, "thesis", CONFIG, 1, 12, permute=False)
+    episodes, decisions = watched(1, CONFIG, 1, 12)
+    assert episodes == trial(1, "thesis", CONFIG, 1, 12, permute=False)
     found = where(decisions)
-    for name, some in (("slow", [one for one in repetitions[7:] if one.time > SLOW]),
-                       ("other", [one for one in repetitions[7:] if one.time <= SLOW])):  # fmt: skip
+    for name, some in (("slow", [one for one in episodes[7:] if one.time > SLOW]),
+                       ("other", [one for one in episodes[7:] if one.time <= SLOW])):  # fmt: skip
         assert found[name]["robot_seconds"] == pytest.approx(sum(one.time for one in some))
-        for parts in ("cause: ", "distance: ", "repetitions "):
+        for parts in ("cause: ", "distance: ", "episodes "):
             shares = [part["share_of_time"] for key, part in found[name].items() if key.startswith(parts)]
             assert sum(shares) == pytest.approx(1.0, abs=0.005)
 

@@ -77,7 +77,7 @@ def test_its_direction_is_neither_compressed_nor_late_in_a_turn(bearing: float) 
     assert abs(error) < radians(3.0)
 
 
-def test_a_void_repetition_leaves_no_trace() -> None:
+def test_a_void_episode_leaves_no_trace() -> None:
     one = taught()
     one.begin()
     before = one.memory()
@@ -89,13 +89,12 @@ def test_a_void_repetition_leaves_no_trace() -> None:
     assert {**one.memory(), "rng": 0} == {**before, "rng": 0}
 
 
-def test_it_is_near_the_optimum_after_seven_repetitions_in_any_order_of_the_actions() -> None:
+def test_it_is_near_the_optimum_after_seven_episodes_in_any_order_of_the_actions() -> None:
     """A few trials of seed 77, which tuning used; benchmarks/learning_study.py has the figures of held-back seeds."""
     trials = [
-        on_bench("sweeps", CONFIG, 77, number, 12, commands=ORDERS[number % len(ORDERS)]).repetitions
-        for number in TRIALS
+        on_bench("sweeps", CONFIG, 77, number, 12, commands=ORDERS[number % len(ORDERS)]).episodes for number in TRIALS
     ]
     figures = summary(trials)
-    assert figures["after_repetition_7"]["success"] == 1.0
-    assert figures["after_repetition_7"]["ratio_to_optimum"] < 1.15
-    assert figures["ratio_at_repetition"]["1"] > 1.3, "it did not know it all before"
+    assert figures["after_episode_7"]["success"] == 1.0
+    assert figures["after_episode_7"]["ratio_to_optimum"] < 1.15
+    assert figures["ratio_at_episode"]["1"] > 1.3, "it did not know it all before"

@@ -134,10 +134,10 @@ def test_reaching_the_light_teaches_and_leaving_the_boundary_does_not() -> None:
         show(one, AHEAD)
         one.end(success, LEFT)
         assert np.array_equal(one.q, before) is not success
-        assert one.repetition == 1
+        assert one.episode == 1
 
 
-def test_a_void_repetition_leaves_no_trace_in_the_table() -> None:
+def test_a_void_episode_leaves_no_trace_in_the_table() -> None:
     one = agent()
     one.begin()
     before = one.q.copy()
@@ -147,16 +147,16 @@ def test_a_void_repetition_leaves_no_trace_in_the_table() -> None:
     assert not np.array_equal(one.q, before)
     one.void()
     assert np.array_equal(one.q, before)
-    assert one.repetition == 0
+    assert one.episode == 0
 
 
 def test_exploration_ends_with_the_temperature_and_learning_may_end_with_the_training() -> None:
     one = agent()
     one.q[:] = (0.0, 0.5, 0.0)
     show(one, AHEAD)
-    one.repetition = 11  # T = 0.05
+    one.episode = 11  # T = 0.05
     assert {one._choose(4) for _ in range(200)} == {1}
-    one.repetition = 0
+    one.episode = 0
     assert {one._choose(4) for _ in range(200)} == {0, 1, 2}
     trained = agent(training=0, learn_on=False)
     before = trained.q.copy()
@@ -202,6 +202,6 @@ def test_the_thesiss_own_table_always_reaches_the_light() -> None:
     for number in range(1, 6):
         driver = agent(policy="greedy", training=0, learn_on=False)
         driver.q = np.array(TABLE_5_3)
-        repetitions = on_bench(driver, config, 1, number, 10).repetitions
-        assert all(one.success for one in repetitions)
-        assert np.mean([one.time for one in repetitions]) < 12.0
+        episodes = on_bench(driver, config, 1, number, 10).episodes
+        assert all(one.success for one in episodes)
+        assert np.mean([one.time for one in episodes]) < 12.0

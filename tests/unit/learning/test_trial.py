@@ -1,4 +1,4 @@
-"""A trial's repetitions: where they begin, when they end, what makes them void."""
+"""A trial's episodes: where they begin, when they end, what makes them void."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def agent() -> Recorder:
     return Recorder()
 
 
-def begun(agent: Recorder, task: Task | None = None, repetitions: int = 2) -> Trial:
-    trial = Trial(agent, task or Task(), starts(1, 1, repetitions))
+def begun(agent: Recorder, task: Task | None = None, episodes: int = 2) -> Trial:
+    trial = Trial(agent, task or Task(), starts(1, 1, episodes))
     trial.placed(10.0)
     assert trial.tick(10.5, True, trial.start, STILL) == COMMANDS[1]
     assert trial.phase is Phase.DRIVE
@@ -106,7 +106,7 @@ def test_reaching_the_light_counts_at_the_next_decision(agent: Recorder) -> None
     trial = begun(agent)
     assert trial.tick(10.75, True, (0.4, 0.0, 0.0), STILL) == COMMANDS[1]
     assert trial.tick(11.0, True, (0.5, 0.0, 0.0), STILL) == (0.0, 0.0)
-    [one] = trial.repetitions
+    [one] = trial.episodes
     assert one.success
     assert one.number == 1
     assert one.time == pytest.approx(0.5)
@@ -118,7 +118,7 @@ def test_reaching_the_light_counts_at_the_next_decision(agent: Recorder) -> None
 def test_outside_the_boundary_it_has_failed(agent: Recorder, pose: tuple[float, float, float]) -> None:
     trial = begun(agent)
     trial.tick(11.0, True, pose, STILL)
-    assert not trial.repetitions[0].success
+    assert not trial.episodes[0].success
     assert agent.told[-1] == "failure"
 
 
@@ -126,24 +126,24 @@ def test_it_fails_when_it_takes_longer_than_anybody_waits(agent: Recorder) -> No
     trial = begun(agent, Task(time_limit=1.0))
     trial.tick(11.0, True, (1.0, 0.0, 0.0), STILL)
     trial.tick(11.5, True, (1.0, 0.0, 0.0), STILL)
-    assert not trial.repetitions
+    assert not trial.episodes
     trial.tick(12.0, True, (1.0, 0.0, 0.0), STILL)
-    assert [one.success for one in trial.repetitions] == [False]
+    assert [one.success for one in trial.episodes] == [False]
 
 
-def test_a_disarm_voids_the_repetition_which_begins_again_at_the_same_start(agent: Recorder) -> None:
+def test_a_disarm_voids_the_episode_which_begins_again_at_the_same_start(agent: Recorder) -> None:
     trial = begun(agent)
     start = trial.start
     assert trial.tick(10.6, False, start, STILL) == (0.0, 0.0)
     assert agent.told[-1] == "void"
     assert trial.phase is Phase.MOVE
     assert trial.start == start
-    assert trial.repetitions == []
+    assert trial.episodes == []
     assert trial.voided == 1
 
 
-def test_it_is_done_after_the_last_repetition(agent: Recorder) -> None:
-    trial = begun(agent, repetitions=1)
+def test_it_is_done_after_the_last_episode(agent: Recorder) -> None:
+    trial = begun(agent, episodes=1)
     trial.tick(11.0, True, (0.1, 0.0, 0.0), STILL)
     assert trial.phase is Phase.DONE
     assert trial.tick(11.05, True, (0.1, 0.0, 0.0), STILL) == (0.0, 0.0)
