@@ -20,12 +20,12 @@ from numpy.random import SeedSequence
 from txt1.config import Config
 from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import Button, Hal
-from txt1.hal.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
-from txt1.hal.reception import Reception
 from txt1.hal.registry import create, create_serial
 from txt1.hal.serial import DevicePort, Port
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.decoder import Event, Fault, Reason
+from txt1.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
+from txt1.link.receiver import Receiver
+from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
@@ -73,7 +73,7 @@ class Board:
         self.runtime = Runtime(own, self._send, create(own), limits=limits, name="board")
         if manual:
             self.runtime.press(Button.CENTRE)
-        self.reception = Reception(Role.BOARD, self._take)
+        self.receiver = Receiver(Role.BOARD, self._take)
         self._loop = asyncio.get_running_loop()
         self._link: Link | None = None
         self._busy_until = -inf  # loop time at which the line falls silent
@@ -93,7 +93,7 @@ class Board:
 
     def hang_up(self) -> None:
         """Let go of the line."""
-        self.reception.close()
+        self.receiver.close()
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -108,25 +108,25 @@ class Board:
     def connected(self, link: Link) -> None:
         """A host may be at the other side."""
         self._link = link
-        self.reception.close()  # nothing of what an earlier host sent counts
+        self.receiver.close()  # nothing of what an earlier host sent counts
         self.tell(f"line {link.address} open")
 
     def lost(self, reason: str) -> None:
         """The line is gone; the link rule does the rest."""
         self._link = None
-        self.reception.close()
+        self.receiver.close()
         self.tell(f"line lost: {reason}")
 
     def received(self, data: bytes) -> None:
         """Hand the serial task what the host sent."""
         if self.runtime.witness is not None:
             self.runtime.witness.line("in", data)
-        self.reception.feed(data)
+        self.receiver.feed(data)
 
     def _take(self, event: Event) -> None:
         now = self.runtime.now
         match event:
-            case Fault():
+            case FrameFault():
                 self.runtime.state.count_on_line(event.reason.name.lower())
                 # a malformed PID set is answered; the answer itself, echoed, is not
                 if event.reason is Reason.BAD_LENGTH and event.head[3] == PID_SET and event.head[2] != 1:

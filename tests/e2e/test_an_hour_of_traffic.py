@@ -16,9 +16,9 @@ from txt1 import board as board_module
 from txt1.board import SPACER, VirtualPort
 from txt1.config import load
 from txt1.hal import serial as serial_hal
-from txt1.hal.link import faulty
 from txt1.hal.serial import SerialHal
-from txt1.protocol.decoder import Event, Fault
+from txt1.link import faulty
+from txt1.protocol.decoder import Event, FrameFault
 from txt1.protocol.frame import encode
 from txt1.protocol.messages import Message
 from txt1.robot import Robot
@@ -51,7 +51,7 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
         flipped = piece if fault == "flip" else None
 
     def listen(take: Callable[[Event], None], event: Event) -> None:
-        if not isinstance(event, Fault):
+        if not isinstance(event, FrameFault):
             delivered.append(hash(encode(event)))
         take(event)
 
@@ -59,10 +59,10 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(board_module, "encode", note)
     config = load(None, ENDLESS).config
     hal = SerialHal(VirtualPort(config), lambda end: faulty(end, FAULTS, 1, injected), simulated=True)
-    hal.reception._take = partial(listen, hal.reception._take)
+    hal.receiver._take = partial(listen, hal.receiver._take)
     async with Robot.open(hal, config=config, patience=0.0) as robot:
         board = hal.port.board  # type: ignore[attr-defined]
-        board.reception._take = partial(listen, board.reception._take)
+        board.receiver._take = partial(listen, board.receiver._take)
         await robot.linked(20.0)
         robot.arm()
         assert await robot.load_gains(timeout=60.0)

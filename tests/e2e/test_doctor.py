@@ -13,9 +13,8 @@ from txt1.cli.doctor import Findings, Remark, examine, remarks
 from txt1.config import load
 from txt1.config.schema import ControlConfig
 from txt1.errors import HalError
-from txt1.hal import ports
-from txt1.hal.link import End, Link, connect
-from txt1.hal.ports import Port
+from txt1.link import End, Link, connect, ports
+from txt1.link.ports import SerialPort
 from txt1.protocol.decoder import Reason
 
 Capture = pytest.CaptureFixture[str]
@@ -123,7 +122,7 @@ def test_the_command_ends_with_0_when_all_is_well_and_with_1_when_not(capsys: Ca
 def test_without_a_port_the_ports_are_listed_with_what_keeps_one_from_opening_them(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    two = [Port("/dev/ttyUSB0", "FT232R", True), Port("/dev/ttyUSB1", "CP2102", True)]
+    two = [SerialPort("/dev/ttyUSB0", "FT232R", True), SerialPort("/dev/ttyUSB1", "CP2102", True)]
     monkeypatch.setattr(ports, "candidates", lambda: two)
     monkeypatch.setattr("txt1.cli.doctor.candidates", lambda: two)
     monkeypatch.setattr("txt1.cli.doctor.access_problem", lambda device: None if device.endswith("0") else "not yours")

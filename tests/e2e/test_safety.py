@@ -16,7 +16,7 @@ from txt1.kernel import Ticks, clock_of
 from txt1.protocol.messages import Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import Faults
-from txt1.tasks.fields import CombinedSample, Link
+from txt1.tasks.fields import CombinedSample, LinkState
 
 TICK = 0.02
 Every = Callable[[Callable[[], None]], None]
@@ -358,7 +358,7 @@ async def test_a_measurement_that_is_not_finite_stops_and_driving_resumes_after_
     await robot.drive(0.5, 0.0, 2.0)
     for _ in range(4):
         robot.runtime.state.combined = CombinedSample(nan, 0.0, robot.now)  # past the gate, as a broken task would
-        robot.runtime.state.link = Link(alive=True, combined=True)
+        robot.runtime.state.link = LinkState(alive=True, combined=True)
         robot.command(0.5, 0.0)
         await asyncio.sleep(TICK)
     assert outputs(robot).motor == 0

@@ -20,8 +20,8 @@ from txt1.config import load
 from txt1.control.limits import Fault as GateFault
 from txt1.errors import HalError, NotArmed, NotCapable, TaskFault
 from txt1.hal import serial as serial_hal
-from txt1.hal.link import End, Link
 from txt1.kernel import Speed, Ticks, run
+from txt1.link import End, Link
 from txt1.protocol.frame import checksum, encode
 from txt1.protocol.messages import (
     CombinedOdometry,
@@ -125,7 +125,7 @@ async def line(transport: str, directory: Path | None, settings: tuple[str, ...]
 @pytest.fixture(autouse=True)
 def a_pseudo_terminal_is_made_before_the_board_has_power(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/link/pty.py", {"listen_pty", "close"})
+        function.can_block_in("txt1/link/pty.py", {"listen_pty", "close"})
 
 
 # -- one body over everything ----------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 from txt1.cli.exit_codes import OK
 from txt1.errors import CaptureError, ConfigError
-from txt1.protocol import listing
+from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 
@@ -19,7 +19,7 @@ CHUNK = 1 << 16
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the capture and how it is to be read."""
     parser.add_argument("file", metavar="FILE", help="the captured bytes; - for standard input")
-    parser.add_argument("--role", choices=("host", "board"), required=True, help="whose receiver read them")
+    parser.add_argument("--role", choices=("host", "board"), required=True, help="which end of the line received them")
     parser.add_argument("--hex", action="store_true", help="the file is hexadecimal text")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     parser.set_defaults(main=main)
@@ -28,13 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Print a capture, and a summary on standard error."""
     decoder = Decoder(Role.HOST if arguments.role == "host" else Role.BOARD)
-    show = listing.as_json if arguments.json else listing.describe
+    show = capture.as_json if arguments.json else capture.describe
     try:
         with ExitStack() as stack:
             file = sys.stdin.buffer if arguments.file == "-" else stack.enter_context(open(arguments.file, "rb"))
             lines = (line.decode("ascii", "replace") for line in file)
-            reads = listing.read_hex(lines) if arguments.hex else iter(lambda: file.read(CHUNK), b"")
-            for offset, event in listing.decode(decoder, reads):
+            reads = capture.read_hex(lines) if arguments.hex else iter(lambda: file.read(CHUNK), b"")
+            for offset, event in capture.decode(decoder, reads):
                 print(show(offset, event))
     except BrokenPipeError:
         raise
@@ -42,5 +42,5 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"{arguments.file}: cannot read the capture: {error.strerror}") from None
     except CaptureError as error:
         raise ConfigError(f"{arguments.file}: {error}; without --hex the file is read as raw bytes") from None
-    print(listing.summary(decoder), file=sys.stderr)
+    print(capture.summary(decoder), file=sys.stderr)
     return OK

@@ -14,11 +14,11 @@ from txt1.board import VIRTUAL, port_of
 from txt1.cli.app import App
 from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import add_config, add_port, loaded, positive
-from txt1.hal.link import End, Link
-from txt1.hal.ports import access_problem, candidates, only_candidate
-from txt1.hal.reception import Reception
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
-from txt1.protocol.decoder import Event, Fault, Reason
+from txt1.link import End, Link
+from txt1.link.ports import access_problem, candidates, only_candidate
+from txt1.link.receiver import Receiver
+from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
@@ -77,7 +77,7 @@ class _Examiner:
         self.link: Link | None = None
         self.gone: str | None = None
         self.octets = 0
-        self.reception = Reception(Role.HOST, self._take)
+        self.receiver = Receiver(Role.HOST, self._take)
         self.odometry: list[float] = []
         self.batteries: list[tuple[float, tuple[float, float]]] = []
         self.faults: dict[Reason, int] = {}
@@ -94,7 +94,7 @@ class _Examiner:
 
     def received(self, data: bytes) -> None:
         self.octets += len(data)
-        self.reception.feed(data)
+        self.receiver.feed(data)
 
     def _take(self, event: Event) -> None:
         match event:
@@ -105,7 +105,7 @@ class _Examiner:
             case PidResponse(accepted):
                 self.answers.append(self._time() - self.sent)
                 self.rejected += not accepted
-            case Fault(reason):
+            case FrameFault(reason):
                 self.faults[reason] = self.faults.get(reason, 0) + 1
 
 
@@ -135,7 +135,7 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
             await asyncio.sleep(begun + tick * SEND_PERIOD - loop.time())
         ended = loop.time()
     finally:
-        examiner.reception.close()
+        examiner.receiver.close()
         if examiner.link is not None:
             examiner.link.close()
         await port.close()

@@ -13,8 +13,8 @@ from txt1.board import VIRTUAL
 from txt1.config import Config, load
 from txt1.config.sources import LoadedConfig
 from txt1.errors import ConfigError
-from txt1.hal.link import baud_warning
 from txt1.kernel.loop import Speed
+from txt1.link import baud_warning
 
 # -- values ----------------------------------------------------------------------------------------------------
 

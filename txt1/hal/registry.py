@@ -63,8 +63,8 @@ def create_serial(config: Config, port: Port | None = None) -> Hal:
     """The board behind the configured line, or behind a port that somebody has ready, which is nothing real."""
     from numpy.random import SeedSequence
 
-    from txt1.hal.link import End, faulty
     from txt1.hal.serial import DevicePort, SerialHal
+    from txt1.link import End, faulty
 
     serial = config.serial
 

@@ -14,12 +14,12 @@ from typing import Final, Literal, Protocol
 
 from txt1.errors import EncodeError, HalError, LinkLost, NotCapable
 from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
-from txt1.hal.link import End, Link, open_link
-from txt1.hal.ports import only_candidate
-from txt1.hal.reception import Reception
+from txt1.link import End, Link, open_link
+from txt1.link.ports import only_candidate
+from txt1.link.receiver import Receiver
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
-from txt1.protocol.decoder import Event, Fault, Reason
+from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import (
@@ -161,7 +161,7 @@ class SerialHal:
         simulated: bool = False,
     ) -> None:
         self.port = port
-        self.reception = Reception(Role.HOST, self._take)
+        self.receiver = Receiver(Role.HOST, self._take)
         on_board = control == "board"
         self.capabilities = Capabilities(
             pwm=not on_board,
@@ -246,7 +246,7 @@ class SerialHal:
             if self._link is not None:
                 self._send_outputs(Outputs(0, 0, 0, *self._outputs[3:5]))
                 await asyncio.sleep(SEND_PERIOD)
-        self.reception.close()
+        self.receiver.close()
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -274,14 +274,14 @@ class SerialHal:
         """A fresh line: nothing of what came before counts."""
         self._link = link
         self._connections += 1
-        self.reception.close()
+        self.receiver.close()
         self._pid_due = self._due = self._repeat_due = -inf
         self._tell(f"connected to {link.address}, waiting for odometry")
 
     def lost(self, reason: str) -> None:
         """The link is gone; look for it."""
         self._drop_link()
-        self.reception.close()
+        self.receiver.close()
         self._down(f"link lost: {reason}")
         if not self._closed and (self._reconnecting is None or self._reconnecting.done()):
             assert self._loop is not None
@@ -290,7 +290,7 @@ class SerialHal:
     def received(self, data: bytes) -> None:
         """Take what the board sent."""
         self._tap("in", data)
-        self.reception.feed(data)
+        self.receiver.feed(data)
 
     def _take(self, event: Event) -> None:
         try:
@@ -301,7 +301,7 @@ class SerialHal:
                     self._batteries, self._batteries_heard = (one, two), self._time()
                 case PidResponse(accepted):
                     self._take_answer(accepted)
-                case Fault(reason):
+                case FrameFault(reason):
                     if reason is not Reason.OLD_COMMAND:  # which says nothing about the line
                         self._lossy_until = self._time() + LOSSY
                     self._report = None
@@ -482,7 +482,7 @@ class SerialHal:
                 self._drop_link()  # `lost` is on its way
 
     def _counts(self) -> dict[str, int]:
-        counts = {f"line_{reason.name.lower()}": count for reason, count in self.reception.decoder.faults.items()}
+        counts = {f"line_{reason.name.lower()}": count for reason, count in self.receiver.decoder.faults.items()}
         counts["line_late_odometry"] = self._lost_frames
         counts["line_not_encodable"] = self._refused
         counts["line_overflows"] = self._overflows + (0 if self._link is None else self._link.overflows)

@@ -36,7 +36,7 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class FrameFault:
     """Something that began like a frame at this byte of the stream and is no message."""
 
     reason: Reason
@@ -45,7 +45,7 @@ class Fault:
     """Its first bytes, at most 8: header, length, command and some data, as far as they were there."""
 
 
-Event = Message | Fault
+Event = Message | FrameFault
 
 
 class Decoder:
@@ -166,6 +166,6 @@ class Decoder:
             return Reason.OLD_COMMAND
         return Reason.BAD_LENGTH if length > DATA_MAX or command in self._commands else Reason.UNKNOWN_COMMAND
 
-    def _fault(self, reason: Reason, offset: int, head: bytes) -> Fault:
+    def _fault(self, reason: Reason, offset: int, head: bytes) -> FrameFault:
         self.faults[reason] += 1
-        return Fault(reason, offset, head)
+        return FrameFault(reason, offset, head)

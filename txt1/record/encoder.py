@@ -25,7 +25,7 @@ from txt1.record import topics
 from txt1.record.layout import HEADER, LENGTH, Layout, add_length, add_text, encode, packer
 from txt1.record.topics import CHANNELS
 from txt1.tasks.battery import FITTED_V
-from txt1.tasks.fields import Battery, BatteryState, Control, Encoders, Link, Panel, Power, Snapshot
+from txt1.tasks.fields import Battery, BatteryState, Control, Encoders, LinkState, Panel, Power, Snapshot
 from txt1.ui import frames
 
 RECORD: Final = struct.Struct("<BQHIQQ")
@@ -61,7 +61,7 @@ class Sample(NamedTuple):
     armed: bool
     stopped: bool
     reason: str
-    link: Link
+    link: LinkState
     power: Power
     panel: Panel
 

@@ -16,7 +16,7 @@ from txt1.units import NotNegative, Positive, Share
 BITS_PER_BYTE: Final = 10
 """On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
 
-Fault = Literal["drop", "flip", "duplicate", "stall", "cut"]
+LineFault = Literal["drop", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
 """When a piece arrives, s, and its bytes."""
 
@@ -69,13 +69,13 @@ class Line:
         self,
         faults: LineFaults,
         rng: Generator,
-        on_fault: Callable[[Fault, bytes], None] | None = None,
+        on_fault: Callable[[LineFault, bytes], None] | None = None,
         start: float = 0.0,
     ) -> None:
         if faults.stall and faults.stall_every <= 0.0:
             raise ValueError("a line that always stalls carries nothing: stall_every must be positive")
         self.faults = faults
-        self.counts: dict[Fault, int] = {"drop": 0, "flip": 0, "duplicate": 0, "stall": 0, "cut": 0}
+        self.counts: dict[LineFault, int] = {"drop": 0, "flip": 0, "duplicate": 0, "stall": 0, "cut": 0}
         self.ends = start + faults.cut if faults.cut else float("inf")
         """When the line is lost, s."""
         self._rng = rng
@@ -141,7 +141,7 @@ class Line:
         """Bits that arrive intact before the next one that is hit."""
         return int(self._rng.geometric(self.faults.flip)) - 1 if self.faults.flip else 0
 
-    def _report(self, fault: Fault, data: bytes) -> None:
+    def _report(self, fault: LineFault, data: bytes) -> None:
         self.counts[fault] += 1
         if self._on_fault is not None:
             self._on_fault(fault, data)

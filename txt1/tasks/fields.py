@@ -83,7 +83,7 @@ class Battery(NamedTuple):
     exhausted: bool = False
 
 
-class Link(NamedTuple):
+class LinkState(NamedTuple):
     """What the mode task found in the last second."""
 
     alive: bool = False
@@ -191,7 +191,7 @@ class Snapshot(NamedTuple):
     pose: tuple[float, float, float] | None
     board: BoardLink | None
     odometry_age: float
-    link: Link
+    link: LinkState
     control: Control
     battery: Battery
     panel: Panel

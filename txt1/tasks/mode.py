@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import Fault, Gate
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import Link
+from txt1.tasks.fields import LinkState
 from txt1.tasks.state import State
 
 PRIORITY: Final = 2
@@ -25,7 +25,7 @@ async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
     """
     velocities = combined = 0
     async for now in ticks:
-        link = Link(
+        link = LinkState(
             alive=state.velocity_count - velocities > VELOCITY_MIN and (state.board is None or state.board.ready),
             combined=state.combined_count - combined > COMBINED_MIN,
         )

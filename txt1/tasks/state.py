@@ -19,7 +19,7 @@ from txt1.tasks.fields import (
     Encoders,
     Event,
     GainTable,
-    Link,
+    LinkState,
     ManualPwm,
     Panel,
     Power,
@@ -72,7 +72,7 @@ class State:
         self.odometry_time = 0.0
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
-        self.link = Link()
+        self.link = LinkState()
         self.control = Control()
         self.battery = Battery()
         self.panel = Panel()

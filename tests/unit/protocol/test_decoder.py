@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.protocol.decoder import Decoder, Event, Fault, Reason
+from txt1.protocol.decoder import Decoder, Event, FrameFault, Reason
 from txt1.protocol.frame import LONGEST, OLD_COMMANDS, Role, encode
 from txt1.protocol.messages import (
     BatteryLevels,
@@ -48,11 +48,11 @@ def listen(role: Role, reads: Iterable[bytes], *, expire: bool = True) -> tuple[
 
 
 def messages(heard: list[tuple[int, Event]]) -> list[tuple[int, bytes]]:
-    return [(at, encode(event)) for at, event in heard if not isinstance(event, Fault)]
+    return [(at, encode(event)) for at, event in heard if not isinstance(event, FrameFault)]
 
 
 def reasons(heard: list[tuple[int, Event]]) -> list[Reason]:
-    return [event.reason for _, event in heard if isinstance(event, Fault)]
+    return [event.reason for _, event in heard if isinstance(event, FrameFault)]
 
 
 def cut(stream: bytes, places: list[int]) -> list[bytes]:
@@ -63,11 +63,11 @@ def cut(stream: bytes, places: list[int]) -> list[bytes]:
 def check_against_the_rule(stream: bytes, role: Role, decoder: Decoder, heard: list[tuple[int, Event]]) -> None:
     """What was delivered is what the rule says, in order, and every byte is accounted for."""
     intact = streams.frames_by_the_rule(stream, role)
-    bad_values = {at for at, event in heard if isinstance(event, Fault) and event.reason is Reason.BAD_VALUE}
+    bad_values = {at for at, event in heard if isinstance(event, FrameFault) and event.reason is Reason.BAD_VALUE}
     assert messages(heard) == [(at, frame) for at, frame in intact if at not in bad_values]
     assert bad_values <= {at for at, _ in intact}
     assert [at for at, _ in heard] == sorted(at for at, _ in heard)
-    assert all(event.offset == at for at, event in heard if isinstance(event, Fault))
+    assert all(event.offset == at for at, event in heard if isinstance(event, FrameFault))
     covered = {byte for at, frame in intact for byte in range(at, at + len(frame))}
     assert decoder.skipped == len(stream) - len(covered)
     assert decoder.position == len(stream)
@@ -161,11 +161,11 @@ def test_the_grammar_never_raises_and_memory_stays_bounded(role: Role) -> None:
                 size = rng.choice((1, 7, 64, 1000))
                 events = decoder.feed(stream[place : place + size])
                 place += size
-                delivered += sum(not isinstance(event, Fault) for event in events)
+                delivered += sum(not isinstance(event, FrameFault) for event in events)
                 assert len(events) == len(decoder.offsets)
                 assert decoder.pending < LONGEST
             if rng.random() < 0.3:
-                delivered += sum(not isinstance(event, Fault) for event in decoder.expire())
+                delivered += sum(not isinstance(event, FrameFault) for event in decoder.expire())
         del events, stream
         gc.collect()  # empties the interpreter's own store of used tuples, too
         held, _ = tracemalloc.get_traced_memory()
@@ -192,7 +192,7 @@ def test_hostile_streams_hold_back_less_than_a_frame(unit: bytes) -> None:
 def test_a_false_header_before_a_stream_of_velocities_costs_nothing(prefix: bytes) -> None:
     stream = prefix + b"".join(encode(Velocity(0.1 * k, -0.1 * k)) for k in range(20))
     _, heard = listen(Role.BOARD, [stream], expire=False)
-    assert [event for _, event in heard if not isinstance(event, Fault)] == [
+    assert [event for _, event in heard if not isinstance(event, FrameFault)] == [
         Velocity(round(0.1 * k, 3), round(-0.1 * k, 3)) for k in range(20)
     ]
 
@@ -219,22 +219,22 @@ def test_an_illegal_length_and_command_are_refused_with_the_fourth_byte() -> Non
                 if legal:
                     assert decoder.pending == 4
                 elif (length, command) in OLD_COMMANDS:
-                    assert events == [Fault(Reason.OLD_COMMAND, 0, bytes([0xFA, 0xFB, length, command]))]
+                    assert events == [FrameFault(Reason.OLD_COMMAND, 0, bytes([0xFA, 0xFB, length, command]))]
                 elif command in streams.LENGTHS[role] or length > 249:
-                    assert events == [Fault(Reason.BAD_LENGTH, 0, bytes([0xFA, 0xFB, length, command]))]
+                    assert events == [FrameFault(Reason.BAD_LENGTH, 0, bytes([0xFA, 0xFB, length, command]))]
                 else:
-                    assert events == [Fault(Reason.UNKNOWN_COMMAND, 0, bytes([0xFA, 0xFB, length, command]))]
+                    assert events == [FrameFault(Reason.UNKNOWN_COMMAND, 0, bytes([0xFA, 0xFB, length, command]))]
 
 
 def test_the_same_command_means_a_pid_set_one_way_and_its_response_the_other() -> None:
     question, answer = encode(PidSet((1.0, 2.0, 3.0), ())), encode(PidResponse(True))
     assert question[3] == answer[3] == 0x70
     assert [event for _, event in listen(Role.BOARD, [answer + question])[1]] == [
-        Fault(Reason.BAD_LENGTH, 0, answer[:4]),
+        FrameFault(Reason.BAD_LENGTH, 0, answer[:4]),
         PidSet((1.0, 2.0, 3.0), ()),
     ]
     assert [event for _, event in listen(Role.HOST, [question + answer])[1]] == [
-        Fault(Reason.BAD_LENGTH, 0, question[:4]),
+        FrameFault(Reason.BAD_LENGTH, 0, question[:4]),
         PidResponse(True),
     ]
 
@@ -242,7 +242,7 @@ def test_the_same_command_means_a_pid_set_one_way_and_its_response_the_other() -
 def test_a_wrong_checksum_is_a_fault_and_the_next_frame_is_delivered() -> None:
     broken = ONE[:-1] + bytes([ONE[-1] ^ 1])
     decoder, heard = listen(Role.BOARD, [broken + TWO])
-    assert heard == [(0, Fault(Reason.BAD_CHECKSUM, 0, broken[:8])), (10, Velocity(-0.5, 0.25))]
+    assert heard == [(0, FrameFault(Reason.BAD_CHECKSUM, 0, broken[:8])), (10, Velocity(-0.5, 0.25))]
     assert decoder.faults[Reason.BAD_CHECKSUM] == 1
     assert decoder.skipped == 10
 
@@ -251,7 +251,7 @@ def test_a_lost_byte_costs_its_own_frame_alone() -> None:
     for missing in range(len(ONE)):
         stream = TWO + ONE[:missing] + ONE[missing + 1 :] + TWO + TWO
         _, heard = listen(Role.BOARD, [stream])
-        assert [event for _, event in heard if not isinstance(event, Fault)] == [Velocity(-0.5, 0.25)] * 3
+        assert [event for _, event in heard if not isinstance(event, FrameFault)] == [Velocity(-0.5, 0.25)] * 3
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_a_byte_that_stands_for_nothing_is_a_bad_value_in_an_intact_frame(role: 
     frame = bytes([0xFA, 0xFB, len(body) - 1]) + body + check.to_bytes(2, "big")
     after = ONE if role is Role.BOARD else encode(PidResponse(True))
     decoder, heard = listen(role, [frame + after])
-    assert heard[0] == (0, Fault(Reason.BAD_VALUE, 0, frame[:8]))
+    assert heard[0] == (0, FrameFault(Reason.BAD_VALUE, 0, frame[:8]))
     assert [at for at, _ in heard] == [0, len(frame)]
     assert decoder.skipped == 0
     assert sum(decoder.messages.values()) == 1
@@ -310,7 +310,7 @@ def test_a_half_frame_expires_and_nothing_of_it_is_left(end: int) -> None:
     decoder = Decoder(Role.BOARD)
     assert decoder.feed(TWO + ONE[:end]) == [Velocity(-0.5, 0.25)]
     assert decoder.pending == end
-    assert decoder.expire() == [Fault(Reason.EXPIRED, 10, ONE[:end][:8])]
+    assert decoder.expire() == [FrameFault(Reason.EXPIRED, 10, ONE[:end][:8])]
     assert decoder.offsets == [10]
     assert (decoder.pending, decoder.skipped, decoder.faults[Reason.EXPIRED]) == (0, end, 1)
     assert decoder.expire() == []
@@ -323,10 +323,10 @@ def test_expiry_delivers_what_a_false_header_held_up_and_gives_up_on_the_rest() 
     decoder = Decoder(Role.BOARD)
     assert decoder.feed(b"\xfa\xfb\xec\x70" + ONE + b"\0" + TWO + ONE[:5]) == []
     assert decoder.expire() == [
-        Fault(Reason.EXPIRED, 0, b"\xfa\xfb\xec\x70" + ONE[:4]),
+        FrameFault(Reason.EXPIRED, 0, b"\xfa\xfb\xec\x70" + ONE[:4]),
         Velocity(0.5, 0.75),
         Velocity(-0.5, 0.25),
-        Fault(Reason.EXPIRED, 25, ONE[:5]),
+        FrameFault(Reason.EXPIRED, 25, ONE[:5]),
     ]
     assert decoder.offsets == [0, 4, 15, 25]
     assert decoder.skipped == 10

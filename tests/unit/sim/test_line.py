@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.random import default_rng
 
-from txt1.sim.line import Arrival, Fault, Line, LineFaults, Pace
+from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
 
 FRAME = bytes(range(0x10, 0x2A))  # as long as an odometry frame: 26 bytes
 
@@ -105,7 +105,7 @@ def test_a_delay_is_exact_and_jitter_comes_on_top_of_it() -> None:
 
 
 def test_a_stall_holds_everything_back_until_its_end_and_is_told_of_once() -> None:
-    told: list[tuple[Fault, bytes]] = []
+    told: list[tuple[LineFault, bytes]] = []
     line = Line(LineFaults(stall=2.0, stall_every=10.0), default_rng(3), lambda *fault: told.append(fault))
     held, stalls = 0.0, set()
     for k in range(100_000):  # 1000 s
@@ -122,7 +122,7 @@ def test_a_stall_holds_everything_back_until_its_end_and_is_told_of_once() -> No
 
 
 def test_what_would_arrive_after_the_cut_is_lost_and_told_of() -> None:
-    told: list[tuple[Fault, bytes]] = []
+    told: list[tuple[LineFault, bytes]] = []
     line = Line(LineFaults(delay=0.5, cut=2.0), default_rng(1), lambda *fault: told.append(fault), start=10.0)
     assert line.ends == 12.0
     assert line.carry(b"in time", 11.5) == [(12.0, b"in time")]
@@ -172,7 +172,7 @@ def test_every_bit_is_hit_with_the_probability_asked_for_wherever_it_is(share: f
 def test_whatever_does_not_arrive_as_it_was_given_is_told_of(
     faults: LineFaults, traffic: list[bytes], pauses: list[float], seed: int
 ) -> None:
-    told: list[tuple[Fault, bytes]] = []
+    told: list[tuple[LineFault, bytes]] = []
     line = Line(faults, default_rng(seed), lambda *fault: told.append(fault))
     now = 0.0
     for data, pause in zip(traffic, pauses, strict=False):

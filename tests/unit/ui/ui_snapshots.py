@@ -16,7 +16,7 @@ from txt1.tasks.fields import (
     Encoders,
     Event,
     GainTable,
-    Link,
+    LinkState,
     Panel,
     Power,
     Snapshot,
@@ -74,7 +74,7 @@ def full(time: float = 83.4, screen: int = 0) -> Snapshot:
         pose=(x, y, theta),
         board=None,
         odometry_age=0.0,
-        link=Link(True, False),
+        link=LinkState(True, False),
         control=Control(
             Outputs(1815, -7351, 7351, 1200, -1200, 0.5, 0.25),
             0.5,

@@ -11,7 +11,7 @@ import pytest
 from serial.tools import list_ports
 
 from txt1.errors import HalError
-from txt1.hal.ports import Port, access_problem, candidates, only_candidate
+from txt1.link.ports import SerialPort, access_problem, candidates, only_candidate
 
 
 def connected(monkeypatch: pytest.MonkeyPatch, *ports: tuple[str, str, int | None]) -> None:
@@ -25,9 +25,9 @@ def test_usb_ports_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch, ("/dev/ttyS1", "n/a", None), ("/dev/ttyUSB1", "FT232R", 0x403), ("/dev/ttyACM0", "u-blox", 0x1546)
     )
     assert candidates() == [
-        Port("/dev/ttyACM0", "u-blox", True),
-        Port("/dev/ttyUSB1", "FT232R", True),
-        Port("/dev/ttyS1", "n/a", False),
+        SerialPort("/dev/ttyACM0", "u-blox", True),
+        SerialPort("/dev/ttyUSB1", "FT232R", True),
+        SerialPort("/dev/ttyS1", "n/a", False),
     ]
 
 

@@ -1,12 +1,12 @@
-"""A link from its address."""
+"""Open a link by its address."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from txt1.hal.link.base import End, Link
-from txt1.hal.link.device import open_device
-from txt1.hal.link.tcp import open_socket
+from txt1.link.base import End, Link
+from txt1.link.device import open_device
+from txt1.link.tcp import open_socket
 
 STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 """Baud rates that every adapter knows."""

@@ -7,9 +7,9 @@ import json
 import pytest
 
 from txt1.errors import CaptureError, Txt1Error
+from txt1.protocol.capture import as_dict, as_json, decode, describe, read_hex, summary
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.frame import Role, encode
-from txt1.protocol.listing import as_dict, as_json, decode, describe, read_hex, summary
 from txt1.protocol.messages import PidSet, PowerControl, Switch, Velocity
 
 STREAM = (
@@ -41,10 +41,10 @@ def test_json_has_offset_type_and_fields() -> None:
     events = list(decode(Decoder(Role.BOARD), [STREAM]))
     assert [as_dict(*each) for each in events] == [
         {"offset": 1, "type": "Velocity", "v": 0.5, "omega": -0.75},
-        {"offset": 11, "type": "Fault", "reason": "bad length", "head": "FA FB 05 67"},
+        {"offset": 11, "type": "FrameFault", "reason": "bad length", "head": "FA FB 05 67"},
         {"offset": 15, "type": "PowerControl", "switch": "ESC", "on": True},
         {"offset": 23, "type": "PidSet", "linear": [11.0, 18.0, 0.25], "angular": [[-0.15, 1.0, 30.0, 0.005]]},
-        {"offset": 57, "type": "Fault", "reason": "expired", "head": "FA FB 04"},
+        {"offset": 57, "type": "FrameFault", "reason": "expired", "head": "FA FB 04"},
     ]
     assert [json.loads(as_json(*each)) for each in events] == [as_dict(*each) for each in events]
     assert not any("\n" in as_json(*each) for each in events)

@@ -1,4 +1,4 @@
-"""Receiving: bytes of a link into events of the protocol, with the one rule that needs a clock."""
+"""Turn the bytes of a link into events of the protocol, with the one rule that needs a clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST: Final = 0.3
 """s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms."""
 
 
-class Reception:
+class Receiver:
     """A decoder that gives up on a half frame when the line falls silent.
 
     Args:

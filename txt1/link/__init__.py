@@ -6,12 +6,12 @@ board, `listen_pty` and `listen_tcp` are the virtual board's way to its hosts, `
 `listen_pty(path, paced(faulty(board, faults, seed), 57600))`.
 """
 
-from txt1.hal.link.base import BACKLOG, End, Link, Listener
-from txt1.hal.link.memory import connect
-from txt1.hal.link.opening import STANDARD_BAUDS, baud_warning, open_link
-from txt1.hal.link.pty import listen_pty
-from txt1.hal.link.tcp import SILENT, listen_tcp
-from txt1.hal.link.through import faulty, paced
+from txt1.link.address import STANDARD_BAUDS, baud_warning, open_link
+from txt1.link.base import BACKLOG, End, Link, Listener
+from txt1.link.impairments import faulty, paced
+from txt1.link.memory import connect
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import SILENT, listen_tcp
 
 __all__ = [
     "BACKLOG",

@@ -15,9 +15,9 @@ from serial import Serial, SerialException
 from serial_asyncio import SerialTransport
 
 from txt1.errors import HalError
-from txt1.hal.link.base import End, Link
-from txt1.hal.link.stream import StreamLink
-from txt1.hal.ports import access_problem, candidates
+from txt1.link.base import End, Link
+from txt1.link.ports import access_problem, candidates
+from txt1.link.stream import StreamLink
 
 
 class _Device(Serial):

@@ -10,7 +10,7 @@ from string import hexdigits
 from typing import Any
 
 from txt1.errors import CaptureError
-from txt1.protocol.decoder import Decoder, Event, Fault
+from txt1.protocol.decoder import Decoder, Event, FrameFault
 
 
 def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Event]]:
@@ -24,19 +24,24 @@ def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Even
 
 def describe(offset: int, event: Event) -> str:
     """One line of text: the offset, what it is, and its fields in SI units."""
-    if isinstance(event, Fault):
+    if isinstance(event, FrameFault):
         return f"{offset:8d}  fault: {event.reason.value}  [{event.head.hex(' ').upper()}]"
     values = (f"{field.name}={_plain(getattr(event, field.name))}" for field in fields(event))
     return f"{offset:8d}  {type(event).__name__}  {' '.join(values)}"
 
 
 def as_dict(offset: int, event: Event) -> dict[str, Any]:
-    """An object for JSON: offset, type (the message's name, or Fault), and the fields in SI units.
+    """An object for JSON: offset, type (the message's name, or FrameFault), and the fields in SI units.
 
     A fault has a reason in words and its first bytes as hexadecimal text.
     """
-    if isinstance(event, Fault):
-        return {"offset": offset, "type": "Fault", "reason": event.reason.value, "head": event.head.hex(" ").upper()}
+    if isinstance(event, FrameFault):
+        return {
+            "offset": offset,
+            "type": "FrameFault",
+            "reason": event.reason.value,
+            "head": event.head.hex(" ").upper(),
+        }
     values = {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
     return {"offset": offset, "type": type(event).__name__, **values}
 

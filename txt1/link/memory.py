@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from txt1.hal.link.base import BaseLink, End, Link
+from txt1.link.base import BaseLink, End, Link
 
 
 class _MemoryLink(BaseLink):

@@ -9,8 +9,8 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from txt1.errors import HalError
-from txt1.hal.link.base import BACKLOG, End, Link, Listener
-from txt1.hal.link.stream import StreamLink
+from txt1.link.base import BACKLOG, End, Link, Listener
+from txt1.link.stream import StreamLink
 
 SILENT: Final = 1.0
 """A TCP host that has sent nothing for so many seconds makes room for another one."""

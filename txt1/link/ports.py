@@ -12,7 +12,7 @@ from serial.tools import list_ports
 from txt1.errors import HalError
 
 
-class Port(NamedTuple):
+class SerialPort(NamedTuple):
     """A serial port that the operating system knows.
 
     Attributes:
@@ -31,9 +31,9 @@ class Port(NamedTuple):
         return f"{self.device} ({self.description})" if self.description not in ("", "n/a") else self.device
 
 
-def candidates() -> list[Port]:
+def candidates() -> list[SerialPort]:
     """The ports found, USB ones first: a robot's computer has few others."""
-    found = [Port(port.device, port.description or "", port.vid is not None) for port in list_ports.comports()]
+    found = [SerialPort(port.device, port.description or "", port.vid is not None) for port in list_ports.comports()]
     return sorted(found, key=lambda port: (not port.usb, port.device))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from txt1.hal.link.base import BACKLOG, BaseLink, End
+from txt1.link.base import BACKLOG, BaseLink, End
 
 
 class StreamLink(BaseLink, asyncio.Protocol):

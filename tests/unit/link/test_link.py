@@ -28,7 +28,8 @@ from numpy.random import SeedSequence
 from serial import SerialException
 
 from txt1.errors import HalError, LinkLost
-from txt1.hal.link import (
+from txt1.kernel import VirtualClock, VirtualTimeLoop, clock_of, run
+from txt1.link import (
     BACKLOG,
     STANDARD_BAUDS,
     Link,
@@ -42,11 +43,10 @@ from txt1.hal.link import (
     open_link,
     paced,
     tcp,
-    through,
 )
-from txt1.hal.link import End as EndProtocol
-from txt1.kernel import VirtualClock, VirtualTimeLoop, clock_of, run
-from txt1.sim.line import Fault, LineFaults
+from txt1.link import End as EndProtocol
+from txt1.link.impairments import Way
+from txt1.sim.line import LineFault, LineFaults
 
 FRAME = bytes(range(0x10, 0x2A))
 EVERY_BYTE = bytes(range(256))
@@ -115,7 +115,7 @@ def nothing_blocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(termios, "tcdrain", drain)
     with blockbuster_ctx("txt1") as blockbuster:
         for name in ("os.path.islink", "os.readlink", "os.unlink", "os.symlink"):  # of listen_pty, and its close
-            blockbuster.functions[name].can_block_in("txt1/hal/link/pty.py", {"_make_link", "_remove_link"})
+            blockbuster.functions[name].can_block_in("txt1/link/pty.py", {"_make_link", "_remove_link"})
         yield
 
 
@@ -374,7 +374,7 @@ def test_faults_behind_a_baud_rate_hit_whole_frames_both_ways() -> None:
     async def main() -> None:
         dropped: list[int] = []
 
-        def on_fault(fault: Fault, piece: bytes) -> None:
+        def on_fault(fault: LineFault, piece: bytes) -> None:
             assert fault == "drop"
             dropped.append(piece[0])
 
@@ -475,7 +475,7 @@ def test_a_loop_that_is_late_does_not_let_a_piece_overtake_another() -> None:
 
     async def main() -> None:
         got: list[bytes] = []
-        way = through._Way(Held(), got.append)
+        way = Way(Held(), got.append)
         way.send(b"first")
         clock = clock_of(asyncio.get_running_loop())
         assert isinstance(clock, VirtualClock)

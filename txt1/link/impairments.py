@@ -1,4 +1,4 @@
-"""What can be put between an end and its link: a baud rate, and a bad line."""
+"""Put a baud rate or a bad line between an end and its link."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.random import SeedSequence
 
-from txt1.hal.link.base import BACKLOG, BaseLink, End, Link, Wrapper
-from txt1.sim.line import Arrival, Fault, Line, LineFaults, Pace
+from txt1.link.base import BACKLOG, BaseLink, End, Link, Wrapper
+from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
 
 
-class _Carrier(Protocol):
+class Carrier(Protocol):
     """What decides when which bytes arrive: `Line`, `Pace`."""
 
-    def carry(self, data: bytes, now: float) -> list[Arrival]: ...
+    def carry(self, data: bytes, now: float) -> list[Arrival]:
+        """Return when which pieces of these bytes, given at `now` (s), arrive."""
 
 
-class _Way:
+class Way:
     """One direction: what is under way, and a timer for the first of it."""
 
-    def __init__(self, carrier: _Carrier, deliver: Callable[[bytes], None]) -> None:
+    def __init__(self, carrier: Carrier, deliver: Callable[[bytes], None]) -> None:
         self._carrier = carrier
         self._deliver = deliver
         self._loop = asyncio.get_running_loop()
@@ -75,8 +76,8 @@ class _Way:
 class _Carriers(NamedTuple):
     """What a connection goes through, and when it is cut, s of the loop's clock."""
 
-    outgoing: _Carrier
-    incoming: _Carrier
+    outgoing: Carrier
+    incoming: Carrier
     ends: float = float("inf")
 
 
@@ -109,8 +110,8 @@ class _ThroughLink(BaseLink):
     def __init__(self, end: End, link: Link, carriers: _Carriers) -> None:
         super().__init__(link.address, end)
         self._link = link
-        self.outgoing = _Way(carriers.outgoing, link.write)
-        self.incoming = _Way(carriers.incoming, end.received)
+        self.outgoing = Way(carriers.outgoing, link.write)
+        self.incoming = Way(carriers.incoming, end.received)
         self._cutter: asyncio.TimerHandle | None = None
         if carriers.ends < float("inf"):
             self._cutter = asyncio.get_running_loop().call_at(carriers.ends, self._cut, carriers.ends)
@@ -162,7 +163,7 @@ def paced(end: End, baud: int) -> End:
 
 
 def faulty(
-    end: End, faults: LineFaults, seed: int | SeedSequence, on_fault: Callable[[Fault, bytes], None] | None = None
+    end: End, faults: LineFaults, seed: int | SeedSequence, on_fault: Callable[[LineFault, bytes], None] | None = None
 ) -> End:
     """The end with a bad line between it and its links, both ways; itself when nothing is wrong with the line.
 

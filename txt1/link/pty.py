@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Final
 
 from txt1.errors import HalError
-from txt1.hal.link.base import BACKLOG, BaseLink, End, Listener
+from txt1.link.base import BACKLOG, BaseLink, End, Listener
 
 LOOK_EVERY: Final = 0.05
 """Seconds between two looks whether a host has opened the pseudo-terminal."""
