@@ -20,7 +20,7 @@ from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder
-from txt1.experiments.profile import Profile, load_profile, names
+from txt1.experiments.profile import EXAMPLE, Profile, load_profile, names
 from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import Experiment, Outcome
 from txt1.kernel.loop import Speed
@@ -49,12 +49,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
     parser.add_argument(
         "what", metavar="NAME|FILE.yaml|compare",
-        help=f"{', '.join(names())}; a profile of your own; or compare, with the folders of two runs",
+        help=f"{', '.join(names())}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs",
     )  # fmt: skip
     parser.add_argument("runs", nargs="*", type=Path, metavar="FOLDER", help="of the runs to compare")
     add_robot(parser)
     add_arm(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="of the results; out/NAME when left out")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="of the results; out/NAME when left out, or out/NAME-2 and so on",
+    )
     add_log(parser)
     parser.add_argument("--label", metavar="TEXT", help="names the run in figures and tables")
     parser.add_argument("--no-safe-end", action="store_true", help="drive on when the batteries' time is over")
@@ -82,7 +87,7 @@ def main(arguments: argparse.Namespace) -> int:
         figures.available()  # said before the robot has driven for 46 minutes
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
-    folder = run_folder.make(arguments.out or Path("out") / name)
+    folder = run_folder.make(arguments.out or run_folder.unused(Path("out") / name))
     say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
     driven = drive(
         config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
@@ -93,6 +98,7 @@ def main(arguments: argparse.Namespace) -> int:
     label = arguments.label or _label(config)
     result = Run(label, profile, driven.outcome.recording, metrics.measure(driven.outcome, profile))
     run_folder.write(result, folder)
+    (folder / FIGURE).unlink(missing_ok=True)  # of a run before
     if not arguments.no_figure:
         figures.draw([result], folder / FIGURE)
     if arguments.json:
@@ -114,7 +120,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     if runs[0].label == runs[1].label:
         runs = [result._replace(label=str(folder)) for result, folder in zip(runs, arguments.runs, strict=True)]
     if not arguments.no_figure:
-        folder = run_folder.make(arguments.out or Path("out") / "compare")
+        folder = run_folder.make(arguments.out or run_folder.unused(Path("out") / "compare"))
         figures.draw(runs, folder / FIGURE)
     if arguments.json:
         print(json.dumps({result.label: result.metrics for result in runs}))

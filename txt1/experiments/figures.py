@@ -62,7 +62,7 @@ def _save(figure: Figure, file: Path) -> None:
 def available() -> None:
     """Raise MissingExtra when nothing can be drawn."""
     if find_spec("matplotlib") is None:
-        raise MissingExtra("drawing figures", "plots")
+        raise MissingExtra("drawing figures (--no-figure does without)", "plots")
 
 
 def _new_figure() -> Figure:

@@ -14,9 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from txt1.errors import ConfigError
 
 PROFILES: Final = Path(__file__).parent / "profiles"
-"""Where the thesis's experiments are: in a checkout a link to `config/experiments`, in a wheel a copy of it."""
-EXAMPLES: Final = "config/experiments/"
-"""What a user is shown."""
+"""Where the thesis's experiments are."""
+EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega: 0.3, seconds: 10}]}"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -120,7 +119,7 @@ def load_profile(name: str) -> Profile:
         problem = str(getattr(error, "problem", None) or error).splitlines()[0]
         raise ConfigError(f"{name}{place}: is no YAML: {problem}") from None
     if not isinstance(tree, dict):
-        raise ConfigError(f"{name}: holds no profile; give title, figure, and steps or waypoints, as {EXAMPLES}")
+        raise ConfigError(f"{name}: holds no profile; give title, figure, and steps or waypoints, {EXAMPLE}")
     try:
         return Profile.model_validate(tree)
     except ValidationError as error:
@@ -128,6 +127,4 @@ def load_profile(name: str) -> Profile:
         key = ".".join(map(str, first["loc"])) or "the profile"
         message = first["msg"].removeprefix("Value error, ")
         given = f": {first['input']!r}" if isinstance(first["input"], str | int | float) else ""
-        raise ConfigError(
-            f"{name}: {key}{given}: {message[0].lower()}{message[1:]}; see {EXAMPLES} for examples"
-        ) from None
+        raise ConfigError(f"{name}: {key}{given}: {message[0].lower()}{message[1:]}; {EXAMPLE}") from None

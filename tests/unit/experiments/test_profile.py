@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from txt1.errors import ConfigError
-from txt1.experiments.profile import load_profile, names
+from txt1.experiments.profile import EXAMPLE, load_profile, names
 
 
 def test_the_thesis_experiments_are_there_and_valid() -> None:
@@ -46,12 +46,17 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, text: str, complaint: 
     assert "\n" not in str(told.value)
 
 
+def test_the_example_that_a_mistake_is_answered_with_is_a_profile(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(EXAMPLE.removeprefix("for example "))
+    assert load_profile(str(file)).duration == 10.0
+
+
 def test_a_wheel_takes_the_thesis_experiments_along() -> None:
     root = Path(__file__).parents[3]
     globs = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     taken = {file.resolve() for glob in globs["txt1.experiments"] for file in (root / "txt1/experiments").glob(glob)}
-    assert taken == {file.resolve() for file in (root / "config/experiments").glob("*.yaml")}
-    assert len(taken) == len(names())
+    assert {file.stem for file in taken} == set(names())
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
