@@ -1,0 +1,296 @@
+"""Who drives: priorities, hand-over, time-outs."""
+
+from __future__ import annotations
+
+import itertools
+from math import inf, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from txt1.control.commander import PRIORITIES, Commander, SetPoint
+
+TIMEOUT = 0.25
+TICK = 0.02
+FAST, SLOW = (1.0, 0.5), (0.3, -0.2)
+
+
+def commander(**priorities: int) -> Commander:
+    """A commander with these sources."""
+    made = Commander(TIMEOUT)
+    for name, priority in priorities.items():
+        made.add(name, priority)
+    return made
+
+
+def drives(one: Commander, name: str, now: float) -> bool:
+    return one.driver(now).name == name
+
+
+def moving(one: Commander, now: float) -> tuple[float, float]:
+    return one.setpoint(now)[:2]
+
+
+# -- every pair of priorities ----------------------------------------------------------------------------------
+
+PAIRS = list(itertools.product(PRIORITIES, PRIORITIES))
+
+
+@pytest.mark.parametrize("asks", [False, True], ids=["by a command", "by asking"])
+@pytest.mark.parametrize("has, wants", PAIRS)
+def test_the_wheel_passes_from_one_source_to_another_by_their_priorities(has: str, wants: str, asks: bool) -> None:
+    one = commander(a=PRIORITIES[has], b=PRIORITIES[wants])
+    assert one.command("a", *FAST, 1.0, 1.0)
+    takes_over = PRIORITIES[wants] > PRIORITIES[has]
+
+    now = 1.0 + TICK
+    assert (one.request("b", now) if asks else one.command("b", *SLOW, now, now)) is takes_over
+    assert drives(one, "b" if takes_over else "a", now), "in the next cycle"
+    if not takes_over:
+        assert moving(one, now) == FAST
+        assert one.driver(now).refused == {"b": 1}
+        return
+    assert moving(one, now) == ((0.0, 0.0) if asks else SLOW)
+    assert one.driver(now).since == now
+
+    # the first one goes on and on, and is refused and counted
+    assert not one.command("a", *FAST, now, now)
+    assert one.driver(now).refused == {"a": 1}
+    assert one.overruled("a") == "b"
+
+
+@pytest.mark.parametrize("neutral", ["zero", "request", "release"])
+@pytest.mark.parametrize("goes", ["release", "stale"])
+@pytest.mark.parametrize("has, wants", [(a, b) for a, b in PAIRS if PRIORITIES[b] > PRIORITIES[a]])
+def test_the_wheel_goes_back_after_a_zero_or_a_request_and_never_by_itself(
+    has: str, wants: str, goes: str, neutral: str
+) -> None:
+    one = commander(a=PRIORITIES[has], b=PRIORITIES[wants])
+    one.command("a", *FAST, 1.0, 1.0)
+    one.command("b", *SLOW, 1.02, 1.02)
+    one.command("a", 0.0, 0.0, 1.04, 1.04)  # while the other drives this is too early
+    now = 1.1
+    if goes == "release":
+        one.release("b", now)
+    else:
+        assert moving(one, 1.02 + TIMEOUT) == SLOW
+        now = 1.02 + TIMEOUT + TICK
+    assert moving(one, now) == (0.0, 0.0)
+    assert drives(one, "", now)
+
+    for _ in range(50):
+        assert not one.command("a", *FAST, now, now), "nobody is set off by another's letting go"
+        assert moving(one, now) == (0.0, 0.0)
+        now += 0.05
+
+    match neutral:
+        case "zero":
+            assert one.command("a", 0.0, 0.0, now, now)
+        case "request":
+            assert one.request("a", now)
+        case _:
+            one.release("a", now)
+    assert one.command("a", *FAST, now + 0.05, now + 0.05)
+    assert moving(one, now + 0.05) == FAST
+
+
+def test_of_equal_priorities_the_driver_goes_on_and_the_other_is_refused_and_counted() -> None:
+    one = commander(a=10, b=10)
+    for step in range(100):
+        now = step * 0.05
+        assert one.command("a", *FAST, now, now)
+        assert not one.command("b", *SLOW, now, now)
+        assert moving(one, now) == FAST
+    assert one.driver(now) == ("a", 0.0, {"b": 100})
+
+
+# -- zeros, freshness, order -----------------------------------------------------------------------------------
+
+
+def test_zeros_of_an_idle_source_hold_nothing_and_its_first_command_takes_over_at_once() -> None:
+    one = commander(gamepad=40, program=10)
+    for step in range(20):
+        now = step * 0.05
+        one.command("gamepad", 0.0, 0.0, now, now)
+        assert one.command("program", *FAST, now, now)
+        assert moving(one, now) == FAST
+    assert one.driver(now).refused == {}
+    assert one.command("gamepad", *SLOW, now, now)
+
+
+def test_a_driver_that_commands_zeros_stops_at_once_and_holds_the_wheel_for_no_longer_than_its_time_out() -> None:
+    one = commander(a=10, b=10)
+    one.command("a", *FAST, 0.0, 0.0)
+    now = 0.0
+    while now < TIMEOUT - 0.05:
+        now += 0.05
+        assert one.command("a", 0.0, 0.0, now, now)
+        assert moving(one, now) == (0.0, 0.0)
+        assert drives(one, "a", now)
+    assert one.command("b", *SLOW, 0.3, 0.3)
+
+
+def test_a_source_that_keeps_asking_holds_the_robot_where_it_stands() -> None:
+    one = commander(gamepad=40, program=10)
+    for step in range(40):
+        now = step * 0.05
+        assert one.request("gamepad", now)
+        one.command("gamepad", 0.0, 0.0, now, now)
+        assert not one.command("program", *FAST, now, now)
+        assert moving(one, now) == (0.0, 0.0)
+
+
+def test_a_source_that_drives_alone_goes_on_after_a_pause_as_ever() -> None:
+    one = commander(program=10)
+    one.command("program", *FAST, 0.0, 0.0)
+    assert moving(one, 1.0) == (0.0, 0.0)
+    assert one.setpoint(1.0).time == 0.0, "what is sent on is as stale as it was"
+    assert one.command("program", *FAST, 1.0, 1.0)
+
+
+def test_freshness_is_the_age_of_the_message_and_not_of_its_arrival() -> None:
+    one = commander(web=30)
+    assert not one.command("web", *FAST, 0.0, 0.26)
+    assert one.command("web", *FAST, 0.2, 0.4)
+    assert moving(one, 0.45) == FAST
+    assert moving(one, 0.46) == (0.0, 0.0)
+    assert drives(one, "", 0.46)
+    assert one.driver(0.46).since == pytest.approx(0.45)
+
+
+def test_a_late_command_does_not_undo_the_stop_that_overtook_it() -> None:
+    one = commander(web=30)
+    one.command("web", *FAST, 1.0, 1.0)
+    one.command("web", 0.0, 0.0, 1.1, 1.1)
+    assert not one.command("web", *FAST, 1.05, 1.15)
+    assert moving(one, 1.15) == (0.0, 0.0)
+
+
+def test_a_zero_from_before_the_other_let_go_does_not_count_as_neutral() -> None:
+    one = commander(keys=50, program=10)
+    one.command("program", *FAST, 1.0, 1.0)
+    one.command("keys", *SLOW, 1.1, 1.1)
+    one.release("keys", 1.2)
+    one.command("program", 0.0, 0.0, 1.15, 1.25)
+    assert not one.command("program", *FAST, 1.3, 1.3)
+    one.command("program", 0.0, 0.0, 1.35, 1.4)
+    assert one.command("program", *FAST, 1.4, 1.4)
+
+
+def test_a_source_may_be_stale_sooner_than_the_gate_but_never_later() -> None:
+    one = Commander(TIMEOUT)
+    one.add("gamepad", timeout=0.1)
+    one.command("gamepad", *FAST, 0.0, 0.0)
+    assert moving(one, 0.1) == FAST
+    assert moving(one, 0.12) == (0.0, 0.0)
+    for timeout in (0.26, inf, nan, 0.0, -1.0):
+        with pytest.raises(ValueError, match="time-out"):
+            one.add("web", timeout=timeout)
+    with pytest.raises(ValueError, match="one of that name"):
+        one.add("gamepad")
+
+
+@pytest.mark.parametrize("v, omega, time", [(nan, 0.0, 1.0), (0.5, inf, 1.0), (0.5, 0.0, nan), (0.5, 0.0, 1.5)])
+def test_what_is_not_finite_or_comes_from_the_future_is_refused_whole(v: float, omega: float, time: float) -> None:
+    one = commander(program=10)
+    one.command("program", *FAST, 0.9, 0.9)
+    with pytest.raises(ValueError, match="finite"):
+        one.command("program", v, omega, time, 1.0)
+    assert moving(one, 1.0) == FAST
+    assert moving(one, 1.16) == (0.0, 0.0), "and refreshes nothing"
+
+
+def test_after_arming_nothing_from_before_counts() -> None:
+    one = commander(keys=50, program=10)
+    one.command("program", *FAST, 1.0, 1.0)
+    one.clear(1.0)
+    assert one.setpoint(1.0) == SetPoint()
+    assert drives(one, "", 1.0)
+
+
+# -- any traffic at all ----------------------------------------------------------------------------------------
+
+NAMES = ("keys", "gamepad", "web", "program", "script")
+VELOCITIES = st.sampled_from([(0.0, 0.0), (0.5, 0.0), (-0.3, 0.2), (0.0, 0.4), (1.5, -1.0)])
+
+
+class Traffic(RuleBasedStateMachine):
+    """Sources that do anything in any order, beside a plain account of whom the rules allow to drive."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now = 1.0
+        self.one = Commander(TIMEOUT)
+        self.before = ""
+        self.said: tuple[str, tuple[float, float]] | None = None  # the last source to speak, and its command
+
+    @initialize(timeouts=st.tuples(*[st.sampled_from([0.05, 0.1, TIMEOUT]) for _ in NAMES]))
+    def begin(self, timeouts: tuple[float, ...]) -> None:
+        for name, timeout in zip(NAMES, timeouts, strict=True):
+            self.one.add(name, timeout=timeout)
+
+    @rule(name=st.sampled_from(NAMES), velocity=VELOCITIES, age=st.sampled_from([0.0, 0.0, 0.02, 0.08, 0.3]))
+    def command(self, name: str, velocity: tuple[float, float], age: float) -> None:
+        taken = self.one.command(name, *velocity, self.now - age, self.now)
+        self.said = (name, velocity)
+        if taken:
+            assert moving(self.one, self.now) == velocity
+        if any(velocity):
+            assert taken is drives(self.one, name, self.now) or not taken
+
+    @rule(name=st.sampled_from(NAMES))
+    def request(self, name: str) -> None:
+        assert self.one.request(name, self.now) is drives(self.one, name, self.now)
+        self.said = (name, (0.0, 0.0))
+
+    @rule(name=st.sampled_from(NAMES))
+    def release(self, name: str) -> None:
+        self.one.release(name, self.now)
+        assert not drives(self.one, name, self.now)
+        self.said = None
+
+    @rule(cycles=st.integers(1, 20))
+    def wait(self, cycles: int) -> None:
+        self.now = round(self.now + cycles * TICK, 9)
+        self.said = None
+
+    @precondition(lambda self: self.now > 1.0)
+    @rule()
+    def arm(self) -> None:
+        self.one.clear(self.now)
+        self.said = None
+
+    @invariant()
+    def one_source_drives_and_a_hand_over_begins_with_its_command_or_zero(self) -> None:
+        name = self.one.driver(self.now).name
+        assert name in ("", *NAMES)
+        v, omega = moving(self.one, self.now)
+        if not name:
+            assert (v, omega) == (0.0, 0.0)
+        if name != self.before:
+            wanted = self.said[1] if self.said is not None and self.said[0] == name else (0.0, 0.0)
+            assert (v, omega) in (wanted, (0.0, 0.0))
+        self.before = name
+
+
+Traffic.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+TestTraffic = Traffic.TestCase
+
+
+@given(st.lists(st.tuples(st.sampled_from(["keys", "program"]), VELOCITIES, st.integers(1, 20)), max_size=60))
+def test_a_program_that_was_overruled_and_never_commands_zero_never_drives_again(
+    script: list[tuple[str, tuple[float, float], int]],
+) -> None:
+    one = commander(keys=50, program=10)
+    overruled, now = False, 0.0
+    for name, velocity, cycles in script:
+        now = round(now + cycles * TICK, 9)
+        had = drives(one, "program", now)
+        taken = one.command(name, *(velocity if name == "keys" or any(velocity) else FAST), now, now)
+        if name == "program":
+            assert not (taken and overruled)
+            overruled = overruled or not taken
+        else:
+            overruled = overruled or (had and taken)

@@ -1,0 +1,228 @@
+"""Who drives: sources of commands with priorities and time-outs, of which one at a time has the wheel.
+
+It stands between those who command (keys, gamepad, web, ROS, programs) and the safety gate, which stays the last word.
+
+* A command that is not zero, or `Commander.request`, takes the wheel where nobody has it, and at once from a source of
+  lower priority. Of equal priorities the one that drives goes on; the other is refused and counted.
+* The wheel is held by commands that are not zero, and by requests, as long as the newest is fresh. Freshness is the age
+  of the message's own origin. Zeros stop the robot; they hold nothing.
+* A source that lost the wheel to another, or was refused because of another, is overruled: it drives again only when,
+  after the other has released the wheel or gone stale, it has commanded zero once or asked anew. So letting go of a
+  gamepad never sets off the program that was driving before.
+
+Nothing here knows a clock: `now` is the present and `time` a message's origin, both s of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf, isfinite
+from typing import Final, NamedTuple
+
+PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "gamepad": 40, "web": 30, "ros": 20, "program": 10}
+"""Priorities by the name of the source; any other name has a program's. The emergency stop is the gate's, above all."""
+
+SKEW: Final = 0.001
+"""s by which a message may come from the future, as clocks are rounded."""
+
+
+class SetPoint(NamedTuple):
+    """The velocity to send on: v in m/s, omega in rad/s, and the origin of the command behind it, s of the run."""
+
+    v: float = 0.0
+    omega: float = 0.0
+    time: float = -inf
+
+
+class Driver(NamedTuple):
+    """Who drives.
+
+    Attributes:
+        name: the source that has the wheel; "" for nobody.
+        since: when it took the wheel, or the wheel became free, s of the run.
+        refused: how often each source was refused, by name; those never refused are not named.
+
+    """
+
+    name: str = ""
+    since: float = 0.0
+    refused: Mapping[str, int] = {}
+
+
+class _Source:
+    """A source's rank and what it last did; times are -inf before it did anything."""
+
+    __slots__ = ("held", "name", "overruled", "priority", "spoke", "timeout")
+
+    def __init__(self, name: str, priority: int, timeout: float) -> None:
+        self.name = name
+        self.priority = priority
+        self.timeout = timeout
+        self.spoke = -inf  # origin of its newest message
+        self.held = -inf  # origin of the newest that holds the wheel
+        self.overruled = ""  # by whom
+
+
+class Commander:
+    """Decides whose command goes on to the safety gate.
+
+    Args:
+        timeout: the safety gate's, s: no source may have a longer one.
+
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
+        self._sources: dict[str, _Source] = {}
+        self._driver: _Source | None = None
+        self._since = 0.0
+        self._refused: dict[str, int] = {}
+        self._report = Driver()
+        self._setpoint = SetPoint()
+
+    def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
+        """Make a source known.
+
+        Args:
+            name: for telemetry and messages.
+            priority: the higher outranks the lower; None: by `PRIORITIES`.
+            timeout: age at which its commands are stale, s; None: the gate's.
+
+        Raises:
+            ValueError: there is one of that name, or the time-out is not positive or longer than the gate's.
+
+        """
+        if name in self._sources or not name:
+            raise ValueError(f"source {name!r}: there is one of that name already; choose another")
+        limit = self._timeout if timeout is None else timeout
+        if not 0.0 < limit <= self._timeout:
+            raise ValueError(
+                f"source {name!r}: a time-out of {limit!r} s; it must be more than 0 and at most the safety gate's "
+                f"{self._timeout:g} s (safety.command_timeout)"
+            )
+        rank = PRIORITIES.get(name, PRIORITIES["program"]) if priority is None else priority
+        self._sources[name] = _Source(name, rank, limit)
+
+    # -- what a source does ------------------------------------------------------------------------------------
+
+    def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
+        """Take a source's command; v in m/s, omega in rad/s.
+
+        Returns:
+            Whether it is the set-point now. A zero is where nobody else has the wheel.
+
+        Raises:
+            ValueError: a number is not finite, or `time` lies in the future.
+
+        """
+        if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
+            raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: finite numbers, and no later than now")
+        source, moves = self._sources[name], v != 0.0 or omega != 0.0
+        driver = self._driver_at(now)
+        if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer one
+            self._refuse(source)
+            return False
+        source.spoke = time = min(time, now)
+        if not moves:
+            if not _rules(driver, source) and time >= self._since:
+                source.overruled = ""
+            if driver is not None and driver is not source:
+                return False
+        elif not self._take(source, driver, time):
+            return False
+        self._setpoint = SetPoint(v, omega, time)
+        return True
+
+    def request(self, name: str, now: float) -> bool:
+        """Ask for the wheel, or hold it for another time-out; the set-point is 0 until a command comes.
+
+        Returns:
+            Whether the source has the wheel now.
+
+        """
+        source, driver = self._sources[name], self._driver_at(now)
+        if not _rules(driver, source):
+            source.overruled = ""
+        if not self._take(source, driver, now):
+            return False
+        if driver is not None and driver is not source:
+            self._setpoint = SetPoint(time=now)
+        return True
+
+    def release(self, name: str, now: float) -> bool:
+        """Command zero once and let go of the wheel.
+
+        Returns:
+            Whether the zero is the set-point now: not where another source has the wheel.
+
+        """
+        zero = self.command(name, 0.0, 0.0, now, now)
+        if self._driver is self._sources[name]:
+            self._free(now)
+        return zero
+
+    def clear(self, now: float) -> None:
+        """Forget every command up to `now`: the robot has just been armed."""
+        if self._driver is not None:
+            self._free(now)
+        self._setpoint = SetPoint()
+
+    # -- what came of it ---------------------------------------------------------------------------------------
+
+    def setpoint(self, now: float) -> SetPoint:
+        """The set-point in force at `now`; 0 when the command behind it is stale."""
+        driver, setpoint = self._driver_at(now), self._setpoint
+        timeout = self._timeout if driver is None else driver.timeout
+        return setpoint if now - setpoint.time <= timeout + 1e-9 else SetPoint(time=setpoint.time)
+
+    def driver(self, now: float) -> Driver:
+        """Who drives at `now`."""
+        self._driver_at(now)
+        return self._report
+
+    def overruled(self, name: str) -> str:
+        """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
+        return self._sources[name].overruled
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _driver_at(self, now: float) -> _Source | None:
+        """The driver, unless its commands have gone stale by `now`."""
+        driver = self._driver
+        if driver is not None and now - driver.held > driver.timeout + 1e-9:
+            self._free(driver.held + driver.timeout)
+        return self._driver
+
+    def _take(self, source: _Source, driver: _Source | None, time: float) -> bool:
+        """Whether the source has the wheel after a message that takes or holds it."""
+        if source.overruled or _rules(driver, source):
+            if driver is not None and driver is not source:
+                source.overruled = driver.name
+            self._refuse(source)
+            return False
+        if driver is not source:
+            if driver is not None:
+                driver.overruled = source.name
+            self._driver, self._since = source, time
+            self._tell()
+        source.held = max(source.held, time)
+        return True
+
+    def _free(self, time: float) -> None:
+        """The wheel is nobody's from `time` on."""
+        self._driver, self._since = None, time
+        self._setpoint = SetPoint(time=self._setpoint.time)
+        self._tell()
+
+    def _refuse(self, source: _Source) -> None:
+        self._refused[source.name] = self._refused.get(source.name, 0) + 1
+        self._tell()
+
+    def _tell(self) -> None:
+        name = "" if self._driver is None else self._driver.name
+        self._report = Driver(name, self._since, dict(self._refused))
+
+
+def _rules(driver: _Source | None, source: _Source) -> bool:
+    """Whether another driver keeps the wheel from this source."""
+    return driver is not None and driver is not source and driver.priority >= source.priority
