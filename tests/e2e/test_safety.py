@@ -13,7 +13,7 @@ from txt1.hal.base import Button, Inputs, Outputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel import Ticks, clock_of
-from txt1.protocol.messages import Switch, Velocity
+from txt1.protocol.messages import PwmCommand, Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import Faults
 from txt1.tasks.fields import CombinedSample, LinkState
@@ -334,6 +334,31 @@ async def test_a_command_given_at_the_instant_of_arming_but_before_it_does_not_c
     robot.arm()
     await asyncio.sleep(0.2)
     assert true_speed(robot) == 0.0
+
+
+@pytest.mark.parametrize("stop", [Robot.stop, Robot.disarm])
+async def test_servos_that_were_told_to_move_before_arming_stay_where_they_are(
+    robot: Robot, stop: Callable[[Robot], None]
+) -> None:
+    robot.servos(100, -100)
+    await asyncio.sleep(0.1)
+    robot.servos(12000, -24000)  # has not been carried out yet
+    stop(robot)
+    robot.arm()
+    await asyncio.sleep(0.2)
+    assert outputs(robot)[3:5] == (100, -100)
+
+    stop(robot)
+    with pytest.raises(NotArmed):
+        robot.servos(12000, -24000)
+    robot.runtime.post(PwmCommand(12000, -24000), robot.now)  # as a board takes it from its host
+    await asyncio.sleep(0.2)
+    robot.arm()
+    await asyncio.sleep(0.2)
+    assert outputs(robot)[3:5] == (100, -100)
+    robot.servos(200, -200)
+    await asyncio.sleep(0.1)
+    assert outputs(robot)[3:5] == (200, -200)
 
 
 async def test_a_pwm_test_does_not_survive_leaving_manual_mode(robot: Robot, samples: list[Sample]) -> None:

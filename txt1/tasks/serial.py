@@ -77,10 +77,11 @@ async def serial(
                         gate.count(Fault.NOT_MANUAL)
                     elif pwm is not None:
                         state.manual_pwm = ManualPwm(pwm[0], pwm[1], pwm[2], time, epoch)
-                        state.servos = pwm[3], pwm[4]
+                        if gate.armed and epoch == gate.epoch:
+                            state.servos = pwm[3], pwm[4]
                 case PwmCommand(pwm4, pwm5):
                     servos = gate.admit_pwm(pwm4, pwm5)
-                    if servos is not None:
+                    if servos is not None and gate.armed and epoch == gate.epoch:  # nothing from before arming counts
                         state.servos = servos[0], servos[1]
                 case PowerControl(switch, on):
                     if switch is Switch.ATX and not on and gate.armed:
