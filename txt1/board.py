@@ -18,7 +18,7 @@ from typing import Final
 from numpy.random import SeedSequence
 
 from txt1.config import Config
-from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
+from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, create_serial
 from txt1.hal.serial import DevicePort, Port
@@ -186,11 +186,6 @@ class Board:
     def now(self) -> float:
         """Seconds since power-up."""
         return self.runtime.now
-
-    def command(self, v: float, omega: float) -> None:
-        """A board is driven by its host."""
-        del v, omega
-        raise CommandRefused("the host drives this board")
 
     def arm(self) -> None:
         """Release the emergency stop, or obey again at once.

@@ -13,7 +13,8 @@
     ├── QTableError          a file is no sound Q-table: names the file, the problem and the remedy
     ├── RecordingError       a recording cannot be written or read: names the file, the problem and the remedy
     ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
-    │   └── NotArmed         the safety gate is closed: carries the reason
+    │   ├── NotArmed         the safety gate is closed: carries the reason
+    │   └── Overruled        another source of commands drives: names both
     ├── TaskFault            a task raised: carries its name, the cause is chained
     └── TerminalLost         the drawing process ended unasked
 
@@ -176,6 +177,20 @@ class NotArmed(CommandRefused):
     def __init__(self, reason: str) -> None:
         super().__init__(f"the robot is not armed ({reason}): call Robot.arm() or press m")
         self.reason = reason
+
+
+class Overruled(CommandRefused):
+    """Another source of commands has the wheel, or had it and nobody has asked anew since.
+
+    >>> raise Overruled("program", "keys")
+    Traceback (most recent call last):
+    txt1.errors.Overruled: 'program' does not drive: 'keys' has taken the wheel; ask anew when it has let go
+    """
+
+    def __init__(self, source: str, driver: str) -> None:
+        super().__init__(f"'{source}' does not drive: '{driver}' has taken the wheel; ask anew when it has let go")
+        self.source = source
+        self.driver = driver
 
 
 class TaskFault(Txt1Error):

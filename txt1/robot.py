@@ -6,38 +6,38 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
-from math import inf, isfinite
+from math import inf, nan
 from typing import Any, Final, TypeVar
 
 from txt1.board import create_hal
 from txt1.config import Config, load
+from txt1.control.commander import Driver
 from txt1.control.limits import Fault
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.errors import CommandRefused, ConfigError, HalError, NotArmed, NotCapable
+from txt1.driver import REFRESH, CommandSource, Wheel, require_finite
+from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
+from txt1.protocol.frame import encode
 from txt1.protocol.messages import (
     BatteryLevels,
     BoardMessage,
     CombinedOdometry,
     EncoderOdometry,
+    HostMessage,
     PidResponse,
     PidSet,
     PowerControl,
     PwmCommand,
     PwmTest,
     Switch,
-    Velocity,
 )
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Sensor
 from txt1.sensors.polling import Polled
 from txt1.tasks.fields import Battery, Snapshot
-
-REFRESH: Final = 0.05
-"""Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""
 
 DRIVER_PRIORITY: Final = 3
 
@@ -62,8 +62,9 @@ class Robot:
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
-        self._command = (0.0, 0.0, -inf)
-        self._commanded = False  # since the driver's last tick
+        self._wheel = Wheel(runtime)
+        self.program = self.source("program")
+        """The source of commands behind `command` and `drive`."""
         self._pid_response: asyncio.Future[bool] | None = None
         self._gains_rejected = False
         self._touched = False
@@ -305,7 +306,7 @@ class Robot:
             NotArmed: the robot may not be armed now; the message says why.
 
         """
-        self._command = (0.0, 0.0, -inf)  # nothing from before counts
+        self._wheel.clear()  # nothing from before counts
         self._runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
@@ -320,22 +321,39 @@ class Robot:
 
     # -- driving -----------------------------------------------------------------------------------------------
 
-    def command(self, v: float, omega: float) -> None:
-        """Ask for a speed in m/s and a yaw rate in rad/s, for the next 0.25 s.
+    def source(self, name: str, priority: int | None = None, timeout: float | None = None) -> CommandSource:
+        """A source of commands of your own, beside the keys, the live view and the program.
 
-        Beyond +-1.5 m/s and abs(v) / R_min they are clipped and counted.
+        One source at a time has the wheel (see `txt1.control.commander`).
+
+        Args:
+            name: for telemetry and messages; there may be one of each name.
+            priority: the higher outranks the lower; None: keys 50, gamepad 40, web 30, ros 20, any other name 10.
+            timeout: age at which its commands are stale, s; None: ``commander.timeouts``, or the safety gate's.
+
+        Raises:
+            ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
+
+        """
+        return self._wheel.source(name, priority, timeout)
+
+    @property
+    def driver(self) -> Driver:
+        """Who drives, since when, and who was refused how often."""
+        return self._wheel.driver
+
+    def command(self, v: float, omega: float) -> bool:
+        """Ask for a speed in m/s and a yaw rate in rad/s, for the next 0.25 s, as the source "program".
+
+        Returns:
+            Whether it is the set-point now: not while a source of higher priority drives, nor after it has let go
+            until this one has commanded zero once (see `CommandSource.command`).
 
         Raises:
             CommandRefused: a value is not finite; the command before stays in force, until it is stale.
 
         """
-        if not (isfinite(v) and isfinite(omega)):
-            self._runtime.post(Velocity(v, omega), self.now)  # the gate refuses and counts it
-            raise CommandRefused(f"a velocity command must be finite, not v={v!r}, omega={omega!r}")
-        now = self.now
-        self._command = (v, omega, now)
-        self._commanded = True
-        self._runtime.post(Velocity(v, omega), now)
+        return self.program.command(v, omega)
 
     async def drive(self, v: float, omega: float, duration: float) -> None:
         """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.
@@ -343,10 +361,12 @@ class Robot:
         Raises:
             CommandRefused: a value is not finite.
             NotArmed: the gate is closed, or closes on the way; the message says why.
+            Overruled: another source drives, or takes the wheel on the way; the message says which.
 
         """
-        await self._repeat(lambda: self.command(v, omega), duration)
-        self.command(0.0, 0.0)
+        self.program.begin()
+        await self._repeat(lambda: self.program.insist(v, omega), duration)
+        self.program.release()
 
     def combined_odometry(self, x: float, y: float, theta: float, v: float, omega: float) -> None:
         """Offer odometry from better sensors than the encoders; only v (m/s) and omega (rad/s) are used.
@@ -354,12 +374,10 @@ class Robot:
         The loops use it while more than two a second come and the last is at most 0.1 s old.
 
         Raises:
-            CommandRefused: a velocity is not finite.
+            CommandRefused: a value is not finite.
 
         """
-        self._runtime.post(CombinedOdometry(x, y, theta, v, omega), self.now)
-        if not (isfinite(v) and isfinite(omega)):
-            raise CommandRefused(f"combined odometry must be finite, not v={v!r}, omega={omega!r}")
+        self._post(CombinedOdometry, x=x, y=y, theta=theta, v=v, omega=omega)
 
     async def load_gains(
         self,
@@ -372,11 +390,22 @@ class Robot:
         Returns:
             True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
 
+        Raises:
+            CommandRefused: one is not finite, or does not fit its field on the wire.
+
         """
         control = self.config.loops()
         gains = control.linear.gains() if linear is None else linear
         sets = control.schedule().sets if angular is None else angular
         message = PidSet((gains.kp, gains.ki, gains.kd), tuple((s.v_max, *s.gains) for s in sets))
+        try:
+            require_finite("linear gains", **gains._asdict())
+            for each in sets:
+                require_finite("angular gains", v_max=each.v_max, **each.gains._asdict())
+            encode(message)
+        except (CommandRefused, EncodeError) as error:
+            self._runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
+            raise CommandRefused(f"no board takes these gains: {error}") from None
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._pid_response = answer
         ends = self.now + timeout
@@ -415,11 +444,9 @@ class Robot:
 
         """
         self._require("pwm")
-        self._runtime.post(PwmTest(motor, front, rear, pwm4, pwm5), self.now)
+        self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
         if not self._runtime.state.panel.manual:
             raise CommandRefused("PWM test is obeyed in manual mode only: call Robot.set_manual(True) or press c")
-        if not all(map(isfinite, (motor, front, rear, pwm4, pwm5))):
-            raise CommandRefused("PWM counts must be finite")
 
     async def hold_pwm(
         self, motor: int, front: int, rear: int, pwm4: int = 0, pwm5: int = 0, *, duration: float
@@ -439,13 +466,14 @@ class Robot:
 
         Raises:
             NotCapable: the HAL has no such channels.
+            NotArmed: the gate is closed; they stay where they are.
             CommandRefused: a value is not finite.
 
         """
         self._require("servos")
-        self._runtime.post(PwmCommand(pwm4, pwm5), self.now)
-        if not (isfinite(pwm4) and isfinite(pwm5)):
-            raise CommandRefused(f"PWM counts must be finite, not pwm4={pwm4!r}, pwm5={pwm5!r}")
+        if not self.armed:
+            raise NotArmed(self.reason)
+        self._post(PwmCommand, pwm4=pwm4, pwm5=pwm5)
 
     def switch_power(self, switch: Switch, on: bool) -> None:
         """Turn the ATX supply or the ESC on or off.
@@ -510,20 +538,10 @@ class Robot:
     # -- inside ------------------------------------------------------------------------------------------------
 
     async def _drive_messages(self, ticks: Ticks) -> None:
-        """The driver: a Velocity message in every period, the last command while it is fresh, else zeros.
-
-        Only who gives a command makes it fresh; sending it again does not.
-        """
-        timeout = self.config.safety.command_timeout
+        """The driver: a Velocity message in every period."""
         async for now in ticks:
             self._arm_again()
-            if self._commanded:  # there was a message in this period already
-                self._commanded = False
-                continue
-            v, omega, given = self._command
-            if now - given > timeout:
-                v = omega = 0.0
-            self._runtime.post(Velocity(v, omega), given)
+            self._wheel.tick(now)
 
     async def _repeat(self, give: Callable[[], None], duration: float) -> None:
         """Give a command again and again for `duration` s, as long as the gate is open."""
@@ -538,6 +556,15 @@ class Robot:
             if left <= 0.0:
                 return
             await asyncio.sleep(min(REFRESH, left))
+
+    def _post(self, kind: Callable[..., HostMessage], **values: float) -> None:
+        """Post a message of these values; one that is not finite is refused, and counted by the gate."""
+        try:
+            require_finite(kind.__name__, **values)
+        except CommandRefused:
+            self._runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
+            raise
+        self._runtime.post(kind(**values), self.now)
 
     def _arm_again(self) -> None:
         """Where the configuration says so, arm again when a lost link that closed the gate is back."""

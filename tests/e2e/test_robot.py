@@ -4,7 +4,9 @@ import asyncio
 import gc
 import runpy
 import sys
+from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -106,9 +108,34 @@ async def test_gains_whose_v_max_does_not_rise_are_rejected_and_the_old_ones_sta
     assert robot.faults["gains_refused"] == 1
 
 
-async def test_gains_that_are_not_finite_are_rejected(robot: Robot) -> None:
-    assert not await robot.load_gains(Gains(float("nan"), 1.0, 0.0))
-    assert not await robot.load_gains(angular=[GainSet(1.0, Gains(1.0, float("inf"), 0.0))])
+@pytest.mark.parametrize("bad", [nan, inf, 10**400, 10**5000, 1e7, "x"], ids=lambda bad: str(type(bad)))
+async def test_gains_that_no_board_takes_are_refused_and_counted(robot: Robot, bad: Any) -> None:
+    before = robot.runtime.state.gains
+    with pytest.raises(CommandRefused, match="kp"):
+        await robot.load_gains(Gains(bad, 1.0, 0.0))
+    with pytest.raises(CommandRefused, match="ki"):
+        await robot.load_gains(angular=[GainSet(1.0, Gains(1.0, bad, 0.0))])
+    await asyncio.sleep(0.1)
+    assert robot.runtime.state.gains == before
+    assert robot.faults["gains_refused"] == 2
+
+
+@pytest.mark.parametrize("bad", [nan, inf, 10**400, 10**5000, "x", None], ids=lambda bad: str(type(bad)))
+async def test_a_value_that_is_no_finite_number_is_refused_before_anything_is_sent(robot: Robot, bad: Any) -> None:
+    for command in (
+        lambda: robot.command(bad, 0.0),
+        lambda: robot.command(0.5, bad),
+        lambda: robot.combined_odometry(0.0, 0.0, 0.0, bad, 0.0),
+        lambda: robot.combined_odometry(bad, 0.0, 0.0, 0.0, 0.0),
+        lambda: robot.servos(bad, 0),
+        lambda: robot.pwm_test(bad, 0, 0),
+    ):
+        with pytest.raises(CommandRefused, match="finite"):
+            command()
+    await asyncio.sleep(0.1)
+    assert robot.armed
+    assert robot.faults["command_not_finite"] == 6
+    assert robot.runtime.state.servos == (0, 0)
 
 
 async def test_the_free_servos_go_where_they_are_told_without_a_velocity_command(robot: Robot) -> None:

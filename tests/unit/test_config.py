@@ -147,10 +147,24 @@ def test_walls_may_be_infinitely_far_and_a_pack_missing() -> None:
     assert (config.sim.room.length, config.sim.battery.used_1) == (inf, None)
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False))
-def test_any_finite_gain_given_as_text_arrives_exactly(kp: float) -> None:
+@given(st.floats(-2147483.648, 2147483.647))
+def test_any_gain_a_board_can_take_given_as_text_arrives_exactly(kp: float) -> None:
     assert load(overrides=[f"control.linear.kp={kp!r}"]).config.control.linear.kp == kp
     assert load(environment={"TXT1_CONTROL__LINEAR__KP": str(kp)}).config.control.linear.kp == kp
+
+
+def test_sources_of_commands_may_have_shorter_time_outs_than_the_gate_and_no_longer_ones() -> None:
+    assert load(overrides=["commander.timeouts={gamepad: 0.1}"]).config.commander.timeouts == {"gamepad": 0.1}
+    assert load(overrides=["commander.timeouts.gamepad=0.1"]).config.commander.timeouts == {"gamepad": 0.1}
+    with pytest.raises(ConfigError, match=r"timeouts\.web: 0\.3 s; use at most safety\.command_timeout, 0\.25 s"):
+        load(overrides=["commander.timeouts.web=0.3"])
+    with pytest.raises(ConfigError, match="greater than 0"):
+        load(overrides=["commander.timeouts.web=0"])
+
+
+def test_a_gain_that_no_board_can_take_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"control\.linear\.kp"):
+        load(overrides=["control.linear.kp=1e8"])
 
 
 # -- refusals --------------------------------------------------------------------------------------------------

@@ -22,10 +22,11 @@ from txt1.beside import PRIORITY as SCREENS_PRIORITY
 from txt1.cli.exit_codes import DISARMED, FAULT, OK, SIGNALS
 from txt1.cli.summary import report, status_line
 from txt1.config import Config
+from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, TaskFault
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
-from txt1.robot import REFRESH, Robot
+from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.ui.terminal import Terminal
 

@@ -65,7 +65,7 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, listen
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
             try:
-                await app.watch(board.runtime, partial(Terminal, board, app.beat), view_of(arguments))
+                await app.watch(board.runtime, partial(Terminal, board, beat=app.beat), view_of(arguments))
             finally:
                 await board.power_down()
         finally:

@@ -22,7 +22,7 @@ from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder
 from txt1.experiments.profile import EXAMPLE, Profile, load_profile, names
 from txt1.experiments.run_folder import FIGURE, Run
-from txt1.experiments.runner import Experiment, Outcome
+from txt1.experiments.runner import ANOTHER, Experiment, Outcome
 from txt1.kernel.loop import Speed
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
@@ -171,9 +171,9 @@ def drive(
     if experiment is None:
         return Driven(None, code)
     outcome = experiment.outcome()
-    if code == OK and outcome.stopped_by.startswith("the safety gate"):
+    if code == OK and outcome.stopped_by.startswith(("the safety gate", ANOTHER)):
         say(f"the robot was stopped by {outcome.stopped_by}")
-        code = DISARMED
+        code = FAULT if outcome.stopped_by.startswith(ANOTHER) else DISARMED
     return Driven(outcome, code)
 
 

@@ -13,9 +13,10 @@ from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import add_log, add_robot, add_view, existing, loaded, positive, velocity
 from txt1.config import Config
 from txt1.control.limits import Fault
+from txt1.driver import REFRESH, CommandSource
 from txt1.errors import HalError
 from txt1.kernel.ticks import Ticks
-from txt1.robot import REFRESH, Robot
+from txt1.robot import Robot
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -70,13 +71,13 @@ async def _operate(app: App, arguments: argparse.Namespace, config: Config, agen
     async with app.robot(config, ready=False, log=arguments.log, about=told, view=view) as robot:
         teleop, radius_min = config.teleop, config.geometry.radius_min
         if view is not None:
-            view.drive(robot.command, radius_min)
+            view.drive(robot.source("web").command, radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         start = Start(robot, arguments.arm, arguments.drive, agent)
         getting_ready = asyncio.ensure_future(start.get_ready())
         try:
-            terminal = partial(Terminal, robot, app.beat, teleop.speed, teleop.turn, radius_min)
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop.speed, teleop.turn, radius_min)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
         finally:
             getting_ready.cancel()
@@ -121,19 +122,13 @@ class Start:
                 raise HalError(refusal_of_gains(robot))
             robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
         if self._drive is not None:
-            robot.add_task("script", REFRESH, self._script)
+            robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self._drive))
         if self._agent is not None:
             learning.start(robot, self._agent)
 
     def _to_be_armed(self) -> bool:
         """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""
         return (self._robot.arms_by_itself if self._arm is None else self._arm) and not self._robot.touched
-
-    async def _script(self, ticks: Ticks) -> None:
-        """Command a constant velocity."""
-        assert self._drive is not None
-        async for _ in ticks:
-            self._robot.command(*self._drive)
 
     def verdict(self, duration: float | None) -> tuple[int, str]:
         """Return the exit code of a run that ended by itself, and the reason."""
@@ -146,3 +141,9 @@ class Start:
         if board is not None and duration is not None and not self._linked:
             return FAULT, f"there was no link to the board in {duration:g} s: {board.text}"
         return OK, gate.reason
+
+
+async def _script(source: CommandSource, velocity: tuple[float, float], ticks: Ticks) -> None:
+    """Command a constant velocity."""
+    async for _ in ticks:
+        source.command(*velocity)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import asdict
 from hashlib import blake2b
+from math import inf
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from txt1.control.parameters import Limits, Safety
 from txt1.control.pid import Gains
@@ -17,6 +18,9 @@ from txt1.protocol.messages import PidSet
 from txt1.sim.line import LineFaults
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, VehicleParameters
 from txt1.units import NotNegative, Positive, PositiveInt
+
+GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
+"""A PID set carries thousandths in 32 bits (thesis 3.5)."""
 
 
 class Section(BaseModel):
@@ -31,11 +35,11 @@ class Section(BaseModel):
 class GainsConfig(Section):
     """PID gains, PWM counts per mm/s (linear) or mrad/s (angular) of error."""
 
-    kp: float
+    kp: GainOnWire
     """Proportional gain."""
-    ki: float
+    ki: GainOnWire
     """Integral gain, 1/s."""
-    kd: float
+    kd: GainOnWire
     """Derivative gain, s."""
 
     def gains(self) -> Gains:
@@ -46,7 +50,7 @@ class GainsConfig(Section):
 class GainSetConfig(GainsConfig):
     """Angular gains up to a speed."""
 
-    v_max: float
+    v_max: GainOnWire
     """The set is in force up to this measured speed, m/s."""
 
 
@@ -163,6 +167,13 @@ class BoardConfig(Section):
     fault: LineFaults = LineFaults()
 
 
+class CommanderConfig(Section):
+    """Who drives."""
+
+    timeouts: dict[str, Positive] = {}
+    """Age at which the commands of a source are stale, s, by its name; at most safety.command_timeout, the default."""
+
+
 class TeleopConfig(Section):
     """Driving from the keyboard."""
 
@@ -271,6 +282,7 @@ class Config(Section):
     serial: SerialConfig = SerialConfig()
     odometry: OdometryConfig = OdometryConfig()
     board: BoardConfig = BoardConfig()
+    commander: CommanderConfig = CommanderConfig()
     teleop: TeleopConfig = TeleopConfig()
     learning: LearningConfig = LearningConfig()
     sensors: dict[SensorName, SensorConfig] = {}
@@ -284,6 +296,15 @@ class Config(Section):
         if not self.name:
             return self.seed
         return int.from_bytes(blake2b(f"{self.seed} {self.name}".encode(), digest_size=8).digest())
+
+    @field_validator("commander")
+    @classmethod
+    def _no_longer_than_the_gates(cls, commander: CommanderConfig, info: ValidationInfo) -> CommanderConfig:
+        limit = info.data["safety"].command_timeout if "safety" in info.data else inf
+        for name, timeout in commander.timeouts.items():
+            if timeout > limit:
+                raise ValueError(f"timeouts.{name}: {timeout:g} s; use at most safety.command_timeout, {limit:g} s")
+        return commander
 
     def loops(self) -> ControlConfig:
         """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""

@@ -7,7 +7,7 @@ from math import inf, nan
 from typing import Final, NamedTuple
 
 from txt1.control.limits import limit_velocity
-from txt1.errors import HalError, NotArmed
+from txt1.errors import HalError, NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step, Waypoints
 from txt1.experiments.recording import Recording, Sample
 from txt1.kernel.ticks import Ticks
@@ -62,6 +62,7 @@ END_OF_PROFILE: Final = "the end of the profile"
 SAFE_END: Final = "the safe end of the battery"
 CUT_OFF: Final = "the battery's cut-off"
 INTERRUPTED: Final = "the operator"
+ANOTHER: Final = "another source of commands,"
 
 
 class Experiment:
@@ -92,8 +93,14 @@ class Experiment:
         self._still_since = inf
 
     async def run(self) -> None:
-        """Drive it, and stop; `outcome` has what was measured, also when this was cancelled on the way."""
+        """Drive it, and stop; `outcome` has what was measured, also when this was cancelled on the way.
+
+        Raises:
+            Overruled: another source of commands drives already; one that takes the wheel later ends the experiment.
+
+        """
         robot, profile = self._robot, self.profile
+        robot.program.begin()
         self._begin = robot.now
         robot.add_task("measurement", profile.sample, self._measure, priority=-1)
         watch = asyncio.ensure_future(self._watch())
@@ -111,10 +118,12 @@ class Experiment:
         except NotArmed as error:
             # without power the encoders are silent, too, so the gate may call it a runaway first
             self._stopped_by = CUT_OFF if self._empty() else f"the safety gate: {error.reason}"
+        except Overruled as error:
+            self._stopped_by = f"{ANOTHER} '{error.driver}'"
         finally:
             watch.cancel()
             work.cancel()
-            robot.command(0.0, 0.0)
+            robot.program.release()
 
     def outcome(self) -> Outcome:
         """What was measured so far."""
@@ -130,9 +139,7 @@ class Experiment:
         for step in steps:
             ends += step.seconds
             while due < ends - 1e-6:
-                if not robot.armed:
-                    raise NotArmed(robot.reason)
-                robot.command(step.v, step.omega)
+                robot.program.insist(step.v, step.omega)
                 due = min(due + PUBLISH, ends)
                 await asyncio.sleep(max(due - robot.now, 0.0))
                 self.progress = (due - begin) / total

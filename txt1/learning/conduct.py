@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from txt1.config import Config
-from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
+from txt1.errors import ConfigError, HalError, NotArmed, Overruled, Txt1Error
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
@@ -141,6 +141,7 @@ def on_robot(
     Raises:
         HalError: the hardware cannot be used, or there are no light sensors.
         NotArmed: the robot was disarmed.
+        Overruled: another source of commands took the wheel.
         TaskFault: a task failed; the robot was stopped first.
 
     """
@@ -160,12 +161,13 @@ def on_robot(
             await need_light(robot, [seed, number, SENSORS])
             await _get_ready(robot, arm)
             learning = LearningTask(
-                robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again),
-                observer=robot.runtime.witness,
+                robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again)
+                or bool(learning.overruled), observer=robot.runtime.witness,
             )  # fmt: skip
             learning.start()
             await learning.ended.wait()
-            robot.command(0.0, 0.0)
+            if learning.overruled:
+                raise Overruled("learner", learning.overruled)
             if len(trial.episodes) < episodes and not stopped():
                 raise NotArmed(robot.reason)
 

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
-from txt1.errors import HalError, NotArmed
+from txt1.errors import HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.trial import DONE, DRIVE, MOVE, REST, TICK, Task, Trial
 from txt1.model.light import Readings
@@ -50,7 +50,8 @@ class Observer(Protocol):
 class LearningTask:
     """A trial, conducted on a robot.
 
-    A disarm voids the episode; after the arm the robot goes to the start once more and repeats it.
+    A disarm voids the episode, and so does another source of commands that takes the wheel; after the arm the robot
+    goes to the start once more and repeats it.
 
     Args:
         robot: armed or not, its gains loaded.
@@ -84,6 +85,10 @@ class LearningTask:
         self._pose = pose or (true_pose(robot) if self._truth else wheel_pose(robot))
         self._places = robot.hal.capabilities.place
         self._drive: asyncio.Task[Arrival] | None = None
+        self._wheel = robot.source("learner")
+        self.overruled = ""
+        """The source of commands that has taken the wheel; the learner waits for the robot to be armed anew."""
+        self._epoch = 0  # of the arming that it waits for to pass
 
     def start(self) -> None:
         """Listen to the light sensors while an episode is on, and add the task to the robot's."""
@@ -111,8 +116,10 @@ class LearningTask:
                     if not robot.armed:
                         trial.void()
                     trial.phase = DONE
-                    robot.command(0.0, 0.0)
+                    self._wheel.release()
                     self.ended.set()
+                    continue
+                if not self._may_drive():
                     continue
                 pose = self._pose.read()
                 if trial.phase is MOVE:
@@ -121,19 +128,37 @@ class LearningTask:
                     pose = self._pose.read()
                 if pose is None:  # lost, so there is no telling where the boundary is
                     trial.void()
-                    robot.command(0.0, 0.0)
+                    self._wheel.command(0.0, 0.0)
                     continue
                 if self._light.reason:
                     raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
                 v, omega = trial.tick(now, robot.armed, pose, robot.odometry)
-                robot.command(v, omega)
+                self._wheel.command(v, omega)
                 if trial.phase is DONE:
                     self.ended.set()
                 elif trial.phase is not before:
                     robot.tell(f"episode {len(trial.episodes) + 1} {trial.phase.value}")
         finally:
             self._let_go()
+
+    def _may_drive(self) -> bool:
+        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it."""
+        if self.overruled:
+            if self._robot.runtime.gate.epoch == self._epoch or not self._wheel.request():
+                return False
+            self.overruled = ""
+        elif self._wheel.overruled or not self._wheel.request():
+            self._give_way(self._wheel.overruled)
+        return not self.overruled
+
+    def _give_way(self, driver: str) -> None:
+        """Void the episode, and wait for the robot to be armed anew."""
+        robot = self._robot
+        self.overruled, self._epoch = driver, robot.runtime.gate.epoch
+        self._let_go()
+        self.trial.void()
+        robot.tell(f"'{driver}' drives; the learner goes on when the robot is armed anew (press m)")
 
     def _tell(self, action: int) -> None:
         """Tell the observer what the agent has decided."""
@@ -160,7 +185,7 @@ class LearningTask:
         if not robot.armed:
             return False
         if self._places:
-            robot.command(0.0, 0.0)
+            self._wheel.command(0.0, 0.0)
             if robot.odometry.v or robot.odometry.omega:  # a robot that rolls is not lifted
                 return False
             robot.place(*trial.start)
@@ -171,11 +196,16 @@ class LearningTask:
                 if self._pose.read() is None:
                     return False
                 speed = min(TO_START, robot.config.safety.v_max)
-                self._drive = asyncio.ensure_future(go_to(robot, trial.start, pose_source=self._pose, speed=speed))
+                self._drive = asyncio.ensure_future(
+                    go_to(robot, trial.start, pose_source=self._pose, speed=speed, source=self._wheel)
+                )
             if not self._drive.done():
                 return False
             drive, self._drive = self._drive, None
             error = drive.exception()
+            if isinstance(error, Overruled):
+                self._give_way(error.driver)
+                return False
             if isinstance(error, NotArmed) or self._pose.read() is None:  # on the way; it will drive on
                 return False
             if error is not None:

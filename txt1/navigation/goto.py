@@ -8,14 +8,15 @@ from typing import Final, NamedTuple
 
 from txt1.control.limits import clip
 from txt1.control.schedule import Schedule
-from txt1.errors import CommandRefused, NotArmed
+from txt1.driver import REFRESH, CommandSource
+from txt1.errors import CommandRefused
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.plan import plan, plan_with_run_up, stretches
 from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.tracking import Stretch
-from txt1.robot import REFRESH, Robot
+from txt1.robot import Robot
 from txt1.sim.room import Room
 
 POSITION: Final = 0.035
@@ -79,6 +80,7 @@ async def go_to(
     pose_source: PoseSource | None = None,
     room: Room | None = None,
     speed: float = 0.4,
+    source: CommandSource | None = None,
 ) -> Arrival:
     """Where the robot has come to rest after driving to a pose (x, y in m, theta in rad).
 
@@ -88,23 +90,27 @@ async def go_to(
         pose_source: None: the odometry, from where it says the robot is now.
         room: around the origin of the pose source's frame; None: no walls.
         speed: m/s, the fastest.
+        source: in whose name it drives; None: the program's.
 
     Raises:
         NoPath: the goal cannot be reached inside the room.
         NotArmed: the gate is closed, or closes on the way.
+        Overruled: another source of commands drives, or takes the wheel on the way.
         CommandRefused: the speed is not positive, or the pose source knows no pose.
 
     """
     if not CRAWL <= speed <= robot.config.safety.v_max:
         raise CommandRefused(f"speed must be from {CRAWL} to {robot.config.safety.v_max} m/s, not {speed!r}")
-    source = wheel_pose(robot) if pose_source is None else pose_source
+    poses = wheel_pose(robot) if pose_source is None else pose_source
+    wheel = robot.program if source is None else source
+    wheel.begin()
     body = robot.config.geometry
     best: Arrival | None = None
     for plans in range(1, ATTEMPTS + 1):
-        start = _read(source)
+        start = _read(poses)
         make = plan if plans == 1 or _far(start, pose) else plan_with_run_up
-        await _drive(robot, source, start, make(start, pose, room, body), speed)
-        reached = _read(source)
+        await _drive(robot, wheel, poses, start, make(start, pose, room, body), speed)
+        reached = _read(poses)
         arrival = Arrival(reached, *_miss(reached, pose), plans)
         if arrival.distance <= POSITION and arrival.turn <= HEADING:
             return arrival
@@ -113,21 +119,21 @@ async def go_to(
     return best
 
 
-async def _drive(robot: Robot, source: PoseSource, start: Pose, path: Path, speed: float) -> None:
+async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
     """Drive a path, gear by gear, to its end or to a gear change at which the robot is off it."""
     try:
         for part in stretches(path):
             stretch = Stretch(start, part)
-            await _drive_stretch(robot, source, stretch, speed)
+            await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
-            distance, turn = _miss(_read(source), start)
+            distance, turn = _miss(_read(poses), start)
             if distance > OFF_POSITION or turn > OFF_HEADING:
                 return
     finally:
-        robot.command(0.0, 0.0)
+        wheel.release()
 
 
-async def _drive_stretch(robot: Robot, source: PoseSource, stretch: Stretch, speed: float) -> None:
+async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, stretch: Stretch, speed: float) -> None:
     """Drive a stretch to its end and come to rest."""
     geometry = robot.config.geometry
     schedule = robot.runtime.state.gains.angular
@@ -135,9 +141,7 @@ async def _drive_stretch(robot: Robot, source: PoseSource, stretch: Stretch, spe
     in_curves = curve_speed(speed, stretch.gear, schedule, geometry)
     driven = 0.0
     while True:
-        if not robot.armed:
-            raise NotArmed(robot.reason)
-        pose = _read(source)
+        pose = _read(poses)
         driven = stretch.nearest(pose, driven)
         moving = abs(robot.odometry.v)
         left = stretch.length - driven - moving * SPEED_LAG
@@ -147,13 +151,13 @@ async def _drive_stretch(robot: Robot, source: PoseSource, stretch: Stretch, spe
         v = min(in_curves if bends else speed, max(CRAWL, sqrt(2.0 * BRAKING * left)))
         preview = min(steering_distance(stretch.gear * v, schedule, geometry), FOLLOWS_WITHIN) + moving * DEAD_TIME
         curvature = clip(stretch.steer(pose, driven, preview), sharpest)
-        robot.command(*encoders_view(stretch.gear * v, curvature, geometry))
+        wheel.insist(*encoders_view(stretch.gear * v, curvature, geometry))
         await asyncio.sleep(REFRESH)
     still = 0.0
     while still < REST:
-        robot.command(0.0, 0.0)
+        wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
-        _read(source)  # the encoders' pose wants to be read all the time
+        _read(poses)  # the encoders' pose wants to be read all the time
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
 
 

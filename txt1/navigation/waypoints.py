@@ -8,11 +8,12 @@ from math import atan2, hypot, sqrt
 from typing import Final
 
 from txt1.control.limits import clip
-from txt1.errors import CommandRefused, NotArmed
+from txt1.driver import REFRESH, CommandSource
+from txt1.errors import CommandRefused
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation.source import PoseSource, wheel_pose
-from txt1.robot import REFRESH, Robot
+from txt1.robot import Robot
 
 LOOK_AHEAD: Final = 1.0
 """m, at the original's 0.5 m/s."""
@@ -61,6 +62,7 @@ async def follow(
     look_ahead: float = LOOK_AHEAD,
     pose_source: PoseSource | None = None,
     on_leg: Callable[[int, Point, Point], None] | None = None,
+    source: CommandSource | None = None,
 ) -> None:
     """Drive from waypoint to waypoint, and stop at the last.
 
@@ -73,17 +75,21 @@ async def follow(
         look_ahead: m at `speed`; it shrinks with the speed in curves.
         pose_source: None: the odometry.
         on_leg: told the number of each leg, its start and its end, when it begins.
+        source: in whose name it drives; None: the program's.
 
     Raises:
         NotArmed: the gate is closed, or closes on the way.
+        Overruled: another source of commands drives, or takes the wheel on the way.
         CommandRefused: there are no waypoints, or the pose source knows no pose.
 
     """
     if not points:
         raise CommandRefused("there are no waypoints: give at least one")
-    source = wheel_pose(robot) if pose_source is None else pose_source
+    poses = wheel_pose(robot) if pose_source is None else pose_source
+    wheel = robot.program if source is None else source
+    wheel.begin()
     sharpest = 1.0 / robot.config.geometry.radius_min
-    pose = _read(source)
+    pose = _read(poses)
     leg_start: Point = pose[:2]
     legs, in_a_lap = 0, len(points)
     last = laps * in_a_lap if closed else in_a_lap * laps - 1
@@ -94,21 +100,19 @@ async def follow(
                 on_leg(legs, leg_start, leg_end)
             ending = legs + 1 > last
             while True:
-                if not robot.armed:
-                    raise NotArmed(robot.reason)
-                pose = _read(source)
+                pose = _read(poses)
                 left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
                 if left <= (0.5 * robot.config.geometry.radius_min if ending else look_ahead):
                     break
                 curvature = curvature_towards(pose, aim(pose, leg_start, leg_end, look_ahead), look_ahead)
                 curvature = clip(curvature, sharpest)
                 v = speed_in_curve(speed, curvature)
-                robot.command(v, v * curvature)
+                wheel.insist(v, v * curvature)
                 await asyncio.sleep(REFRESH)
             leg_start = leg_end
             legs += 1
     finally:
-        robot.command(0.0, 0.0)
+        wheel.release()
 
 
 def _read(source: PoseSource) -> Pose:

@@ -19,7 +19,7 @@ from txt1.record.encoder import Block
 from txt1.record.front import Front
 from txt1.record.topics import CHANNELS, TOPICS
 
-Drive = Callable[[float, float], None]
+Drive = Callable[[float, float], object]
 
 LOOPBACK: Final = "127.0.0.1"
 

@@ -110,9 +110,6 @@ class Player:
         """Where the film is, s of the run."""
         return self.position
 
-    def command(self, v: float, omega: float) -> None:
-        """Nobody drives a film."""
-
     def stop(self) -> None:
         """SPACE."""
         self.key("space")

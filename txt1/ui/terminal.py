@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from math import inf
 from types import TracebackType
 from typing import Final, Literal, Protocol, Self
 
@@ -45,9 +46,6 @@ class Robot(Protocol):
     def now(self) -> float:
         """Time of the run, s."""
 
-    def command(self, v: float, omega: float) -> None:
-        """Drive at v m/s and omega rad/s, until the command goes stale."""
-
     def stop(self) -> None:
         """Emergency stop."""
 
@@ -64,11 +62,22 @@ class Robot(Protocol):
         """Add to the event log."""
 
 
+class Keys(Protocol):
+    """Where the driving keys' commands go."""
+
+    def command(self, v: float, omega: float, time: float) -> object:
+        """Drive at v m/s and omega rad/s, until the command given at `time` goes stale."""
+
+    def release(self) -> None:
+        """Stop, and leave the driving to others."""
+
+
 class Terminal:
     """``async with Terminal(robot) as terminal: reason = await terminal.wait()``.
 
     Args:
         robot: whom the keys are for.
+        keys: takes the driving keys' commands; None where somebody else drives.
         beat: s (real time) between the drawing process's heartbeats.
         speed: that w and s drive at first, m/s.
         turn: share of the largest yaw rate that a and d ask for.
@@ -80,9 +89,17 @@ class Terminal:
     """
 
     def __init__(
-        self, robot: Robot, beat: float = BEAT, speed: float = 0.5, turn: float = 0.8, radius_min: float = 0.56
+        self,
+        robot: Robot,
+        keys: Keys | None = None,
+        beat: float = BEAT,
+        speed: float = 0.5,
+        turn: float = 0.8,
+        radius_min: float = 0.56,
     ) -> None:
         self._robot = robot
+        self._keys = keys
+        self._origin = -inf  # of the newest command, s of the run
         self._teleop = Teleop(speed, turn, radius_min)
         self._shown: Snapshot | None = None
         self._beside = Beside("txt1.ui.drawing:main", self.telemetry, self.request, beat=beat, lost=self._lost)
@@ -141,36 +158,52 @@ class Terminal:
             if fresh or key in _ALWAYS:
                 self.obey(key)
         if fresh and not self._quit.is_set():
-            command = self._teleop.command(self._robot.now)
+            now = self._robot.now
+            command = self._teleop.command(now)
             if command is not None:
-                self._try(lambda: self._robot.command(*command))
+                self._origin = max(self._origin, now - request.age)
+                self._try(lambda: self._drive(*command))
 
     def obey(self, key: str) -> None:
         """Do what a key means."""
         robot = self._robot
         if key == "space":
-            self._teleop.release()
             robot.stop()
+            self._let_go()
         elif key == "q":
-            self._teleop.release()
+            self._let_go()
             self._quit.set()
         elif key == "m":
-            self._teleop.release()  # a key pressed while stopped does not count
+            self._let_go()  # a key pressed while stopped does not count
             self._try(robot.arm)
         elif key in _BUTTONS:
             self._try(lambda: robot.press(_BUTTONS[key]))
         else:
             self._teleop.key(key, robot.now)
 
+    def _drive(self, v: float, omega: float) -> None:
+        if self._keys is None:
+            raise CommandRefused("the driving keys do nothing here: the host drives")
+        if v or omega:
+            self._keys.command(v, omega, self._origin)
+        else:
+            self._keys.release()
+
+    def _let_go(self) -> None:
+        """No key counts as held any more."""
+        self._teleop.release()
+        if self._keys is not None:
+            self._keys.release()
+
     def _try(self, action: Callable[[], None]) -> None:
         """Do it, or tell the user why the robot refused."""
         try:
             action()
         except (CommandRefused, NotCapable) as refusal:
-            self._teleop.release()  # or the refusal would be repeated at every heartbeat
+            self._let_go()  # or the refusal would be repeated at every heartbeat
             self._robot.tell(str(refusal))
 
     def _lost(self) -> None:
         """Nobody looks any more."""
-        self._teleop.release()
+        self._let_go()
         self._robot.disarm("terminal lost")

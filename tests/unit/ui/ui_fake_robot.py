@@ -26,8 +26,11 @@ class FakeRobot:
     def write(self, line: str) -> None:
         self._log.write(line + "\n")
 
-    def command(self, v: float, omega: float) -> None:
+    def command(self, v: float, omega: float, time: float) -> None:
         self.write(f"command {v:.2f} {omega:.2f}")
+
+    def release(self) -> None:
+        self.write("release")
 
     def stop(self) -> None:
         self.write("stop")
@@ -60,7 +63,7 @@ async def main() -> None:
     with blockbuster_ctx() as blocker:
         for name in ("io.TextIOWrapper.write", "io.BufferedWriter.write"):  # the log
             blocker.functions[name].deactivate()
-        async with Terminal(robot) as terminal:
+        async with Terminal(robot, keys=robot) as terminal:
             reason = await terminal.wait()
             robot.write(f"reason {reason}")
             await asyncio.sleep(0.25)

@@ -1,0 +1,186 @@
+"""The driver: the host's half of driving. It sends the set-point of whoever drives to the board, 20 times a second."""
+
+from __future__ import annotations
+
+from math import isfinite, nan
+from typing import Final
+
+from txt1.control.commander import Commander, Driver
+from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
+from txt1.protocol.messages import Velocity
+from txt1.runtime import Runtime
+
+REFRESH: Final = 0.05
+"""Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""
+
+
+class Wheel:
+    """A robot's commander, with the time and the way to the board.
+
+    Attributes:
+        commander: who decides.
+        runtime: of the robot.
+
+    """
+
+    def __init__(self, runtime: Runtime) -> None:
+        self.runtime = runtime
+        self.commander = Commander(runtime.gate.limits.command_timeout)
+        self._sent = False  # since the driver's last tick
+
+    def source(self, name: str, priority: int | None, timeout: float | None) -> CommandSource:
+        """A new source of commands (see `Robot.source`)."""
+        if timeout is None:
+            timeout = self.runtime.config.commander.timeouts.get(name)
+        try:
+            self.commander.add(name, priority, timeout)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+        return CommandSource(name, self)
+
+    @property
+    def driver(self) -> Driver:
+        """Who drives, and who was refused."""
+        return self.commander.driver(self.runtime.now)
+
+    def clear(self) -> None:
+        """Nothing that was commanded up to now counts any more."""
+        self.commander.clear(self.runtime.now)
+
+    def send(self, now: float) -> None:
+        """Send the set-point at once."""
+        v, omega, time = self.commander.setpoint(now)
+        self.runtime.post(Velocity(v, omega), time)
+        self._sent = True
+
+    def tick(self, now: float) -> None:
+        """Send the set-point, unless one was sent since the tick before.
+
+        Only who gives a command makes it fresh; sending it again does not.
+        """
+        if not self._sent:
+            self.send(now)
+        self._sent = False
+
+
+class CommandSource:
+    """A source of commands; get one from `Robot.source`.
+
+    Attributes:
+        name: for telemetry and messages.
+
+    """
+
+    def __init__(self, name: str, wheel: Wheel) -> None:
+        self.name = name
+        self._wheel = wheel
+
+    @property
+    def drives(self) -> bool:
+        """Whether it has the wheel."""
+        return self._wheel.driver.name == self.name
+
+    @property
+    def overruled(self) -> str:
+        """Who overruled it; "" once it has commanded zero, or asked anew, after that one has let go."""
+        return self._wheel.commander.overruled(self.name)
+
+    def command(self, v: float, omega: float, time: float | None = None) -> bool:
+        """Ask for a speed in m/s and a yaw rate in rad/s, until the source's time-out after `time`.
+
+        A command that is not zero takes the wheel or holds it, if no other source keeps it from this one; zeros stop
+        the robot and hold nothing. Beyond +-1.5 m/s and abs(v) / R_min commands are clipped and counted.
+
+        Args:
+            v: m/s.
+            omega: rad/s.
+            time: when its author gave it, s of the run; None: now.
+
+        Returns:
+            Whether it is the robot's set-point now; a refused one is counted.
+
+        Raises:
+            CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force,
+                until it is stale.
+
+        """
+        wheel = self._wheel
+        now = wheel.runtime.now
+        try:
+            require_finite("velocity command", v=v, omega=omega)
+        except CommandRefused:
+            wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
+            raise
+        try:
+            taken = wheel.commander.command(self.name, float(v), float(omega), now if time is None else time, now)
+        except ValueError as error:
+            raise CommandRefused(str(error)) from None
+        if taken:
+            wheel.send(now)
+        return taken
+
+    def request(self) -> bool:
+        """Ask for the wheel, or hold it for another time-out, without a command: the robot stands until one comes.
+
+        Returns:
+            Whether it has the wheel now. A source that was overruled may ask anew when the other has let go.
+
+        """
+        wheel = self._wheel
+        now = wheel.runtime.now
+        before = wheel.driver.name
+        granted = wheel.commander.request(self.name, now)
+        if granted and before not in ("", self.name):
+            wheel.send(now)  # zeros in place of what the other one wanted
+        return granted
+
+    def release(self) -> None:
+        """Command zero once, and let go of the wheel: the dead-man is up."""
+        now = self._wheel.runtime.now
+        if self._wheel.commander.release(self.name, now):
+            self._wheel.send(now)
+
+    def begin(self) -> None:
+        """Ask for the wheel.
+
+        Raises:
+            Overruled: another source keeps it.
+
+        """
+        if not self.request():
+            raise Overruled(self.name, self.overruled)
+
+    def insist(self, v: float, omega: float) -> None:
+        """Drive, as `command` does; hold the wheel with zeros, too.
+
+        Raises:
+            NotArmed: the safety gate is closed.
+            Overruled: another source has taken the wheel since this one asked for it.
+            CommandRefused: a value is not finite.
+
+        """
+        gate = self._wheel.runtime.gate
+        if not gate.armed:
+            raise NotArmed(gate.reason)
+        if self.overruled or not self.request():
+            raise Overruled(self.name, self.overruled)
+        self.command(v, omega)
+
+
+def require_finite(message: str, **values: float) -> None:
+    """Nothing happens for finite numbers.
+
+    Raises:
+        CommandRefused: one is something else; names it.
+
+    """
+    for name, value in values.items():
+        try:
+            if isfinite(value):
+                continue
+            told = repr(value)
+        except TypeError:
+            told = repr(value)
+        except OverflowError:
+            told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
+        raise CommandRefused(f"{message}: {name} must be a finite number, not {told}")
