@@ -1,8 +1,8 @@
-"""A learner over many seeds, on the bare simulation (txt1.learning.bench): times, success, ratio to the optimum.
+"""A learner over many seeds: times, success, ratio to the optimum.
 
     python -m benchmarks.learning_study --agent sweeps --trials 1000 --seed 1 --jobs 2 --permute
 
-Trials run through the same physics, loops and instants as `txt1 learn`, without the robot's tasks. Seed 77 served for
+Trials are those of `txt1 learn`. Seed 77 served for
 tuning; the figures in docs/learning.md are seed 1's. With --permute, every trial's agent gets the three actions in a
 secret order of its own. The thesis's own table from 1000 random starts: --agent table_5_3 --trials 100 --episodes 10.
 With --where, `thesis` is watched, and the figures end with where its time after episode 7 goes.
@@ -24,7 +24,7 @@ import numpy as np
 from txt1.config import Config, load
 from txt1.learning.agent import Agent
 from txt1.learning.agents import NAMES, thesis_settings
-from txt1.learning.conduct import AGENT, on_bench, stream
+from txt1.learning.conduct import AGENT, on_robot, stream
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.qtable import TABLE_5_3
@@ -50,7 +50,7 @@ def trial(number: int, agent: str, config: Config, seed: int, episodes: int, per
             stream(seed, number, AGENT), COMMANDS, Settings(policy="greedy", training=0, learn_on=False)
         )
         learner.q = np.array(TABLE_5_3)
-    return on_bench(learner, config, seed, number, episodes, commands=commands).episodes
+    return on_robot(learner, config, seed, number, episodes, commands=commands).episodes
 
 
 # -- where the time goes -----------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class Watched(ThesisAgent):
 def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
     """A trial's episodes, and the decisions of those after the 7th."""
     agent = Watched(stream(seed, number, AGENT), thesis_settings(config))
-    outcome = on_bench(agent, config, seed, number, episodes, keep_paths=range(1, episodes + 1))
+    outcome = on_robot(agent, config, seed, number, episodes, keep_paths=range(1, episodes + 1))
     decisions = []
     for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):
         x, y = np.array(outcome.paths[one.number]).T - np.array(config.sim.room.light)[:, None]

@@ -48,5 +48,10 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module 'txt1' has no attribute '{name}'")
 
 
+def __dir__() -> list[str]:
+    """Return the public names, for ``dir`` and ``help``."""
+    return [*__all__, "__doc__", "__name__", "__path__"]
+
+
 if "gymnasium" in sys.modules:  # its users import it first; the others need not wait for it
     import_module("txt1.learning.env")

@@ -19,9 +19,8 @@ from numpy.random import SeedSequence
 
 from txt1.config import Config
 from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
-from txt1.hal.base import Button, Hal
-from txt1.hal.registry import create, create_serial
-from txt1.hal.serial import DevicePort, Port
+from txt1.hal.base import Button
+from txt1.hal.registry import create
 from txt1.kernel.ticks import Ticks
 from txt1.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
 from txt1.link.receiver import Receiver
@@ -31,9 +30,6 @@ from txt1.protocol.layout import Role
 from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
 from txt1.runtime import Runtime
 from txt1.tasks.fields import Snapshot
-
-VIRTUAL: Final = "virtual"
-"""The port behind which a virtual board runs in the same process."""
 
 BOARD_LINE: Final = 2
 """Marks the random values of the line at the board's end."""
@@ -286,7 +282,7 @@ def _with_faults(board: Board, config: Config) -> End:
 class VirtualPort:
     """A port with a virtual board behind it, in the same process and in the same time."""
 
-    address = VIRTUAL
+    address = "virtual"
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -318,23 +314,3 @@ class VirtualPort:
             board, self.board = self.board, None
             await board.power_down()
             await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
-
-
-def create_hal(config: Config) -> Hal:
-    """The hardware layer that a configuration names; ``serial.port: virtual`` comes with its board.
-
-    Raises:
-        ConfigError: there is no HAL of that name, or its settings are wrong.
-        HalError: it cannot be imported or made.
-
-    """
-    if config.hal == "serial" and config.serial.port == VIRTUAL:
-        return create_serial(config, VirtualPort(config))
-    return create(config)
-
-
-def port_of(config: Config) -> Port:
-    """The port that a configuration names, or the only one there is."""
-    if config.serial.port == VIRTUAL:
-        return VirtualPort(config)
-    return DevicePort(config.serial.port, config.serial.baud)

@@ -71,15 +71,15 @@ class LinkLost(HalError):
 
 
 class NotCapable(HalError):
-    """The HAL in use has no such capability.
+    """The HAL in use has no such capability; a single argument is a message of your own.
 
     >>> raise NotCapable("serial", "pwm")
     Traceback (most recent call last):
     txt1.errors.NotCapable: the HAL 'serial' cannot do this: it has no capability 'pwm'
     """
 
-    def __init__(self, hal: str, capability: str) -> None:
-        super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'")
+    def __init__(self, hal: str, capability: str = "") -> None:
+        super().__init__(f"the HAL '{hal}' cannot do this: it has no capability '{capability}'" if capability else hal)
         self.hal = hal
         self.capability = capability
 

@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager, suppress
 from math import inf, nan
 from typing import Any, Final, TypeVar
 
-from txt1.board import create_hal
 from txt1.config import Config, load
 from txt1.control.commander import Driver
 from txt1.control.limits import Fault
@@ -18,6 +17,7 @@ from txt1.control.schedule import GainSet
 from txt1.driver import REFRESH, CommandSource, Wheel, require_finite
 from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
+from txt1.hal.registry import create
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.protocol.frame import encode
@@ -116,7 +116,7 @@ class Robot:
             effective = load(config, settings, os.environ, options).config
 
         robot: Robot
-        layer = create_hal(effective) if hal is None or isinstance(hal, str) else hal
+        layer = create(effective) if hal is None or isinstance(hal, str) else hal
         runtime = Runtime(effective, lambda m: robot._receive(m), layer, sensing=True)
         robot = Robot(runtime)
         if attach is not None:

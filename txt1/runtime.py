@@ -127,6 +127,9 @@ class Runtime:
         if not self.hal.capabilities.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
+        for name, sensor in made.items():
+            if not sensor.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+                raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
@@ -169,8 +172,8 @@ class Runtime:
             "button", button.PRIORITY, button.PERIOD,
             partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
         )  # fmt: skip
-        for sensor_name, sensor in made.items():
-            await self.sensors.add(sensor_name, sensor, config.sensors[sensor_name].period)
+        for name, sensor in made.items():
+            await self.sensors.add(name, sensor, config.sensors[name].period)
         if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             # What exists by now stays: the collector need not look through it in the middle of a cycle. In virtual
             # time nobody is late, and looking through it now would take as long as ten seconds of the run.

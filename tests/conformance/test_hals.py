@@ -11,7 +11,6 @@ from unittest import SkipTest
 
 import pytest
 
-from txt1.board import create_hal
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
@@ -384,7 +383,7 @@ def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str])
 def test_the_command_fails_for_a_broken_hal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("txt1.cli.hal.create_hal", lambda config: mutant(indicate=refuse)())
+    monkeypatch.setattr("txt1.cli.hal.create", lambda config: mutant(indicate=refuse)())
     assert execute(["hal", "check", "sim"]) == 1
     broken = [line for line in capsys.readouterr().out.splitlines() if "BROKEN" in line]
     assert len(broken) == 1
@@ -403,7 +402,7 @@ class TestSerial(HalConformance):
     """A board behind a line, the line in memory: what it reports and obeys is what the wire carries."""
 
     def make(self) -> Hal:
-        return create_hal(Config(hal="serial", serial=SerialConfig(port="virtual"), sim=SimConfig(room=ENDLESS)))
+        return create(Config(hal="serial", serial=SerialConfig(port="virtual"), sim=SimConfig(room=ENDLESS)))
 
 
 class TestSerialWithLoopsOnTheHost(HalConformance):
@@ -411,7 +410,7 @@ class TestSerialWithLoopsOnTheHost(HalConformance):
 
     def make(self) -> Hal:
         serial = SerialConfig(port="virtual", control="host")
-        return create_hal(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+        return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
 
 
 class TestSerialOverANoisyLine(HalConformance):
@@ -420,4 +419,4 @@ class TestSerialOverANoisyLine(HalConformance):
     def make(self) -> Hal:
         noisy = LineFaults(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
         serial = SerialConfig(port="virtual", fault=noisy)
-        return create_hal(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+        return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))

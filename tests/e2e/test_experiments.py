@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from txt1.board import VIRTUAL
 from txt1.cli import execute
 from txt1.cli.experiment import ENDLESS, drive
 from txt1.config import Config, load
@@ -22,7 +21,7 @@ from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
 from txt1.model.battery import pack_voltage
 
-SERIAL = ("hal=serial", f"serial.port={VIRTUAL}")
+SERIAL = ("hal=serial", "serial.port=virtual")
 WEAK_AND_SLOW = (
     "sim.vehicle.speed_gain=0.000231",
     "sim.vehicle.speed_time_constant=0.6",

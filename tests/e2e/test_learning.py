@@ -310,7 +310,8 @@ def test_phidgets_without_their_driver_name_the_extra(
     for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
-    assert learn(tmp_path, "--set", "sensors.light.driver=phidgets_light") == 1
+    words = ["run", "--json", "--duration", "1", "--set", "sensors.light.driver=phidgets_light"]
+    assert execute(words) == 1
     assert "pip install 'txt1[phidgets]'" in capsys.readouterr().err
 
 

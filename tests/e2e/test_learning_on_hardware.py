@@ -55,7 +55,7 @@ def vehicle_of(robot: Robot) -> Callable[[], Pose]:
 class Ceiling:
     """Light sensors that see the light from where the vehicle behind the wire is."""
 
-    topic, period = LIGHT, SAMPLE_PERIOD
+    topic, period, simulated = LIGHT, SAMPLE_PERIOD, True
 
     def __init__(self, where: Callable[[], Pose]) -> None:
         self._where = where

@@ -26,6 +26,7 @@ COMMANDS: Final = {
     "report": "draw a recording: a picture, and one page with everything in it",
     "config": "show or check a configuration",
     "hal": "list or check hardware layers",
+    "sensor": "list or check sensors",
     "doctor": "look for what is wrong with the line to the board",
     "decode": "print a capture of the line, a line per message and fault",
 }

@@ -10,10 +10,10 @@ from math import ceil
 from statistics import median
 from typing import Final, NamedTuple
 
-from txt1.board import VIRTUAL, port_of
 from txt1.cli.app import App
 from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import add_config, add_port, loaded, positive
+from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
 from txt1.link import End, Link
 from txt1.link.ports import access_problem, candidates, only_candidate
@@ -265,7 +265,7 @@ def main(arguments: argparse.Namespace) -> int:
         config = loaded(arguments).config
     port = port_of(config)
     print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")
-    app = App("max" if config.serial.port == VIRTUAL else None)
+    app = App("max" if config.serial.port in PORTS.ours else None)
 
     async def look() -> None:
         findings = await examine(port, config.loops().pid_set(), arguments.duration)

@@ -9,13 +9,13 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
-from txt1.board import create_hal
 from txt1.cli.exit_codes import FAULT, OK, SIGNALS
 from txt1.cli.options import add_config
 from txt1.config import load
+from txt1.conformance import BROKEN
 from txt1.errors import ConfigError
-from txt1.hal.conformance import BROKEN, verdicts
-from txt1.hal.registry import names
+from txt1.hal.conformance import verdicts
+from txt1.hal.registry import create, names
 
 DRIVES = "the check drives the wheels at full power, both ways"
 
@@ -40,13 +40,13 @@ def list_hals(_: argparse.Namespace) -> int:
 def check_hal(arguments: argparse.Namespace) -> int:
     """Run a hardware layer through the conformance suite."""
     config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
-    capabilities = getattr(create_hal(config), "capabilities", None)  # a HAL that lacks them is what the check is for
+    capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
     if not (arguments.wheels_up or getattr(capabilities, "simulated", False)):
         _ask(arguments.name)
     kept = True
     before = {number: signal.signal(number, _end) for number in SIGNALS}
     try:
-        for text, verdict in verdicts(lambda: create_hal(config)):
+        for text, verdict in verdicts(lambda: create(config)):
             kept = kept and not verdict.startswith(BROKEN)
             print(f"{text}: {verdict}")
     finally:

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from txt1.board import VIRTUAL
 from txt1.config import Config, load
 from txt1.config.sources import LoadedConfig
 from txt1.errors import ConfigError
+from txt1.hal.registry import is_simulated
 from txt1.kernel.loop import Speed
 from txt1.link import baud_warning
 
@@ -159,9 +159,8 @@ def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedCo
 
 def robot_speed(arguments: argparse.Namespace, config: Config) -> Speed:
     """Return the speed of a robot's time that nobody watches: as fast as possible where it is simulated."""
-    simulated = config.hal == "sim" or (config.hal == "serial" and config.serial.port == VIRTUAL)
     given: Speed = arguments.speed
-    return "max" if simulated and given is None else given
+    return "max" if is_simulated(config) and given is None else given
 
 
 def warn_of_baud(config: Config) -> None:

@@ -33,6 +33,7 @@ def report(runtime: Runtime) -> dict[str, Any]:
         "tasks": {name: _task_report(task) for name, task in runtime.statistics().items()},
         "odometry": runtime.state.odometry._asdict(),
         "battery": {**battery._asdict(), "state": battery.state and battery.state.value},
+        "sensors": {name: polled.state()._asdict() for name, polled in runtime.sensors.items()},
         "armed": runtime.gate.armed,
         "faults": runtime.faults(),
     }

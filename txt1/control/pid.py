@@ -1,8 +1,8 @@
-"""The velocity-form PID controller (thesis 4.1)."""
+"""The velocity-form PID controller (thesis 4.1), uncompiled: numba compiles the step for many robots at once."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 
 class Gains(NamedTuple):
@@ -13,36 +13,26 @@ class Gains(NamedTuple):
     kd: float = 0.0
 
 
-class Pid:
-    """u(k) = u(k-1) + K_P [e(k) - e(k-1)] + K_I dt e(k) + K_D/dt [e(k) - 2 e(k-1) + e(k-2)], (4.7).
+Past = tuple[float, float, float]
+"""A controller's state: its output u(k-1), PWM counts, and the errors e(k-1) and e(k-2)."""
 
-    The output is limited, and so is the u(k-1) that the next step starts from: the velocity form does not wind up.
+CLEAR: Final[Past] = (0.0, 0.0, 0.0)
+"""The state at power-up."""
 
-    Args:
-        limit: largest absolute output, PWM counts.
 
+def pid(past: Past, error: float, gains: tuple[float, float, float], dt: float, limit: float) -> Past:
+    """The next state, whose output is u(k) in PWM counts, for an error e(k) in mm/s or mrad/s and a period dt in s.
+
+    u(k) = u(k-1) + K_P [e(k) - e(k-1)] + K_I dt e(k) + K_D/dt [e(k) - 2 e(k-1) + e(k-2)], (4.7)
+
+    The output is limited to +-limit, and so is the u(k-1) that the next step starts from: the velocity form does not
+    wind up.
     """
-
-    __slots__ = ("error", "limit", "output", "previous_error")
-
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget the past: output and errors 0, as at power-up."""
-        self.output = 0.0
-        self.error = 0.0
-        self.previous_error = 0.0
-
-    def step(self, error: float, gains: Gains, dt: float) -> float:
-        """The next output in PWM counts, for an error in mm/s or mrad/s and a period in seconds."""
-        kp, ki, kd = gains
-        e1, e2 = self.error, self.previous_error
-        u = self.output + kp * (error - e1) + ki * dt * error + kd / dt * (error - 2.0 * e1 + e2)
-        if u > self.limit:
-            u = self.limit
-        elif u < -self.limit:
-            u = -self.limit
-        self.output, self.error, self.previous_error = u, error, e1
-        return u
+    output, e1, e2 = past
+    kp, ki, kd = gains
+    u = output + kp * (error - e1) + ki * dt * error + kd / dt * (error - 2.0 * e1 + e2)
+    if u > limit:
+        u = limit
+    elif u < -limit:
+        u = -limit
+    return u, error, e1

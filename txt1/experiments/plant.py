@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.control.pid import Gains, Pid
+from txt1.control.pid import CLEAR, Gains, pid
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
@@ -45,22 +45,21 @@ def speed_response(
 
     The encoders count whole edges, and the safety gate limits the motor. The seed repeats what is random.
     """
-    pid = Pid(PWM_MAX)
     decay = exp(-PERIOD / plant.time_constant)
     ticks, rng = round(seconds / PERIOD), np.random.default_rng(seed)
     v, path, counts = 0.0, rng.random() * geometry.count_length, 0
     bumps = (UNEVENNESS * PERIOD / plant.time_constant * rng.standard_normal(ticks)).tolist()
     speeds = []
-    motor = 0.0
-    measured = 0.0
+    past, measured = CLEAR, 0.0
     for bump in bumps:
+        motor = past[0]
         beyond = max(min(abs(motor), motor_max) - plant.dead_band, 0.0)
         v_free = plant.speed_gain * (beyond if motor > 0.0 else -beyond)
         path += v_free * PERIOD + (v - v_free) * plant.time_constant * (1.0 - decay)
         v = (v_free + (v - v_free) * decay) * (1.0 - bump)
         now = int(path // geometry.count_length)
         # the controller runs before the encoders are read, so it works on the reading of the tick before
-        motor = pid.step(1000.0 * (target - measured), gains, PERIOD)
+        past = pid(past, 1000.0 * (target - measured), gains, PERIOD, PWM_MAX)
         measured = (now - counts) * geometry.count_length / PERIOD
         counts = now
         speeds.append(v)
@@ -74,23 +73,22 @@ def yaw_response(
 
     Each wheel's encoder counts whole edges. The seed repeats what is random.
     """
-    pid = Pid(STEERING_MAX)
     gain = plant.steering_gain * abs(v)
     decay = exp(-PERIOD / max(plant.steering_lag, 1e-6))
     edge, half_track = geometry.count_length, 0.5 * geometry.track_width
     omega = measured = before
-    pid.output = steering = before / gain
+    past = (before / gain, 0.0, 0.0)
     ticks, rng = round(seconds / PERIOD), np.random.default_rng(seed)
     right, left, rights, lefts = rng.random() * edge, rng.random() * edge, 0, 0
     rates = []
     for bump in (0.5 * UNEVENNESS * rng.standard_normal(ticks)).tolist():
-        settled = gain * min(max(steering, -STEERING_MAX), STEERING_MAX)
+        settled = gain * min(max(past[0], -STEERING_MAX), STEERING_MAX)
         turned = settled * PERIOD + (omega - settled) * plant.steering_lag * (1.0 - decay)
         omega = settled + (omega - settled) * decay
         path = v * (1.0 - bump) * PERIOD
         right += path + half_track * turned
         left += path - half_track * turned
-        steering = pid.step(1000.0 * (after - measured), gains, PERIOD)
+        past = pid(past, 1000.0 * (after - measured), gains, PERIOD, STEERING_MAX)
         now = int(right // edge), int(left // edge)
         measured = (now[0] - rights - now[1] + lefts) * edge / (geometry.track_width * PERIOD)
         rights, lefts = now

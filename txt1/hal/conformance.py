@@ -22,15 +22,16 @@ ground.
 from __future__ import annotations
 
 import asyncio
-import inspect
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from math import hypot, inf, isfinite, nan
 from statistics import median
-from typing import Any, ClassVar, Final, NoReturn
+from typing import Any, ClassVar, Final
 from unittest import SkipTest
 
+from txt1 import conformance
+from txt1.conformance import Promises, named
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import HalError, NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
@@ -40,8 +41,8 @@ from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 
-BROKEN: Final = "BROKEN"
-"""How the verdict on a promise that is not kept begins."""
+_PROMISES: Final = Promises("txt1.hal.base")
+promise, broken, called, waited = _PROMISES.promise, _PROMISES.broken, _PROMISES.called, _PROMISES.waited
 
 PERIOD: Final = 0.02
 """Seconds between two calls: the controller's."""
@@ -129,7 +130,7 @@ class HalConformance:
             try:
                 await bench.hal.close()
             except Exception as error:
-                broken("Hal.close", f"is harmless when closed already, but raised {_named(error)}")
+                broken("Hal.close", f"is harmless when closed already, but raised {named(error)}")
 
         self._run(body)
 
@@ -143,7 +144,7 @@ class HalConformance:
                 await bench.hal.open()
                 await bench.hold(NEUTRAL, PERIOD)
             except Exception as error:
-                broken("Hal.open", f"makes the hardware ready again after close, but raised {_named(error)}")
+                broken("Hal.open", f"makes the hardware ready again after close, but raised {named(error)}")
 
         self._run(body)
 
@@ -247,7 +248,7 @@ class HalConformance:
                 try:
                     bench.write(outputs)
                 except HalError as error:
-                    broken("Hal.write", f"takes {outputs}, but raised {_named(error)}")
+                    broken("Hal.write", f"takes {outputs}, but raised {named(error)}")
 
         self._run(body)
 
@@ -381,7 +382,7 @@ class HalConformance:
                 try:
                     called("Hal.indicate", bench.hal.indicate, indicators)
                 except HalError as error:
-                    broken("Hal.indicate", f"does nothing where there are no indicators, but raised {_named(error)}")
+                    broken("Hal.indicate", f"does nothing where there are no indicators, but raised {named(error)}")
 
         self._run(body)
 
@@ -433,7 +434,7 @@ class HalConformance:
 
         async def main() -> None:
             bench = Bench(self.make())
-            await _waited(bench.hal.open(), "Hal.open")
+            await waited(bench.hal.open(), "Hal.open")
             try:
                 await bench.ready()
                 await body(bench)
@@ -441,7 +442,7 @@ class HalConformance:
                 with suppress(Exception):  # what the test found matters more
                     await bench.hal.close()
                 raise
-            await _waited(bench.hal.close(), "Hal.close")
+            await waited(bench.hal.close(), "Hal.close")
 
         run(main(), speed=self.speed)
 
@@ -551,7 +552,7 @@ class Bench:
             called(where, call)
         except NotCapable as error:
             if has:
-                broken(where, f"works with the capability '{capability}', but raised {_named(error)}")
+                broken(where, f"works with the capability '{capability}', but raised {named(error)}")
             promise(
                 (error.hal, error.capability) == (self.hal.name, capability),
                 where,
@@ -559,7 +560,7 @@ class Bench:
             )
         except Exception as error:
             expected = "works" if has else "raises NotCapable"
-            broken(where, f"{expected} {'with' if has else 'without'} '{capability}', but raised {_named(error)}")
+            broken(where, f"{expected} {'with' if has else 'without'} '{capability}', but raised {named(error)}")
         else:
             promise(has, where, f"raises NotCapable without the capability '{capability}', but did not")
 
@@ -617,60 +618,14 @@ def _is_pose(value: Any) -> bool:
     return isinstance(value, tuple) and len(value) == 3 and all(map(isfinite, value))
 
 
-# -- saying what is wrong --------------------------------------------------------------------------------------
-
-
-def promise(kept: bool, where: str, text: str) -> None:
-    """Fail unless the promise is kept; `where` it stands in txt1.hal.base, and what it says there."""
-    if not kept:
-        broken(where, text)
-
-
-def broken(where: str, text: str) -> NoReturn:
-    """Fail: a promise is broken."""
-    raise AssertionError(f"{where} {text} (the promise stands in txt1.hal.base)")
-
-
-def called(where: str, method: Callable[..., Any], *arguments: Any) -> Any:
-    """What a method returns, which must not be something to wait for."""
-    value = method(*arguments)
-    if inspect.isawaitable(value):
-        if inspect.iscoroutine(value):
-            value.close()
-        broken(where, "returns at once, but must be awaited; only open and close are coroutines")
-    return value
-
-
-async def _waited(value: Any, where: str) -> None:
-    promise(inspect.isawaitable(value), where, "is a coroutine, but returned at once")
-    await value
-
-
-def _named(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
 # -- for a command -----------------------------------------------------------------------------------------------
 
 
 def promises() -> list[str]:
     """The names of all tests, in order."""
-    return [name for name in vars(HalConformance) if name.startswith("test_")]
+    return conformance.promises(HalConformance)
 
 
 def verdicts(make: Callable[[], Hal]) -> Iterator[tuple[str, str]]:
     """Every promise in words, and "ok", "skipped: ..." or "BROKEN: ...", for the HAL that `make` makes."""
-
-    class Checked(HalConformance):
-        def make(self) -> Hal:
-            return make()
-
-    for name in promises():
-        verdict = "ok"
-        try:
-            getattr(Checked(), name)()
-        except SkipTest as reason:
-            verdict = f"skipped: {reason}"
-        except Exception as error:
-            verdict = f"{BROKEN}: {error if isinstance(error, AssertionError) else _named(error)}"
-        yield name.removeprefix("test_").replace("_", " "), verdict
+    return conformance.verdicts(HalConformance, make)

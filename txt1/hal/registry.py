@@ -59,11 +59,31 @@ def create_sim(config: Config, world: World | None = None) -> Hal:
     return SimHal(vehicle)
 
 
-def create_serial(config: Config, port: Port | None = None) -> Hal:
-    """The board behind the configured line, or behind a port that somebody has ready, which is nothing real."""
+PORTS: Final = Registry("serial port", "txt1.ports", {"virtual": "txt1.board:VirtualPort"})
+"""Simulated ports by name; anything else is a device."""
+
+
+def port_of(config: Config) -> Port:
+    """The port that a configuration names, or the only one there is."""
+    from txt1.hal.serial import DevicePort
+
+    serial = config.serial
+    if serial.port is not None and serial.port in PORTS.ours:
+        port: Port = PORTS.make("serial.port", serial.port, config)
+        return port
+    return DevicePort(serial.port, serial.baud)
+
+
+def is_simulated(config: Config) -> bool:
+    """Whether the configured hardware is, as far as that can be told before it is made."""
+    return config.hal == "sim" or (config.hal == "serial" and config.serial.port in PORTS.ours)
+
+
+def create_serial(config: Config) -> Hal:
+    """The board behind the configured line."""
     from numpy.random import SeedSequence
 
-    from txt1.hal.serial import DevicePort, SerialHal
+    from txt1.hal.serial import SerialHal
     from txt1.link import End, faulty
 
     serial = config.serial
@@ -71,13 +91,7 @@ def create_serial(config: Config, port: Port | None = None) -> Hal:
     def wrap(end: End) -> End:
         return faulty(end, serial.fault, SeedSequence([config.own_seed, HOST_LINE]))
 
-    return SerialHal(
-        DevicePort(serial.port, serial.baud) if port is None else port,
-        wrap,
-        serial.control,
-        config.odometry.scale,
-        simulated=port is not None,
-    )
+    return SerialHal(port_of(config), wrap, serial.control, config.odometry.scale, simulated=serial.port in PORTS.ours)
 
 
 HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial})
@@ -88,13 +102,17 @@ def names() -> list[str]:
     return HALS.names()
 
 
-def create(config: Config) -> Hal:
-    """The hardware layer named by ``config.hal``, not opened yet.
+def create(config: Config, world: World | None = None) -> Hal:
+    """The hardware layer named by ``config.hal``, not opened yet; in a world that it shares, if one is given.
 
     Raises:
         ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
         HalError: it cannot be imported or made; the cause is chained.
 
     """
+    if world is not None:
+        if config.hal != "sim":
+            raise ConfigError(f"world: a robot with the HAL '{config.hal}' is in none; choose hal=sim")
+        return create_sim(config, world)
     hal: Hal = HALS.make("hal", config.hal, config)
     return hal

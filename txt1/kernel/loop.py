@@ -177,14 +177,24 @@ def new_loop(speed: Speed = None) -> RealTimeLoop | VirtualTimeLoop:
         return RealTimeLoop()
     if speed == "max":
         return VirtualTimeLoop()
-    if not 0.0 < speed < float("inf"):  # here and not in the loop: half an event loop cannot be disposed of quietly
-        raise ValueError(f"speed must be a positive number, not {speed!r}")
+    if not (isinstance(speed, int | float) and 0.0 < speed < float("inf")):  # half a loop cannot be disposed of quietly
+        raise ValueError(f"speed must be 'max', a positive number, or None for real time, not {speed!r}")
     return VirtualTimeLoop(speed)
 
 
 def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
-    """The result of a coroutine, run to its end like ``asyncio.run`` but on one of our loops."""
-    with asyncio.Runner(loop_factory=lambda: new_loop(speed)) as runner:
+    """Run a coroutine to its end, like ``asyncio.run`` but on one of our loops, and return its result.
+
+    Raises:
+        ValueError: the speed is none (see `new_loop`).
+
+    """
+    try:
+        loop = new_loop(speed)
+    except ValueError:
+        main.close()  # or Python warns that it was never awaited
+        raise
+    with asyncio.Runner(loop_factory=lambda: loop) as runner:
         return runner.run(main)
 
 

@@ -1,8 +1,8 @@
 """Many simulated robots at once, for training that needs millions of steps (extra `fast`: numba).
 
-The vehicles are `txt1.sim.fleet`, the light is the runtime's own `txt1.sim.light.lux_at`. The loops, the odometry
-and the filter are written out here once more, over arrays; tests/unit/learning/test_batch.py holds them against the
-running robot's. Without numba it is the same, slowly.
+The vehicles are `txt1.sim.fleet`; the loops and the light are the runtime's own `txt1.control` and
+`txt1.sim.light.lux_at`. The odometry's velocities and the filter are written out here over arrays;
+tests/unit/learning/test_batch.py holds it all against the running robot. Without numba it is the same, slowly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.control.loops import at_rest, errors
 from txt1.control.parameters import Safety
+from txt1.control.pid import Gains, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.kernel.processors import processors
 from txt1.learning.light import FILTER_WEIGHT
@@ -40,41 +42,34 @@ BLOCK: Final = 128
 """Robots that are moved together: their state stays in the processor's nearest cache."""
 
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
-_LINEAR: Final = np.array(LINEAR_GAINS)
 
 
-def _pid(past: Array, i: int, error: float, kp: float, ki: float, kd: float, limit: float) -> float:
-    """One step of the velocity-form PID (4.7) of robot i; output and two errors are the rows of `past`."""
-    dt = TICK_MS / 1000.0
-    e1, e2 = past[1, i], past[2, i]
-    u = past[0, i] + kp * (error - e1) + ki * dt * error + kd / dt * (error - 2.0 * e1 + e2)
-    u = min(max(u, -limit), limit)
-    past[0, i], past[1, i], past[2, i] = u, error, e1
-    return float(u)
+_at_rest = compiled(at_rest, forceinline=True)
+_errors = compiled(errors, forceinline=True)
+_pid = compiled(pid, forceinline=True)
 
 
-_step_pid = compiled(_pid, forceinline=True)
-
-
-def _control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Array) -> None:
+def _control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains) -> None:
     """The controller's tick, on the velocities that the encoders saw a tick before."""
     for i in range(robots.shape[1]):
         v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], robots[SENSED, i], robots[SENSED + 1, i]
-        if v_now == 0.0 and v == 0.0:
+        if _at_rest(v, v_now):
             for row in range(LINEAR, OUTPUT + 2):
                 robots[row, i] = 0.0
             continue
         which = 0
         for k in range(gains.shape[0] - 1):
             which += gains[k, 0] < v_now
-        yaw_error = 1000.0 * (omega - omega_now)
-        if v_now < 0.0:
-            yaw_error = -yaw_error
-        _, kp, ki, kd = gains[which]
-        motor = _step_pid(robots[LINEAR:ANGULAR], i, 1000.0 * (v - v_now), linear[0], linear[1], linear[2], PWM_MAX)
-        steering = _step_pid(robots[ANGULAR:OUTPUT], i, yaw_error, kp, ki, kd, STEERING_MAX)
-        robots[OUTPUT, i] = np.trunc(min(max(motor, -motor_max), motor_max))
-        robots[OUTPUT + 1, i] = np.trunc(steering)
+        error, yaw_error = _errors(v, omega, v_now, omega_now)
+        past = robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i]
+        past = _pid(past, error, linear, TICK_MS / 1000.0, float(PWM_MAX))
+        robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i] = past
+        robots[OUTPUT, i] = np.trunc(min(max(past[0], -motor_max), motor_max))
+        angular = gains[which, 1], gains[which, 2], gains[which, 3]
+        past = robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i]
+        past = _pid(past, yaw_error, angular, TICK_MS / 1000.0, float(STEERING_MAX))
+        robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i] = past
+        robots[OUTPUT + 1, i] = np.trunc(past[0])
 
 
 def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
@@ -107,7 +102,7 @@ _look_all = compiled(_look)
 
 def _run(
     robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
-    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Array,
+    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains,
     begin: int, end: int,
 ) -> None:  # fmt: skip
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
@@ -201,7 +196,7 @@ class Batch:
         """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
             _run_some, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
-            float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, _LINEAR,
+            float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, LINEAR_GAINS,
         )  # fmt: skip
         if self._threads is None:
             run(*self._shares[0])

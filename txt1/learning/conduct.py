@@ -1,4 +1,4 @@
-"""One trial from its seed: on the running robot in virtual time, or on the bare simulation."""
+"""One trial from its seed, on the running robot."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, NotArmed, Overruled, Txt1Error
-from txt1.hal.registry import create_sim
-from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
-from txt1.learning import bench
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.qtable import StoredTable
@@ -24,7 +21,7 @@ from txt1.learning.task import LearningTask, need_light, task_of
 from txt1.learning.trial import COMMANDS, Episode, Trial, starts
 from txt1.record.session import recording
 from txt1.robot import Robot
-from txt1.sensors.light import STREAM, eyes
+from txt1.sensors.light import STREAM
 
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 """Streams of random numbers of a trial; the first is `txt1.learning.trial.starts`'s own."""
@@ -104,7 +101,7 @@ def recorded_plan(name: str, seed: int, number: int, episodes: int) -> dict[str,
 
 
 def on_robot(
-    name: str,
+    learner: Agent | str,
     config: Config,
     seed: int,
     number: int,
@@ -113,6 +110,7 @@ def on_robot(
     speed: Speed = "max",
     arm: bool = False,
     done: Callable[[Episode], None] = lambda _: None,
+    commands: tuple[tuple[float, float], ...] = COMMANDS,
     keep_paths: Collection[int] = (),
     stopped: Callable[[], bool] = lambda: False,
     before: Outcome | None = None,
@@ -124,7 +122,7 @@ def on_robot(
     Where nobody is there to arm the robot again, a disarm ends it.
 
     Args:
-        name: the agent's.
+        learner: who learns, or its name.
         config: of everything.
         seed: with the trial's number, repeats every random value.
         number: of the trial, from 1.
@@ -132,6 +130,7 @@ def on_robot(
         speed: of its time, see `txt1.kernel.loop.run`.
         arm: whether to arm a robot that does not arm by itself.
         done: told each episode as it ends.
+        commands: (v, omega) of each action, m/s and rad/s.
         keep_paths: numbers of the episodes whose paths are to be kept.
         stopped: asked all the time; once it says yes the trial ends.
         before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
@@ -145,13 +144,13 @@ def on_robot(
         TaskFault: a task failed; the robot was stopped first.
 
     """
-    agent = make(name, config, stream(seed, number, AGENT))
-    trial = new_trial(agent, config, seed, number, episodes, done, keep_paths)
+    agent = make(learner, config, stream(seed, number, AGENT)) if isinstance(learner, str) else learner
+    trial = new_trial(agent, config, seed, number, episodes, done, keep_paths, commands)
     if before is not None:
         agent.recall(before.memory)
         trial.carry_on(before.episodes, before.paths, before.voided)
 
-    own, told = robot_config(config, seed, number), recorded_plan(name, seed, number, episodes)
+    own, told = robot_config(config, seed, number), recorded_plan(agent.name, seed, number, episodes)
 
     async def conduct() -> None:
         async with (
@@ -191,48 +190,8 @@ async def _get_ready(robot: Robot, arm: bool) -> None:
     robot.arm()
     if not await robot.load_gains():
         raise HalError("the board did not acknowledge the gains; 'txt1 doctor' looks closer")
-    if robot.hal.capabilities.place:  # at the very instant at which it begins on the bare simulation
+    if robot.hal.capabilities.place:  # always at the same instant
         await asyncio.sleep(max(0.0, BEGIN_MS / 1000.0 - 0.001 - robot.now))
-
-
-def on_bench(
-    agent: Agent | str,
-    config: Config,
-    seed: int,
-    number: int,
-    episodes: int,
-    *,
-    begin_ms: int = BEGIN_MS,
-    commands: tuple[tuple[float, float], ...] = COMMANDS,
-    keep_paths: Collection[int] = (),
-    stopped: Callable[[], bool] = lambda: False,
-) -> Outcome:
-    """The same trial on the bare simulation; see `txt1.learning.bench`.
-
-    Args:
-        agent: who learns, or its name.
-        config: of everything.
-        seed: with the trial's number, repeats every random value.
-        number: of the trial, from 1.
-        episodes: how many.
-        begin_ms: when the learning begins, ms of simulated time.
-        commands: (v, omega) of each action, m/s and rad/s.
-        keep_paths: numbers of the episodes whose paths are to be kept.
-        stopped: asked between episodes.
-
-    """
-    if isinstance(agent, str):
-        agent = make(agent, config, stream(seed, number, AGENT))
-
-    def look(_: Episode) -> None:
-        if stopped():
-            raise KeyboardInterrupt
-
-    trial = new_trial(agent, config, seed, number, episodes, look, keep_paths, commands)
-    hal = create_sim(robot_config(config, seed, number))
-    assert isinstance(hal, SimHal)
-    bench.run_trial(trial, hal.vehicle, eyes(config, stream(seed, number, SENSORS)), config.limits(), begin_ms)
-    return outcome(trial, number, episodes)
 
 
 def outcome(trial: Trial, number: int, episodes: int) -> Outcome:

@@ -21,30 +21,38 @@ from __future__ import annotations
 from math import log, pi
 from typing import Any, Final
 
-import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
-from txt1.errors import NoDirection
+from txt1.control.limits import clip
+from txt1.control.loops import VelocityLoops, at_rest
+from txt1.errors import MissingExtra, NoDirection
+from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim
-from txt1.hal.sim import SimHal
 from txt1.learning.batch import TICK_MS, Batch
-from txt1.learning.bench import CONTROL, LIGHT, Bench, instants
 from txt1.learning.conduct import ready_to_learn
 from txt1.learning.light import LightFilter, direction, reward, sector
 from txt1.learning.task import task_of
 from txt1.learning.trial import COMMANDS, Start
 from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
+from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes
 from txt1.sim.light import PointLight, noise_for_jitter
+
+try:
+    import gymnasium
+    from gymnasium.spaces import Box, Discrete
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ModuleNotFoundError:
+    raise MissingExtra("txt1.learning.env", "gym") from None
 
 Observation = NDArray[np.float32]
 
 DECISION_MS: Final = 500
+LIGHT_MS: Final = 16
+"""Between two samples of the light, ms."""
 REST_MS: Final = 600
 """Rest on the start before the first observation, ms: the filter settles."""
 SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
@@ -56,6 +64,52 @@ def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> 
     both = np.concatenate([lux, velocities], axis=-1)
     clipped: Observation = np.clip(both, SPACE.low, SPACE.high).astype(np.float32)
     return clipped
+
+
+class Car:
+    """A simulated robot with its velocity loops and its odometry, and without its other tasks.
+
+    Args:
+        hal: of the simulated robot, at time 0.
+        config: of its loops and limits.
+
+    """
+
+    def __init__(self, hal: Hal, config: Config) -> None:
+        self.command = (0.0, 0.0)
+        self._hal = hal
+        self._loops = VelocityLoops()
+        self._linear, self._schedule = config.control.linear.gains(), config.control.schedule()
+        self._motor_max = config.safety.motor_max
+        self._wheels = WheelOdometry(config.geometry)
+
+    @property
+    def odometry(self) -> Odometry:
+        """What the encoders say."""
+        return self._wheels.odometry
+
+    def pose(self, now: float) -> tuple[float, float, float]:
+        """The true pose in the room at `now` s, m and rad."""
+        pose = self._hal.read(now).pose
+        assert pose is not None
+        return pose
+
+    def control(self, now: float) -> None:
+        """The controller's cycle and the encoders' at `now` s."""
+        v, omega = self.command
+        v_now, omega_now = self.odometry.v, self.odometry.omega
+        motor = steering = 0.0
+        if at_rest(v, v_now):
+            self._loops.clear()
+        else:
+            motor, steering = self._loops.step(
+                v, omega, v_now, omega_now, self._linear, self._schedule.at(v_now), TICK_MS / 1000.0
+            )
+            motor = clip(motor, self._motor_max)
+        self._hal.write(Outputs(int(motor), int(-steering), int(steering)), now)
+        counts = self._hal.read(now).ticks
+        assert counts is not None
+        self._wheels.step(counts, now)
 
 
 class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
@@ -73,7 +127,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = Discrete(len(COMMANDS))
         self._config = ready_to_learn(load().config if config is None else config)
         self._task = task_of(self._config)
-        self._bench: Bench
+        self._car: Car
         self._see: See
         self._ms = 0
         self._sector = 0
@@ -85,9 +139,8 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed, options=options)
         start = Start(*map(float, self.np_random.uniform(-pi, pi, 2)))
         hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
-        assert isinstance(hal, SimHal)
-        self._bench = Bench(hal.vehicle, self._config.limits())
-        hal.vehicle.place(*start.pose(self._task))
+        hal.place(*start.pose(self._task), 0.0)
+        self._car = Car(hal, self._config)
         self._see = eyes(self._config, self.np_random)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
@@ -97,10 +150,10 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and `success`, one decision later."""
-        self._bench.command = COMMANDS[int(action)]
+        self._car.command = COMMANDS[int(action)]
         self._run(DECISION_MS)
         before, self._sector = self._sector, self._state(self._sector)
-        x, y, _ = self._bench.pose
+        x, y, _ = self._car.pose(self._ms / 1000.0)
         task = self._task
         success = bool(np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius)
         lost = max(abs(x), abs(y)) > task.boundary
@@ -110,13 +163,11 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
 
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""
-        bench, vehicle = self._bench, self._bench.vehicle
-        for ms, what in instants(self._ms, self._ms + duration_ms):
-            if what == CONTROL:
-                bench.control(ms / 1000.0)
-            elif what == LIGHT:
-                vehicle.advance_to(ms / 1000.0)
-                self._filter.step(self._see(vehicle.pose))
+        for ms in range(self._ms, self._ms + duration_ms):
+            if ms % TICK_MS == 0:
+                self._car.control(ms / 1000.0)
+            if ms % LIGHT_MS == 0:
+                self._filter.step(self._see(self._car.pose(ms / 1000.0)))
         self._ms += duration_ms
 
     def _state(self, otherwise: int) -> int:
@@ -128,7 +179,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
 
     def _observation(self) -> Observation:
         assert self._filter.readings is not None
-        return _observe(np.array(self._filter.readings), np.array(self._bench.odometry[3:]))
+        return _observe(np.array(self._filter.readings), np.array(self._car.odometry[3:]))
 
 
 class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):

@@ -1,7 +1,6 @@
 """One trial: episodes of the task by one agent, from random starts, told the time 20 times a second (thesis 5.3).
 
-It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot, `txt1.learning.bench`
-on the bare simulation, and both get the same result.
+It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot.
 """
 
 from __future__ import annotations

@@ -37,6 +37,41 @@ def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[fl
     return (v_right + v_left) / 2.0, (v_right - v_left) / track_width
 
 
+class WheelOdometry:
+    """Odometry from the counters of the two encoder wheels.
+
+    Args:
+        geometry: of the vehicle.
+
+    Attributes:
+        odometry: as of the last reading.
+
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        self.odometry = Odometry()
+        self._count_length, self._track_width = geometry.count_length, geometry.track_width
+        self._counts: tuple[int, int] | None = None
+        self._time = 0.0
+        self._still = True
+
+    def step(self, counts: tuple[int, int], now: float) -> tuple[int, int] | None:
+        """Counts (right, left) since the last reading, with the odometry brought up to `now`; None at the first one."""
+        before, dt = self._counts, now - self._time  # measured: a late reading gives the same speed
+        self._counts, self._time = counts, now
+        if before is None:
+            return None
+        right, left = counts[0] - before[0], counts[1] - before[1]
+        moved = bool(right or left)
+        if moved or not self._still:
+            v, omega = body_velocity(
+                wheel_speed(right, self._count_length, dt), wheel_speed(left, self._count_length, dt), self._track_width
+            )
+            self.odometry = advance(self.odometry, v, omega, dt)
+            self._still = not moved
+        return right, left
+
+
 def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[int, int]:
     """Encoder counts (right, left) that speed and yaw rate make in dt s: (2.21), (2.24) and (3.1) the other way."""
     turning = 0.5 * geometry.track_width * omega

@@ -18,10 +18,10 @@ from typing import Any, Final, NamedTuple, NoReturn
 
 from pydantic import ValidationError
 
-from txt1.board import create_hal
 from txt1.config import Config
 from txt1.errors import NotArmed, RecordingError, TaskFault
 from txt1.hal.base import Button
+from txt1.hal.registry import create
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
@@ -238,7 +238,7 @@ def _cycle(time: float) -> int:
 async def _replay(recorded: _Recorded) -> Verdict:
     """The verdict on a run in virtual time: the scheduler runs the tasks at the very times of then."""
     comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create_hal(config))
+    runtime = Runtime(config, lambda message: None, create(config))
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
     recorder.attach()
     end = _end(recorded)
@@ -260,7 +260,7 @@ async def _replay(recorded: _Recorded) -> Verdict:
 async def _replay_ticks(recorded: _Recorded, ticks: list[Tick]) -> Verdict:
     """The verdict on a run on the real clock: every cycle and every input in the recorded order, at its time."""
     comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create_hal(config), scheduler=_TickByTick)
+    runtime = Runtime(config, lambda message: None, create(config), scheduler=_TickByTick)
     scheduler = runtime.scheduler
     assert isinstance(scheduler, _TickByTick)
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0, keep_ticks=True)

@@ -47,6 +47,10 @@ class Sensor(Protocol[T]):
     def period(self) -> float:
         """Seconds between two calls of `read`, unless configured otherwise; constant."""
 
+    @property
+    def simulated(self) -> bool:
+        """Whether nothing real is read, so that it works in virtual time; constant."""
+
     async def open(self) -> None:
         """Make the hardware ready. May wait.
 
@@ -92,7 +96,7 @@ class SensorState(NamedTuple):
     Attributes:
         name: as configured.
         units: of its values.
-        values: the last reading's numbers, in the order of the topic's paths; none before the first one.
+        values: the last reading's numbers by their paths in the topic's message; none before the first one.
         time: when the last reading was taken, s of the run; None before the first one.
         healthy: the last reading came in time, and the hardware has not failed since.
         reason: why it is not healthy; empty when it is.
@@ -103,7 +107,7 @@ class SensorState(NamedTuple):
 
     name: str
     units: str
-    values: tuple[tuple[str, float], ...]
+    values: dict[str, float]
     time: float | None
     healthy: bool
     reason: str
@@ -123,7 +127,7 @@ SENSORS: Final = declare(
 
 
 def _status(state: SensorState) -> dict[str, Any]:
-    values = {**dict(state.values), "time": state.time, "readings": state.readings, "failures": state.failures}
+    values = {**state.values, "time": state.time, "readings": state.readings, "failures": state.failures}
     return {
         "level": bytes([0 if state.healthy else 2]),
         "name": state.name,
@@ -132,10 +136,10 @@ def _status(state: SensorState) -> dict[str, Any]:
     }
 
 
-def numbers(topic: Topic[T], value: T) -> tuple[tuple[str, float], ...]:
-    """The numbers of a value with their paths in the topic's message; none where it has no paths."""
+def numbers(topic: Topic[T], value: T) -> dict[str, float]:
+    """The numbers of a value by their paths in the topic's message; none where it has no paths."""
     made = topic.make(value)
-    return () if isinstance(made, Mapping) else tuple(zip(topic.paths, made, strict=True))
+    return {} if isinstance(made, Mapping) else dict(zip(topic.paths, made, strict=True))
 
 
 def reading_topic(

@@ -32,6 +32,7 @@ class Impaired(Generic[T]):
         self._under_way: deque[Reading[T]] = deque()
         self.topic: Topic[T] = sensor.topic
         self.period = sensor.period
+        self.simulated = sensor.simulated
 
     async def open(self) -> None:
         """Open the sensor."""

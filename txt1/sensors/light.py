@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from math import atan2, cos, sin
+from math import atan2, cos, inf, sin
 from typing import Any, Final
 
 import numpy as np
@@ -92,14 +92,17 @@ class SimulatedLight:
     """
 
     period = SAMPLE_PERIOD
+    simulated = True
 
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
         self.topic = topic_of(name)
         self._see = see
         self._pose = pose
+        self._last = -inf
 
     async def open(self) -> None:
-        """Nothing to make ready."""
+        """A new run may begin."""
+        self._last = -inf
 
     async def close(self) -> None:
         """Nothing to let go of."""
@@ -107,7 +110,10 @@ class SimulatedLight:
     def read(self, now: float) -> Reading[Readings] | None:
         """The readings at `now`, lux."""
         pose = self._pose()
-        return None if pose is None else Reading(now, self._see(pose))
+        if pose is None or now <= self._last:
+            return None
+        self._last = now
+        return Reading(now, self._see(pose))
 
 
 def simulated(setup: Setup) -> SimulatedLight:
@@ -152,6 +158,7 @@ class PhidgetLight:
     """
 
     period = SAMPLE_PERIOD
+    simulated = False
     PATIENCE_MS: Final = 5000
     INTERVAL_MS: Final = 16
 
@@ -161,6 +168,7 @@ class PhidgetLight:
         self.topic = topic_of(name)
         self._channels = channels
         self._serial_number = serial_number
+        self._last = -inf
         self._ratios = [float("nan")] * len(SENSORS)
         self._inputs: list[Any] = []
 
@@ -217,8 +225,11 @@ class PhidgetLight:
             self._inputs.pop().close()
         self._ratios = [float("nan")] * len(SENSORS)
 
-    def read(self, now: float) -> Reading[Readings]:
+    def read(self, now: float) -> Reading[Readings] | None:
         """The present readings, lux."""
+        if now <= self._last:
+            return None
+        self._last = now
         lux = (min(max(LUX_MAX * ratio, LUX_MIN), LUX_MAX) if ratio == ratio else ratio for ratio in self._ratios)
         return Reading(now, Readings(*lux))
 

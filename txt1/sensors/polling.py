@@ -60,7 +60,7 @@ class Polled(Generic[T]):
     def state(self) -> SensorState:
         """How it is."""
         topic, last = self.topic, self.last
-        values = () if last is None else numbers(topic, last.value)
+        values = {} if last is None else numbers(topic, last.value)
         time = None if last is None else last.time
         healthy = not self.reason and last is not None
         reason = self.reason or ("" if healthy else "no reading yet")

@@ -6,11 +6,12 @@ from math import inf
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.pid import Gains, Pid
+from txt1.control.loops import VelocityLoops, at_rest
+from txt1.control.pid import Gains
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.model.vehicle import Geometry
 from txt1.tasks.fields import Command, Control, ManualPwm, Source
 from txt1.tasks.state import State
 
@@ -69,8 +70,8 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         if not -inf < v_now + omega_now < inf:
             gate.count(Fault.MEASURED)
             passes = False
-        at_rest = v_now == 0.0 and isinstance(given, Command) and given.v == 0.0  # nothing to control, so nothing hums
-        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual or at_rest:
+        still = isinstance(given, Command) and at_rest(given.v, v_now)
+        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual or still:
             loops.clear()
             outputs = gate.neutral(state.servos)
         elif isinstance(given, ManualPwm):
@@ -82,46 +83,12 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             if closes_loops:
                 gains = state.gains.angular.at(v_now)
                 motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains, dt)
-            # u > 0 turns left: the front wheels to the left, the rear ones to the right
             outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
         was_manual = manual
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
             state.control = Control(outputs, v, omega, source, gains)
-
-
-class VelocityLoops:
-    """The two PID loops. Errors in mm/s and mrad/s, outputs in PWM counts."""
-
-    def __init__(self) -> None:
-        self._linear = Pid(PWM_MAX)
-        self._angular = Pid(STEERING_MAX)
-        self._clear = True
-
-    def clear(self) -> None:
-        """Forget the past."""
-        if not self._clear:
-            self._linear.clear()
-            self._angular.clear()
-            self._clear = True
-
-    def step(
-        self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
-    ) -> tuple[float, float]:
-        """Motor and steering output, counts, for a set-point and measured velocities in m/s and rad/s, every dt s.
-
-        In reverse the steering acts the other way round, so there the yaw-rate error changes its sign. Without a new
-        measurement (dt = 0) the outputs are held.
-        """
-        if dt <= 0.0:
-            return self._linear.output, self._angular.output
-        self._clear = False
-        yaw_error = 1000.0 * (omega - omega_now)
-        return (
-            self._linear.step(1000.0 * (v - v_now), linear, dt),
-            self._angular.step(-yaw_error if v_now < 0.0 else yaw_error, angular, dt),
-        )
 
 
 def measured(state: State, now: float) -> tuple[Source, float, float]:

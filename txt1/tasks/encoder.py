@@ -7,7 +7,7 @@ from typing import Final
 from txt1.errors import HalError
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
-from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
+from txt1.model.odometry import WheelOdometry
 from txt1.model.vehicle import Geometry
 from txt1.tasks.fields import Encoders
 from txt1.tasks.state import State
@@ -20,10 +20,7 @@ STILL: Final = Encoders(0, 0)
 
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
     """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry itself."""
-    count_length, track_width = geometry.count_length, geometry.track_width
-    last_counts: tuple[int, int] | None = None
-    last_time = 0.0
-    odometry = Odometry()
+    wheels = WheelOdometry(geometry)
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
@@ -37,16 +34,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
             if inputs.odometry is not None:
                 state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
             continue
-        counts = inputs.ticks
-        if last_counts is not None:
-            right, left = counts[0] - last_counts[0], counts[1] - last_counts[1]
-            dt = now - last_time  # measured: a late tick reads the same speed
-            if right or left or state.encoders is not STILL:
-                v, omega = body_velocity(
-                    wheel_speed(right, count_length, dt), wheel_speed(left, count_length, dt), track_width
-                )
-                odometry = advance(odometry, v, omega, dt)
-                state.encoders = Encoders(right, left) if right or left else STILL
-                state.odometry = odometry
-            state.odometry_time = now
-        last_counts, last_time = counts, now
+        counts = wheels.step(inputs.ticks, now)
+        if counts is not None:
+            state.encoders = Encoders(*counts) if any(counts) else STILL
+            state.odometry, state.odometry_time = wheels.odometry, now

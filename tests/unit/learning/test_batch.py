@@ -8,16 +8,16 @@ import sys
 import numpy as np
 import pytest
 
-from txt1.control.parameters import Limits, Safety
+from txt1.config import load
+from txt1.control.parameters import Safety
+from txt1.hal.registry import create_sim
 from txt1.learning import batch
 from txt1.learning.batch import Batch
-from txt1.learning.bench import Bench
+from txt1.learning.env import Car
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.light import PointLight, illuminances
-from txt1.sim.parameters import Batteries, Noise, VehicleParameters
-from txt1.sim.simulator import Vehicle
-from txt1.sim.world import World
+from txt1.sim.parameters import VehicleParameters
 
 COUNT = 5
 
@@ -27,12 +27,10 @@ def robots(count: int) -> Batch:
 
 
 def held_against_the_runtime(ticks: int = 400) -> float:
-    """The largest difference in pose, speed and sensed velocities in random driving by the bench's robots."""
-    vehicles = [
-        Vehicle(World(), VehicleParameters(), Geometry(), Batteries(None), Noise(drag=0.0), (1.0, 0.5, 0.3), seed)
-        for seed in range(COUNT)
-    ]
-    benches = [Bench(each, Limits()) for each in vehicles]
+    """The largest difference in pose and sensed velocities in random driving by the environment's robots."""
+    endless = load(overrides=["sim.noise.drag=0", "sim.room={length: .inf, width: .inf}", "sim.start=[1, 0.5, 0.3]"])
+    configs = [endless.config.model_copy(update={"seed": seed}) for seed in range(COUNT)]
+    cars = [Car(create_sim(config), config) for config in configs]
     many = robots(COUNT)
     many.place(np.ones(COUNT, bool), np.tile([1.0, 0.5, 0.3], (COUNT, 1)), np.random.default_rng(0))
     many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose(
@@ -45,14 +43,14 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     for tick in range(ticks):
         if tick % 25 == 10:
             for i, action in enumerate(rng.integers(0, 3, COUNT)):
-                benches[i].command = COMMANDS[action]
+                cars[i].command = COMMANDS[action]
                 many.commands[i] = COMMANDS[action]
-        for each in benches:
-            each.control(tick * 20 / 1000.0)
+        now = tick * 20 / 1000.0
+        for each in cars:
+            each.control(now)
         many.run_with(np.zeros((1, COUNT)), np.zeros((0, COUNT, 4)))
-        expected = np.array([[*b.vehicle.state, b.odometry.v, b.odometry.omega] for b in benches])
-        x, y, theta, v, phi, right, left = many.robots[:7]
-        got = np.array([x, y, theta, v, phi, -phi, right, left, *many.velocities.T]).T
+        expected = np.array([[*car.pose(now), car.odometry.v, car.odometry.omega] for car in cars])
+        got = np.concatenate([many.poses, many.velocities], axis=1)
         worst = max(worst, float(np.abs(got - expected).max()))
     assert np.abs(many.velocities[:, 0]).min() > 0.2, "they drive"
     return worst

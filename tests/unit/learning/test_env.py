@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 import warnings
@@ -11,9 +12,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import txt1
+from txt1.config import load
+from txt1.hal.registry import create_sim
 from txt1.learning import env
 from txt1.learning.light import direction, sector
+from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
+from txt1.model.odometry import Odometry
+from txt1.robot import Robot
 
 
 def test_the_environment_passes_gymnasiums_own_check() -> None:
@@ -43,6 +50,33 @@ def test_who_drives_at_the_light_is_rewarded_and_reaches_it() -> None:
     assert told["success"]
     assert total > 0.0
     assert 0.5 * steps > info["optimal_time"] > 2.0
+
+
+def test_the_environments_robot_drives_as_the_running_robot_does() -> None:
+    config = load(overrides=["seed=4", "sim.room={length: 20, width: 20}"]).config
+    commands = [COMMANDS[k] for k in (1, 2, 0, 0, 1, 2, 2)]
+
+    async def drive() -> tuple[Odometry, tuple[float, ...]]:
+        async with Robot.open(config=config) as robot:
+            await robot.linked(1.0)
+            robot.arm()
+            await robot.load_gains()
+            for k, (v, omega) in enumerate(commands):
+                for tenth in range(10):
+                    await asyncio.sleep(1.01 + k + 0.1 * tenth - robot.now)
+                    robot.command(v, omega)
+            await asyncio.sleep(1.005 + len(commands) - robot.now)
+            return robot.odometry, robot.pose
+
+    running, pose = txt1.run(drive(), speed="max")
+    car = env.Car(create_sim(config), config)
+    for tick in range(50 * (1 + len(commands)) + 1):
+        k = (20 * tick - 1010) // 1000
+        car.command = (0.0, 0.0) if k < 0 else commands[k]
+        car.control(tick * 20 / 1000.0)
+    assert car.odometry == running
+    assert car.odometry.v > 0.2
+    assert car.pose(1.0 + len(commands)) == pose
 
 
 def test_the_same_seed_is_the_same_episode() -> None:

@@ -1,0 +1,230 @@
+"""From the first import to the exit code: what starting costs, how it is interrupted, how every command ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+import txt1
+from txt1.cli import COMMANDS, execute
+from txt1.errors import NotCapable
+
+ROOT = Path(__file__).parents[2]
+SIM = ["run", "--json", "--speed", "max", "--duration"]
+HEAVY = {"numpy", "pydantic", "rich", "yaml", "asyncio", "matplotlib"}
+
+
+def python(*words: str) -> str:
+    """What an interpreter of its own prints."""
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    return done.stdout
+
+
+def imported_by(statement: str) -> set[str]:
+    """The modules that are there after a statement."""
+    *_, loaded = python("-c", f"{statement}; import sys, json; print(json.dumps(list(sys.modules)))").splitlines()
+    return set(json.loads(loaded))
+
+
+# -- what it costs -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("statement", ["import txt1", "import txt1.cli; txt1.cli.execute(['--help'])"])
+def test_neither_the_package_nor_its_help_imports_what_takes_long(statement: str) -> None:
+    assert HEAVY & imported_by(statement) == set()
+
+
+@pytest.mark.parametrize("command", ["config", "decode", "log", "hal"])
+def test_a_command_that_drives_nothing_imports_no_robot(command: str) -> None:
+    loaded = imported_by(f"import txt1.cli; txt1.cli.execute(['{command}', '--help'])")
+    assert {"txt1.ui.terminal", "txt1.learning", "txt1.experiments", "rich"} & loaded == set()
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert [name for name in COMMANDS if f"    {name} " not in out and f"    {name}\n" not in out] == []
+
+
+# -- Ctrl-C ------------------------------------------------------------------------------------------------------
+
+
+def takes_signals(process: int) -> bool:
+    """Whether a process has a handler of its own for SIGTERM, as Python alone has not."""
+    mask = Path(f"/proc/{process}/status").read_text().split("SigCgt:")[1].split()[0]
+    return bool(int(mask, 16) >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc to see the first import")
+@pytest.mark.parametrize("command", [["run", "--headless"], ["board", "--tcp", "0"], ["experiment", "linear-steps"]])
+def test_ctrl_c_at_any_moment_from_the_first_import_on_ends_it_with_130_and_no_traceback(
+    command: list[str], tmp_path: Path
+) -> None:
+    chance = random.Random(1)
+    for _ in range(6):
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        words = [sys.executable, "-m", "txt1", *command]
+        with subprocess.Popen(
+            words, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as process:
+            while not takes_signals(process.pid):
+                time.sleep(0.001)
+            time.sleep(chance.uniform(0.0, 1.5))
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=30)
+        assert "Traceback" not in err
+        assert process.returncode == 130 or (command[0] == "experiment" and process.returncode == 0)
+
+
+def test_signals_are_taken_before_anything_but_the_interpreter_is_imported() -> None:
+    code = (
+        "import signal, sys, json; take = signal.signal; seen = []\n"
+        "signal.signal = lambda *given: (seen.append(list(sys.modules)), take(*given))\n"
+        "sys.argv = ['txt1', '--version']\n"
+        "from txt1.__main__ import main\n"
+        "try: main()\n"
+        "except SystemExit: print(json.dumps(seen[0]))"
+    )
+    *_, loaded = python("-c", code).splitlines()
+    assert {"argparse", "asyncio", "numpy", "txt1.cli"} & set(json.loads(loaded)) == set()
+
+
+# -- exit codes --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    file = tmp_path / "run.mcap"
+    python("-m", "txt1", *SIM, "2", "--log", str(file))
+    return file
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "log info FILE", "log cat FILE", "log export FILE", "log recover FILE", "replay FILE", "replay --verify FILE",
+        "report FILE", "decode --role host FILE", "config check FILE", "config show --config FILE",
+        "run --config FILE", "run --policy FILE", "experiment FILE.yaml", "experiment compare FILE FILE",
+    ],
+)  # fmt: skip
+def test_a_file_that_is_not_there_is_2_in_every_command(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute([word.replace("FILE", str(tmp_path / "none")) for word in words.split()]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("txt1: ") and err.count("\n") == 1
+    assert "none" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["--version"], 0),
+        (["--help"], 0),
+        ([*SIM, "2"], 0),
+        ([*SIM, "2", "--drive", "-0.3,0.2"], 0),
+        ([*SIM, "2", "--drive", "-x"], 2),
+        ([*SIM, "2", "--set", "no.such=1"], 2),
+        ([*SIM, "12", "--drive", "0.5,0"], 3),
+        ([*SIM, "4", "--port", "virtual"], 0),
+        ([*SIM, "0.5", "--port", "virtual"], 3),
+        ([*SIM, "0.5", "--port", "virtual", "--no-arm"], 1),
+        (["run", "--json", "--duration", "1", "--port", "/dev/no-such-port"], 1),
+        (["board", "--json", "--duration", "0.2", "--tcp", "0"], 0),
+        (["board", "--tcp", "0", "--seed", "-1"], 2),
+        (["hal", "check", "nonsense"], 2),
+        (["learn", "--agent", "nobody"], 2),
+        (["learn", "--set", "safety.auto_arm=never", "--trials", "1"], 2),
+        (["experiment", "nonsense"], 2),
+        (["experiment", "linear-steps", "--no-figure", "--set", "safety.auto_arm=never"], 2),
+        (["tune", "--set", "safety.auto_arm=never"], 2),
+        (["doctor", "--port", "/dev/no-such-port"], 1),
+        (["config", "show"], 0),
+        (["hal", "list"], 0),
+    ],
+)  # fmt: skip
+def test_exit_codes_mean_the_same_in_every_command(
+    words: Sequence[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert execute(words) == code
+
+
+def test_a_topic_that_is_not_there_is_a_mistake_and_those_that_are_there_are_named(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert execute(["log", "cat", str(recording), "--topic", "/nope"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "/nope" in err and "/odom" in err
+
+
+def test_a_silent_port_is_a_fault(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    words = ["run", "--port", os.ttyname(slave), "--headless", "--duration", "1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True, timeout=30, check=False
+    )
+    os.close(master)
+    os.close(slave)
+    assert done.returncode == 1
+    assert "there was no link to the board in 1 s" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["run --headless", "config show", "decode --role host -"])
+def test_an_output_that_nobody_reads_any_more_is_a_normal_end(command: str) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "txt1", *command.split()],
+        cwd=ROOT, stdin=subprocess.DEVNULL, stdout=writing, stderr=subprocess.PIPE, timeout=30, check=False,
+    )  # fmt: skip
+    os.close(writing)
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+
+
+# -- the package -------------------------------------------------------------------------------------------------
+
+
+def test_the_package_lists_its_public_names() -> None:
+    assert set(txt1.__all__) <= set(dir(txt1))
+    text = python("-c", "import pydoc, txt1; print(pydoc.render_doc(txt1, renderer=pydoc.plaintext))")
+    assert "class Robot" in text and "run(main" in text
+
+
+def test_a_speed_that_is_none_is_refused_and_the_coroutine_put_away() -> None:
+    async def main() -> None:
+        """Never begun."""
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(
+            ValueError, match="speed must be 'max', a positive number, or None for real time, not 'fast'"
+        ):
+            txt1.run(main(), speed="fast")  # type: ignore[arg-type]
+
+
+def test_a_hal_may_say_in_its_own_words_that_it_is_not_capable() -> None:
+    assert str(NotCapable("this car has no switches")) == "this car has no switches"
+
+
+def test_the_environment_without_gymnasium_names_the_extra() -> None:
+    code = (
+        "import sys, txt1; sys.modules['gymnasium'] = None\n"
+        "try: import txt1.learning.env\n"
+        "except txt1.Txt1Error as error: print(error)"
+    )
+    assert python("-c", code) == "txt1.learning.env needs the extra 'gym': pip install 'txt1[gym]'\n"
