@@ -1,5 +1,5 @@
 """Sensors beside those of the hardware layer: each a name, a period and readings with time stamps of their own."""
 
-from txt1.sensors.base import Reading, Sensor, Setup
+from txt1.sensors.base import Reading, Sensor, Setup, reading_topic
 
-__all__ = ["Reading", "Sensor", "Setup"]
+__all__ = ["Reading", "Sensor", "Setup", "reading_topic"]
