@@ -26,17 +26,26 @@ if TYPE_CHECKING:
     from txt1.model.odometry import Odometry
     from txt1.protocol.messages import Switch
     from txt1.robot import Robot
+    from txt1.sim.parameters import Box, Post
+    from txt1.sim.room import Room
+    from txt1.sim.world import World
 
 __version__ = "0.1.0"
 
-__all__ = ["Button", "Odometry", "Robot", "Switch", "Txt1Error", "__version__", "run"]
+__all__ = [
+    "Box", "Button", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
+]  # fmt: skip
 
 _WHERE = {
+    "Box": "txt1.sim.parameters",
     "Button": "txt1.hal.base",
     "Odometry": "txt1.model.odometry",
+    "Post": "txt1.sim.parameters",
     "Robot": "txt1.robot",
+    "Room": "txt1.sim.room",
     "Switch": "txt1.protocol.messages",
     "Txt1Error": "txt1.errors",
+    "World": "txt1.sim.world",
     "run": "txt1.kernel.loop",
 }
 

@@ -17,7 +17,7 @@ from txt1.control.schedule import GainSet
 from txt1.driver import REFRESH, CommandSource, Wheel, require_finite
 from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
-from txt1.hal.registry import create
+from txt1.hal.registry import create, in_world
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.protocol.frame import encode
@@ -37,6 +37,7 @@ from txt1.protocol.messages import (
 from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Sensor
 from txt1.sensors.polling import Polled
+from txt1.sim.world import World
 from txt1.tasks.fields import Battery, Snapshot
 
 DRIVER_PRIORITY: Final = 3
@@ -77,7 +78,9 @@ class Robot:
         hal: str | Hal | None = None,
         *,
         config: str | os.PathLike[str] | Config | None = None,
+        name: str | None = None,
         seed: int | None = None,
+        world: World | None = None,
         settings: Sequence[str] = (),
         arm: bool | None = None,
         patience: float = 10.0,
@@ -91,7 +94,11 @@ class Robot:
         Args:
             hal: name of the hardware layer, or one of your own making.
             config: a YAML file or a ready configuration.
+            name: of one robot of several; it stands before the names of its topics, and gives it random values of its
+                own.
             seed: repeats every random value of a simulation.
+            world: the one that a simulated robot shares with others on this event loop, which counts in place of the
+                configured room and obstacles; None makes one for it alone.
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
             patience: s to wait for the link; 0 waits for nothing, does not arm, and leaves both to the caller.
@@ -106,6 +113,8 @@ class Robot:
         options: dict[str, Any] = {}
         if isinstance(hal, str):
             options["hal"] = hal
+        if name is not None:
+            options["name"] = name
         if seed is not None:
             options["seed"] = seed
         if isinstance(config, Config):
@@ -115,8 +124,10 @@ class Robot:
         else:
             effective = load(config, settings, os.environ, options).config
 
+        if world is not None:
+            effective = in_world(effective, world)
         robot: Robot
-        layer = create(effective) if hal is None or isinstance(hal, str) else hal
+        layer = create(effective, world) if hal is None or isinstance(hal, str) else hal
         runtime = Runtime(effective, lambda m: robot._receive(m), layer, sensing=True)
         robot = Robot(runtime)
         if attach is not None:

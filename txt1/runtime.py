@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 from collections import deque
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
@@ -17,6 +16,7 @@ from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
 from txt1.hal.base import Button, Hal, Inputs
+from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
@@ -35,11 +35,6 @@ OnFault = Callable[[str, BaseException], None]
 
 TELEMETRY_PRIORITY: Final = -100
 """Below every task of the robot's and the user's: it sees what they have done in the same instant."""
-
-COLLECT_AFTER: Final = 50_000
-"""New objects after which the collector looks for cycles while a robot runs: the tasks make none, so seldom."""
-
-_COLLECTOR: Final = gc.get_threshold()
 
 
 class Witness(Protocol):
@@ -91,11 +86,11 @@ class Runtime:
     ) -> None:
         self.config = config
         self.hal = hal
-        self.name = hal.name if name is None else name
+        self.name = config.name or hal.name if name is None else name
         self.state = State()
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = scheduler(self._task_failed)
-        self.bus = Bus(begin=self._begin_sampling)
+        self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
@@ -124,13 +119,15 @@ class Runtime:
             HalError: the hardware cannot be opened.
 
         """
-        if not self.hal.capabilities.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+        if virtual and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
         for name, sensor in made.items():
-            if not sensor.simulated and isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            if virtual and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
+        collector.begin(real_time=not virtual)
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         geometry = config.geometry
@@ -174,12 +171,6 @@ class Runtime:
         )  # fmt: skip
         for name, sensor in made.items():
             await self.sensors.add(name, sensor, config.sensors[name].period)
-        if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
-            # What exists by now stays: the collector need not look through it in the middle of a cycle. In virtual
-            # time nobody is late, and looking through it now would take as long as ten seconds of the run.
-            gc.collect()
-            gc.freeze()
-        gc.set_threshold(COLLECT_AFTER, *_COLLECTOR[1:])
         self.scheduler.start()
 
     async def stop(self) -> None:
@@ -195,8 +186,7 @@ class Runtime:
             try:
                 self.scheduler.stop()
             finally:
-                gc.unfreeze()
-                gc.set_threshold(*_COLLECTOR)
+                collector.end()
                 try:
                     await self.sensors.close()
                 finally:

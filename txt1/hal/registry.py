@@ -35,6 +35,14 @@ def create_world(config: Config) -> World:
     return World(Room(room.length, room.width), room.light, config.sim.obstacles)
 
 
+def in_world(config: Config, world: World) -> Config:
+    """The configuration of a robot in this world: with its room, light and obstacles."""
+    length, width = world.room
+    room = config.sim.room.model_copy(update={"length": length, "width": width, "light": world.light})
+    sim = config.sim.model_copy(update={"room": room, "obstacles": world.obstacles})
+    return config.model_copy(update={"sim": sim})
+
+
 def create_sim(config: Config, world: World | None = None) -> Hal:
     """The simulated robot as configured, in a world of its own, or in one that it shares with others.
 

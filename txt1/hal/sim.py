@@ -41,7 +41,7 @@ class SimHal:
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.world = vehicle.world
-        self._began = 0.0  # the vehicle's time when the run did
+        self._began = 0.0  # the vehicle's time when the run began
         self.outputs = NEUTRAL
         self.indicators = Indicators()
 
@@ -49,7 +49,8 @@ class SimHal:
         """Start with neutral outputs."""
         self.outputs = NEUTRAL
         self.vehicle.command(0, 0, 0)
-        self._began = self.world.begin(self.vehicle, clock_of(asyncio.get_running_loop()).now_ns())
+        self._began = self.vehicle.time
+        self.world.expect(self.vehicle, clock_of(asyncio.get_running_loop()))
 
     async def close(self) -> None:
         """Leave the outputs neutral."""

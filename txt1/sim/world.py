@@ -18,7 +18,7 @@ from heapq import heapify, heapreplace
 from math import hypot, inf, isfinite
 from typing import Final
 
-from txt1.kernel.clock import NS_PER_S
+from txt1.kernel.clock import NS_PER_S, Clock
 from txt1.sim.obstacles import Obstacle, distance, gap
 from txt1.sim.parameters import Post
 from txt1.sim.room import Room, clearance
@@ -75,6 +75,7 @@ class World:
         self.room = room
         self.light = light
         self.obstacles = obstacles
+        self._clock: Clock
         self._origin_ns = -1
         self._all: list[_Whereabouts] = []
         self._of: dict[Vehicle, _Whereabouts] = {}
@@ -106,22 +107,15 @@ class World:
 
     # -- time --------------------------------------------------------------------------------------------------
 
-    def begin(self, vehicle: Vehicle, now_ns: int) -> float:
-        """The vehicle's time, s, now that a run of its robot begins, at `now_ns` of the event loop's clock."""
-        if self._origin_ns < 0:
-            self._origin_ns = now_ns
-        now = (now_ns - self._origin_ns) / NS_PER_S
-        time = max(vehicle.time, now - vehicle.began) if vehicle.running else vehicle.time
-        vehicle.began, vehicle.running = now - time, True
-        running = [(index, each.vehicle) for index, each in enumerate(self._all) if each.vehicle.running]
-        self._ends = [(each.began + each.piece_ends, index) for index, each in running]
-        heapify(self._ends)
-        for _, each in running:
-            each.accompanied = len(running) > 1
-        return time
+    def expect(self, vehicle: Vehicle, clock: Clock) -> None:
+        """Be ready for a run of a vehicle's robot on this event loop's clock; it begins with its next motion."""
+        self._clock = clock
+        vehicle.running, vehicle.accompanied = False, True
 
     def advance(self, vehicle: Vehicle, time: float) -> None:
         """Let all vehicles move on, one of them to `time`, s of its own."""
+        if not vehicle.running:
+            self._begin(vehicle, time)
         now, ends = vehicle.began + time, self._ends
         while ends[0][0] <= now:
             index = ends[0][1]
@@ -129,6 +123,18 @@ class World:
             each.finish_piece()
             heapreplace(ends, (each.began + each.piece_ends, index))
         vehicle.move_to(time)
+
+    def _begin(self, vehicle: Vehicle, time: float) -> None:
+        """From now on a vehicle, whose time it is, moves whenever another one does."""
+        now_ns = self._clock.now_ns()
+        if self._origin_ns < 0:
+            self._origin_ns = now_ns
+        vehicle.began, vehicle.running = (now_ns - self._origin_ns) / NS_PER_S - time, True
+        running = [(index, each.vehicle) for index, each in enumerate(self._all) if each.vehicle.running]
+        self._ends = [(each.began + each.piece_ends, index) for index, each in running]
+        heapify(self._ends)
+        for _, each in running:
+            each.accompanied = len(running) > 1
 
     # -- contact -----------------------------------------------------------------------------------------------
 
