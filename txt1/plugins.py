@@ -39,24 +39,33 @@ class Registry(NamedTuple):
             HalError: it cannot be imported or made; the cause is chained.
 
         """
+        factory, origin = self.find(key, name)
+        if name in self.ours:
+            return factory(*arguments)
+        try:
+            return factory(*arguments)
+        except Txt1Error:
+            raise
+        except Exception as error:
+            raise HalError(
+                f"the {self.kind} '{name}' ({origin}) cannot be made: {type(error).__name__}: {error}"
+            ) from error
+
+    def find(self, key: str, name: str) -> tuple[Factory, str]:
+        """The function that makes the part of this name, and where it comes from; raises as `make`."""
         one = self.ours.get(name)
         if callable(one):
-            return one(*arguments)
+            return one, "txt1"
         if one is not None:
             module, function = one.split(":")
-            return getattr(import_module(module), function)(*arguments)
+            return getattr(import_module(module), function), "txt1"
         for point in entry_points(group=self.group, name=name):
-            told = f"the {self.kind} '{name}' ({point.value}) cannot be"
             try:
-                factory = point.load()
+                return point.load(), point.value
             except Exception as error:
-                raise HalError(f"{told} imported: {type(error).__name__}: {error}") from error
-            try:
-                return factory(*arguments)
-            except Txt1Error:
-                raise
-            except Exception as error:
-                raise HalError(f"{told} made: {type(error).__name__}: {error}") from error
+                raise HalError(
+                    f"the {self.kind} '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
+                ) from error
         near = difflib.get_close_matches(name, self.names(), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {', '.join(self.names())}{hint}")

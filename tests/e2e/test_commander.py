@@ -6,7 +6,8 @@ from itertools import pairwise
 import pytest
 
 from tests.e2e.conftest import ENDLESS, Sample
-from txt1.driver import CommandSource
+from txt1.control.commander import Driver
+from txt1.driver import DRIVER, CommandSource
 from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step
 from txt1.experiments.runner import Experiment
@@ -194,3 +195,21 @@ async def test_a_name_stands_for_one_source() -> None:
             robot.source("gamepad")
         with pytest.raises(ConfigError, match=r"0\.5 s.*safety\.command_timeout"):
             robot.source("web", timeout=0.5)
+
+
+async def test_who_drives_and_who_was_refused_is_telemetry(robot: Robot) -> None:
+    told: list[Driver] = []
+    robot.runtime.bus.subscribe(lambda topic, driver, time: told.append(driver), [DRIVER])
+    keys = robot.source("keys")
+    keep_on(robot, robot.program, 0.5)
+    await asyncio.sleep(1.0)
+    await hold(robot, keys, 0.2, 0.5)
+    await asyncio.sleep(0.5)
+    names = [driver.name for driver in told]
+    assert [name for name, before in zip(names, [None, *names], strict=False) if name != before] == [
+        "", "program", "keys", ""
+    ]  # fmt: skip
+    assert told[-1] == robot.driver
+    message = DRIVER.make(robot.driver)
+    assert isinstance(message, dict)
+    assert (message["refused"], message["times"]) == (["program"], [robot.driver.refused["program"]])

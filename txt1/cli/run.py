@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -13,8 +14,8 @@ from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import add_log, add_robot, add_view, existing, loaded, positive, velocity
 from txt1.config import Config
 from txt1.control.limits import Fault
-from txt1.driver import REFRESH, CommandSource
-from txt1.errors import HalError
+from txt1.driver import REFRESH, SOURCES, CommandSource
+from txt1.errors import HalError, TaskFault, Txt1Error
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.ui.terminal import Terminal
@@ -22,6 +23,7 @@ from txt1.ui.terminal import Terminal
 if TYPE_CHECKING:
     from txt1.learning.agent import Agent
 
+Steer = Callable[[Robot], Awaitable[None]]
 DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
 
 
@@ -38,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     script.add_argument(
         "--drive", type=velocity, metavar="V,OMEGA", help="command this velocity throughout: m/s, rad/s"
     )
+    script.add_argument(
+        "--source", metavar="NAME", help="let this source of commands drive (entry points txt1.sources)"
+    )
     script.add_argument("--learn", metavar="AGENT", help="let this learner learn to find the light (see txt1 learn)")
     script.add_argument("--policy", type=existing, metavar="FILE", help="drive to the light by a learned qtable.json")
     arming = parser.add_mutually_exclusive_group()
@@ -50,8 +55,9 @@ def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     config = loaded(arguments).config
     agent = _agent(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
+    steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent))
+    app.run(_operate(app, arguments, config, agent, steer))
     return conclude(app, arguments.json)
 
 
@@ -64,9 +70,11 @@ def _agent(config: Config, learn: str | None, policy: Path | None) -> Agent | No
     return agent_of(config, learn, policy)
 
 
-async def _operate(app: App, arguments: argparse.Namespace, config: Config, agent: Agent | None) -> None:
+async def _operate(
+    app: App, arguments: argparse.Namespace, config: Config, agent: Agent | None, steer: Steer | None
+) -> None:
     view = await live_view(arguments, control=arguments.view_control)
-    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "learn")}
+    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with app.robot(config, ready=False, log=arguments.log, about=told, view=view) as robot:
         teleop, radius_min = config.teleop, config.geometry.radius_min
@@ -74,7 +82,7 @@ async def _operate(app: App, arguments: argparse.Namespace, config: Config, agen
             view.drive(robot.source("web").command, radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        start = Start(robot, arguments.arm, arguments.drive, agent)
+        start = Start(robot, arguments.arm, arguments.drive, agent, steer)
         getting_ready = asyncio.ensure_future(start.get_ready())
         try:
             terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop.speed, teleop.turn, radius_min)
@@ -95,13 +103,19 @@ class Start:
         arm: whether to arm it; None leaves it to ``safety.auto_arm``.
         drive: a velocity in m/s and rad/s to command throughout.
         agent: a learner to start.
+        steer: a source of commands to start.
 
     """
 
     def __init__(
-        self, robot: Robot, arm: bool | None, drive: tuple[float, float] | None = None, agent: Agent | None = None
+        self,
+        robot: Robot,
+        arm: bool | None,
+        drive: tuple[float, float] | None = None,
+        agent: Agent | None = None,
+        steer: Steer | None = None,
     ) -> None:
-        self._robot, self._arm, self._drive, self._agent = robot, arm, drive, agent
+        self._robot, self._arm, self._drive, self._agent, self._steer = robot, arm, drive, agent, steer
         self._linked = self._armed = False
 
     async def get_ready(self) -> None:
@@ -125,6 +139,13 @@ class Start:
             robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self._drive))
         if self._agent is not None:
             learning.start(robot, self._agent)
+        if self._steer is not None:
+            try:
+                await self._steer(robot)
+            except Txt1Error:
+                raise
+            except Exception as error:
+                raise TaskFault("source of commands", error) from error
 
     def _to_be_armed(self) -> bool:
         """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from txt1.driver import DRIVER
 from txt1.kernel.statistics import TaskStatistics
 from txt1.runtime import Runtime
+from txt1.telemetry.snapshot import plain
 
 
 def status_line(runtime: Runtime) -> str:
@@ -34,6 +36,7 @@ def report(runtime: Runtime) -> dict[str, Any]:
         "odometry": runtime.state.odometry._asdict(),
         "battery": {**battery._asdict(), "state": battery.state and battery.state.value},
         "sensors": {name: polled.state()._asdict() for name, polled in runtime.sensors.items()},
+        "driver": plain(runtime.bus.read(DRIVER)),
         "armed": runtime.gate.armed,
         "faults": runtime.faults(),
     }
