@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
-from txt1.errors import ConfigError, HalError, Txt1Error
+from txt1.errors import ConfigError, Txt1Error
 
 Factory = Callable[..., Any]
 
@@ -20,12 +20,14 @@ class Registry(NamedTuple):
         kind: its word in error messages, such as "HAL".
         group: of the entry points, such as "txt1.hal".
         ours: the package's own: the function that makes one, or "module:function" to be imported.
+        error: raised when one cannot be imported or made.
 
     """
 
     kind: str
     group: str
     ours: Mapping[str, Factory | str]
+    error: type[Txt1Error] = Txt1Error
 
     def names(self) -> list[str]:
         """The names of all that are installed."""
@@ -36,7 +38,7 @@ class Registry(NamedTuple):
 
         Raises:
             ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
-            HalError: it cannot be imported or made; the cause is chained.
+            Txt1Error: it cannot be imported or made (see `error`); the cause is chained.
 
         """
         factory, origin = self.find(key, name)
@@ -47,7 +49,7 @@ class Registry(NamedTuple):
         except Txt1Error:
             raise
         except Exception as error:
-            raise HalError(
+            raise self.error(
                 f"the {self.kind} '{name}' ({origin}) cannot be made: {type(error).__name__}: {error}"
             ) from error
 
@@ -63,9 +65,17 @@ class Registry(NamedTuple):
             try:
                 return point.load(), point.value
             except Exception as error:
-                raise HalError(
+                raise self.error(
                     f"the {self.kind} '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
                 ) from error
+        raise self._unknown(key, name)
+
+    def require(self, key: str, name: str) -> None:
+        """Raise ConfigError unless there is one of this name; `key` is the setting that named it."""
+        if name not in self.names():
+            raise self._unknown(key, name)
+
+    def _unknown(self, key: str, name: str) -> ConfigError:
         near = difflib.get_close_matches(name, self.names(), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {', '.join(self.names())}{hint}")
+        return ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {', '.join(self.names())}{hint}")

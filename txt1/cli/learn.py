@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from txt1.cli.app import say
 from txt1.cli.exit_codes import DISARMED, OK
 from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed
-from txt1.errors import ConfigError, MissingExtra, NotArmed, Txt1Error
+from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
-from txt1.learning import agents, experiment, plots
+from txt1.learning import experiment, plots
+from txt1.learning.agents import LEARNERS
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
 from txt1.learning.trial import Episode
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
     parser.add_argument(
-        "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(agents.NAMES)}; thesis by default"
+        "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(LEARNERS.names())}; thesis by default"
     )
     parser.add_argument("--trials", type=count, default=5, metavar="N", help="each from scratch; 5 by default")
     parser.add_argument("--episodes", type=count, default=31, metavar="N", help="of each trial; 31 by default")
@@ -48,8 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write what came of them; the exit code."""
     config = loaded(arguments).config
-    if arguments.agent not in agents.NAMES:
-        raise ConfigError(f"--agent: there is no learner '{arguments.agent}', only {' and '.join(agents.NAMES)}")
+    LEARNERS.require("--agent", arguments.agent)
     speed = robot_speed(arguments, config)
     plan = Plan(
         arguments.agent, arguments.trials, arguments.episodes, config.seed, config, speed,

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from txt1.config import Config
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Hal
 from txt1.plugins import Registry
 
@@ -102,7 +102,7 @@ def create_serial(config: Config) -> Hal:
     return SerialHal(port_of(config), wrap, serial.control, config.odometry.scale, simulated=serial.port in PORTS.ours)
 
 
-HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial})
+HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial}, HalError)
 
 
 def names() -> list[str]:

@@ -15,6 +15,7 @@ from typing import Any, Final
 from numpy.random import SeedSequence, default_rng
 
 from txt1.config.schema import SensorConfig
+from txt1.errors import HalError
 from txt1.plugins import Registry
 from txt1.sensors.base import Sensor, Setup
 from txt1.sensors.impaired import Impaired
@@ -26,6 +27,7 @@ DRIVERS: Final = Registry(
     "sensor driver",
     "txt1.sensors",
     {"sim_light": "txt1.sensors.light:simulated", "phidgets_light": "txt1.sensors.light:phidgets"},
+    HalError,
 )
 
 
