@@ -29,7 +29,7 @@ WEAK_AND_SLOW = (
 )
 
 
-REPEATS = int(os.environ.get("TXT1_TUNE_REPEATS", "4"))
+REPEATS = int(os.environ.get("TUNE_REPEATS", "4"))
 """Runs of each test whose mean is judged. 30, as in docs/drive-tests.md, know settling times to some ms; 4 do not."""
 
 

@@ -23,9 +23,9 @@ from txt1.errors import TaskFault
 from txt1.hal.base import Button
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
+from txt1.protocol.layout import numbers
 from txt1.protocol.messages import PidSet, PowerControl, PwmTest, Switch, Velocity
 from txt1.record.layout import Layout
-from txt1.record.recorder import numbers
 from txt1.record.session import recording
 from txt1.record.verify import message, verify
 from txt1.robot import Robot

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from txt1.protocol.frame import DATA_MAX, HEADER, ILLEGAL, OLD_COMMANDS, RECEIVABLE
+from txt1.protocol.frame import DATA_MAX, HEADER, ILLEGAL, OLD_COMMANDS, receivable
 from txt1.protocol.layout import BadValue, Role
 from txt1.protocol.messages import Message
 
@@ -67,10 +67,10 @@ class Decoder:
         self.role = role
         self.position = 0
         self.offsets: list[int] = []
-        self.messages = {legal.message: 0 for legal in RECEIVABLE[role].values() if legal.message is not None}
+        self._table = receivable(role)
+        self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
         self.skipped = 0
-        self._table = RECEIVABLE[role]
         self._commands = {pair[1] for pair in self._table}
         self._tail = b""
         self._wanted = 0  # fewer bytes than this decide nothing

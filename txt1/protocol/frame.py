@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from itertools import chain
+from collections.abc import Callable
 from struct import Struct
 from typing import Final, NamedTuple
 
-from txt1.protocol.layout import LAYOUTS, BadValue, Layout, Reader, Role, pack
+from txt1.protocol.layout import LAYOUTS, BadValue, Layout, Role
 from txt1.protocol.messages import Message
 
 __all__ = ["Role", "checksum", "encode"]
@@ -19,7 +18,6 @@ HEADER: Final = b"\xfa\xfb"
 DATA_MAX: Final = 249
 OVERHEAD: Final = 6
 """Bytes of a frame that are not data: header, length, command and checksum."""
-FRAME_MAX: Final = DATA_MAX + OVERHEAD
 
 OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
 """(length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore."""
@@ -44,10 +42,10 @@ def encode(message: Message) -> bytes:
         TypeError: this is no message.
 
     """
-    layout = _LAYOUT_OF.get(type(message))
+    layout = LAYOUTS.get(type(message))
     if layout is None:
         raise TypeError(f"{message!r} is no message of the protocol")
-    data = pack(layout, message)
+    data = layout.pack(message)
     body = bytes((layout.command,)) + data
     return HEADER + bytes((len(data),)) + body + checksum(body).to_bytes(2, "big")
 
@@ -61,7 +59,7 @@ class Receivable(NamedTuple):
     """From the command on: the pairs of command and data, the odd last byte if there is one, and the checksum."""
     odd: bool
     """Whether there is an odd last byte, for the XOR."""
-    read: Reader
+    read: Callable[[bytes, int], Message]
     message: type[Message] | None
 
 
@@ -76,22 +74,15 @@ def _nothing(_buffer: bytes, _at: int) -> Message:
     raise BadValue("this is no frame")
 
 
-def _table(role: Role) -> dict[bytes, Receivable]:
+def receivable(role: Role) -> dict[bytes, Receivable]:
+    """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
     return {
         bytes((layout.struct(count).size, layout.command)): _receivable(layout, count)
-        for layout in LAYOUTS
+        for layout in LAYOUTS.values()
         if layout.receiver is role
         for count in layout.counts
     }
 
 
-_LAYOUT_OF: Final = {layout.message: layout for layout in LAYOUTS}
-
-RECEIVABLE: Final[Mapping[Role, Mapping[bytes, Receivable]]] = {role: _table(role) for role in Role}
-"""Per receiver: its legal frames by their bytes of length and command. Anything else is no frame."""
-
 ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, _nothing, None)
 """What every other pair is: no frame, and its four bytes tell."""
-
-LONGEST: Final = max(each.size for each in chain.from_iterable(table.values() for table in RECEIVABLE.values()))
-"""Bytes of the longest legal frame: a PID set with 14 angular sets."""

@@ -1,23 +1,24 @@
-"""What each message's data looks like on the wire (thesis 3.5): one table that both encoding and decoding read.
+"""The layout of each message's data on the wire (thesis 3.5): one table that encoding, decoding and recordings read.
 
-All fields of a message are integers of one kind, big-endian and two's complement: `code` is their letter in `struct`.
+All fields of a message are integers of one size, big-endian and two's complement. A new message is a dataclass in
+`txt1.protocol.messages` and a line of `declare` here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from functools import partial
-from operator import index
+from operator import attrgetter, index
 from struct import Struct
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from txt1.errors import EncodeError
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,
     EncoderOdometry,
+    HostMessage,
     Message,
     PidResponse,
     PidSet,
@@ -27,7 +28,7 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
-from txt1.units import from_thousandths, to_thousandths
+from txt1.units import PER_UNIT, from_thousandths, to_thousandths
 
 SETS_MAX: Final = 14
 """Angular gain sets that a PID set has room for."""
@@ -47,8 +48,36 @@ class BadValue(ValueError):
     """An integer of an intact frame stands for nothing: such as switch 7."""
 
 
-Reader = Callable[[bytes, int], Message]
-"""The message from a buffer and its data's place in it; BadValue when one of its integers stands for nothing."""
+class Kind(NamedTuple):
+    """The meaning of a field's integers."""
+
+    to_wire: Callable[[Any], int]
+    """The integer of a value; a ValueError or TypeError says that there is none."""
+    from_wire: Callable[[int], Any]
+    """The value of an integer; BadValue says that there is none."""
+    from_number: Callable[[float], Any]
+    """The value of a number that a recording has for it."""
+    takes: str
+    """The values there are, in words, with room for the smallest and the largest."""
+    per_unit: int = 1
+
+
+def _state(value: Any) -> int:
+    if value not in (0, 1):
+        raise BadValue(f"{value} is neither 0 nor 1")
+    return int(value)
+
+
+def _answered(integer: int) -> bool:
+    if integer not in (ACCEPTED, REJECTED):
+        raise BadValue(f"{integer:#04x} is no answer")
+    return integer == ACCEPTED
+
+
+SI: Final = Kind(to_thousandths, from_thousandths, float, "a number from {:.3f} to {:.3f}", PER_UNIT)
+COUNT: Final = Kind(index, int, round, "a whole number from {:.0f} to {:.0f}")
+STATE: Final = Kind(_state, _state, round, "a Switch or a bool")
+ANSWER: Final = Kind(lambda value: ACCEPTED if _state(value) else REJECTED, _answered, bool, "a bool")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,156 +86,145 @@ class Layout:
 
     message: type[Message]
     command: int
-    receiver: Role
     code: str
     """The letter in `struct` of every integer of the data."""
     counts: Sequence[int]
     """How many integers there may be."""
-    to_wire: Callable[[Any], int]
-    """A field's value as an integer; a ValueError or TypeError says that there is none."""
-    reader: Callable[[Struct], Reader]
-    """What reads the message from data of this shape."""
+    kind: Kind
+    values: Callable[[Any], Iterable[tuple[str, Any]]]
+    """Every value of a message in the order of the wire, with the name of its field."""
+    make: Callable[..., Message]
+    """The message of such values."""
+
+    @property
+    def receiver(self) -> Role:
+        """The end of the line that receives it."""
+        return Role.BOARD if issubclass(self.message, HostMessage) else Role.HOST
 
     def struct(self, count: int) -> Struct:
         """The data with `count` integers."""
         return Struct(f">{count}{self.code}")
 
-    @property
-    def limits(self) -> tuple[int, int]:
-        """The smallest and the largest integer that an integer of the data can be."""
+    def pack(self, message: Message) -> bytes:
+        """The data of a message's frame.
+
+        Raises:
+            EncodeError: a value is not finite, is no whole number where one is asked for, or does not fit its field;
+                or a PID set has more than 14 angular sets or one that is not four numbers.
+
+        """
         bits = 8 * Struct(f">{self.code}").size
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
+        integers = []
+        for name, value in self.values(message):
+            try:
+                integer = self.kind.to_wire(value)
+                if not low <= integer <= high:
+                    raise ValueError
+            except (ValueError, TypeError, AttributeError):
+                takes = self.kind.takes.format(low / self.kind.per_unit, high / self.kind.per_unit)
+                raise EncodeError(self.message.__name__, name, value, takes) from None
+            integers.append(integer)
+        return self.struct(len(integers)).pack(*integers)
+
+    def reader(self, data: Struct) -> Callable[[bytes, int], Message]:
+        """Return a function of a buffer and the data's place in it that makes the message, or raises BadValue."""
+        unpack, make, from_wire = data.unpack_from, self.make, self.kind.from_wire
+        if self.kind is SI:  # most of what the line carries; a call for each value would take half as long again
+            return lambda buffer, at: make(*[integer / 1000.0 for integer in unpack(buffer, at)])
+        return lambda buffer, at: make(*[from_wire(integer) for integer in unpack(buffer, at)])
 
 
-def pack(layout: Layout, message: Message) -> bytes:
-    """The data of a message's frame.
+LAYOUTS: Final[dict[type[Message], Layout]] = {}
+"""Every message's."""
+
+
+def declare(
+    message: type[Message],
+    command: int,
+    code: str,
+    counts: int | Sequence[int],
+    kind: Kind = SI,
+    values: Callable[[Any], Iterable[tuple[str, Any]]] | None = None,
+    make: Callable[..., Message] | None = None,
+) -> None:
+    """Give a message its place in the protocol: from now on it is encoded, decoded, listed and recorded.
+
+    Args:
+        message: a frozen dataclass that is a HostMessage or a BoardMessage.
+        command: of its frames.
+        code: the letter in `struct` of every integer of the data: "h", "i", "H" or "B".
+        counts: how many integers there are, or may be.
+        kind: their meaning.
+        values: every value of a message with its field's name; None: its fields.
+        make: the message of such values; None: the class itself.
 
     Raises:
-        EncodeError: a value is not finite, is no whole number where one is asked for, or does not fit its field; or
-            a PID set has more than 14 angular sets or one that is not four numbers.
+        ValueError: its receiver understands another message with this command and length.
 
     """
-    low, high = layout.limits
-    integers = []
-    for name, value in _named_values(message):
-        try:
-            integer = layout.to_wire(value)
-        except (ValueError, TypeError, AttributeError):
-            raise EncodeError(layout.message.__name__, name, value, _takes(layout)) from None
-        if not low <= integer <= high:
-            raise EncodeError(layout.message.__name__, name, value, _takes(layout))
-        integers.append(integer)
-    return layout.struct(len(integers)).pack(*integers)
+    counts = (counts,) if isinstance(counts, int) else counts
+    layout = Layout(message, command, code, counts, kind, values or _fields_of(message), make or message)
+    sizes = {layout.struct(count).size for count in counts}
+    for other in LAYOUTS.values():
+        alike = other.command == command and other.receiver is layout.receiver and other.message is not message
+        if alike and sizes & {other.struct(count).size for count in other.counts}:
+            raise ValueError(f"{message.__name__}: {other.message.__name__} has command {command:#04x} already")
+    LAYOUTS[message] = layout
 
 
-def _named_values(message: Message) -> Iterator[tuple[str, Any]]:
-    """Every value of a message in the order of the wire, with the name of its field."""
-    if not isinstance(message, PidSet):
-        for field in fields(message):
-            yield field.name, getattr(message, field.name)
-        return
+def _fields_of(message: type[Message]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
+    names = [field.name for field in fields(message)]
+    if len(names) == 1:
+        return lambda one: [(names[0], getattr(one, names[0]))]
+    values = attrgetter(*names)
+    return lambda one: zip(names, values(one), strict=True)
+
+
+def numbers(message: Message) -> tuple[float, ...]:
+    """A message's values as plain numbers in the order of the wire, as recordings have them."""
+    return tuple([float(value) for _, value in LAYOUTS[type(message)].values(message)])
+
+
+def from_numbers(name: str, values: Sequence[float]) -> Message:
+    """The message of a name and its numbers; the inverse of `numbers`.
+
+    Raises:
+        ValueError: there is no such message, or it does not have so many numbers.
+
+    """
+    for layout in LAYOUTS.values():
+        if layout.message.__name__ == name and len(values) in layout.counts:
+            return layout.make(*map(layout.kind.from_number, values))
+    raise ValueError(f"there is no message {name!r} with {len(values)} numbers")
+
+
+def _gains(message: PidSet) -> Iterable[tuple[str, Any]]:
+    """The gains by name; EncodeError when they are not 3 and at most 14 times 4."""
     if len(message.linear) != 3:
         raise EncodeError("PidSet", "linear", message.linear, "three numbers")
     if len(message.angular) > SETS_MAX:
         raise EncodeError("PidSet", "angular", f"{len(message.angular)} sets", f"at most {SETS_MAX} sets")
     for name, gain in zip(("kp", "ki", "kd"), message.linear, strict=True):
         yield f"linear.{name}", gain
-    for k, numbers in enumerate(message.angular):
-        if len(numbers) != 4:
-            raise EncodeError("PidSet", f"angular[{k}]", numbers, "four numbers")
-        for name, number in zip(("v_max", "kp", "ki", "kd"), numbers, strict=True):
+    for k, each in enumerate(message.angular):
+        if len(each) != 4:
+            raise EncodeError("PidSet", f"angular[{k}]", each, "four numbers")
+        for name, number in zip(("v_max", "kp", "ki", "kd"), each, strict=True):
             yield f"angular[{k}].{name}", number
 
 
-def _takes(layout: Layout) -> str:
-    """What a field of this layout takes, in words and SI units."""
-    if layout.to_wire is to_thousandths:
-        low, high = map(from_thousandths, layout.limits)
-        return f"a number from {low:.3f} to {high:.3f}"
-    if layout.to_wire is index:
-        return "a whole number from {} to {}".format(*layout.limits)
-    return "a Switch or a bool"
+def _pid_set(kp: float, ki: float, kd: float, *rest: float) -> PidSet:
+    sets = iter(rest)
+    return PidSet((kp, ki, kd), tuple(zip(sets, sets, sets, sets, strict=True)))
 
 
-def _thousandths(message: Callable[..., Message], data: Struct) -> Reader:
-    unpack = data.unpack_from
-    return lambda buffer, at: message(*[from_thousandths(integer) for integer in unpack(buffer, at)])
-
-
-def _counts(message: Callable[..., Message], data: Struct) -> Reader:
-    unpack = data.unpack_from
-    return lambda buffer, at: message(*unpack(buffer, at))
-
-
-def _odometry(message: type[EncoderOdometry] | type[CombinedOdometry], data: Struct) -> Reader:
-    """A quicker `_thousandths`, for most of what the line carries is odometry."""
-    unpack = data.unpack_from
-
-    def read(buffer: bytes, at: int) -> Message:
-        x, y, theta, v, omega = unpack(buffer, at)
-        return message(x / 1000.0, y / 1000.0, theta / 1000.0, v / 1000.0, omega / 1000.0)
-
-    return read
-
-
-def _pid_set(data: Struct) -> Reader:
-    def read(buffer: bytes, at: int) -> PidSet:
-        kp, ki, kd, *rest = map(from_thousandths, data.unpack_from(buffer, at))
-        sets = iter(rest)
-        return PidSet((kp, ki, kd), tuple(zip(sets, sets, sets, sets, strict=True)))
-
-    return read
-
-
-def _power_control(data: Struct) -> Reader:
-    def read(buffer: bytes, at: int) -> PowerControl:
-        switch, state = data.unpack_from(buffer, at)
-        if switch not in tuple(Switch) or state not in (0, 1):
-            raise BadValue(f"no switch {switch} can be switched to {state}")
-        return PowerControl(Switch(switch), state == 1)
-
-    return read
-
-
-def _pid_response(data: Struct) -> Reader:
-    def read(buffer: bytes, at: int) -> PidResponse:
-        (answer,) = data.unpack_from(buffer, at)
-        if answer not in (ACCEPTED, REJECTED):
-            raise BadValue(f"{answer:#04x} is no answer")
-        return PidResponse(answer == ACCEPTED)
-
-    return read
-
-
-def _switch_or_state(value: Any) -> int:
-    if value not in (0, 1):
-        raise ValueError(f"{value} is neither 0 nor 1")
-    return int(value)
-
-
-def _answer(accepted: Any) -> int:
-    return ACCEPTED if _switch_or_state(accepted) else REJECTED
-
-
-def _si(message: type[Message], command: int, receiver: Role, code: str, count: int) -> Layout:
-    """A message whose fields are SI values."""
-    return Layout(message, command, receiver, code, (count,), to_thousandths, partial(_thousandths, message))
-
-
-def _pwm(message: type[Message], command: int, count: int) -> Layout:
-    """A message whose fields are PWM counts."""
-    return Layout(message, command, Role.BOARD, "i", (count,), index, partial(_counts, message))
-
-
-LAYOUTS: Final = (
-    _si(Velocity, 0x67, Role.BOARD, "h", 2),
-    Layout(EncoderOdometry, 0x68, Role.HOST, "i", (5,), to_thousandths, partial(_odometry, EncoderOdometry)),
-    Layout(CombinedOdometry, 0x69, Role.BOARD, "i", (5,), to_thousandths, partial(_odometry, CombinedOdometry)),
-    _si(BatteryLevels, 0x6A, Role.HOST, "H", 2),
-    _pwm(PwmTest, 0x6C, 5),
-    Layout(PowerControl, 0x6E, Role.BOARD, "B", (2,), _switch_or_state, _power_control),
-    _pwm(PwmCommand, 0x6F, 2),
-    Layout(PidSet, 0x70, Role.BOARD, "i", range(3, 3 + 4 * SETS_MAX + 1, 4), to_thousandths, _pid_set),
-    Layout(PidResponse, 0x70, Role.HOST, "B", (1,), _answer, _pid_response),
-)
-"""Every message."""
+declare(Velocity, 0x67, "h", 2)
+declare(EncoderOdometry, 0x68, "i", 5)
+declare(CombinedOdometry, 0x69, "i", 5)
+declare(BatteryLevels, 0x6A, "H", 2)
+declare(PwmTest, 0x6C, "i", 5, COUNT)
+declare(PowerControl, 0x6E, "B", 2, STATE, make=lambda switch, on: PowerControl(Switch(switch), on == 1))
+declare(PwmCommand, 0x6F, "i", 2, COUNT)
+declare(PidSet, 0x70, "i", range(3, 3 + 4 * SETS_MAX + 1, 4), values=_gains, make=_pid_set)
+declare(PidResponse, 0x70, "B", 1, ANSWER)

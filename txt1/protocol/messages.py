@@ -17,7 +17,22 @@ class Switch(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Velocity:
+class Message:
+    """Goes over the wire: a frozen dataclass here, and its data's layout in `txt1.protocol.layout`."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostMessage(Message):
+    """A host sends it to a board."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardMessage(Message):
+    """A board sends it to its host."""
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity(HostMessage):
     """Set-point from the host: v in m/s, omega in rad/s."""
 
     v: float
@@ -25,7 +40,7 @@ class Velocity:
 
 
 @dataclass(frozen=True, slots=True)
-class EncoderOdometry:
+class EncoderOdometry(BoardMessage):
     """The board's odometry: x, y in m, theta in rad, v in m/s, omega in rad/s.
 
     Off the wire, theta is what the board sent: original boards count 0 .. 6.283, and whoever uses it wraps it.
@@ -39,7 +54,7 @@ class EncoderOdometry:
 
 
 @dataclass(frozen=True, slots=True)
-class CombinedOdometry:
+class CombinedOdometry(HostMessage):
     """Odometry the host has fused from several sensors; only v (m/s) and omega (rad/s) are used."""
 
     x: float
@@ -50,7 +65,7 @@ class CombinedOdometry:
 
 
 @dataclass(frozen=True, slots=True)
-class BatteryLevels:
+class BatteryLevels(BoardMessage):
     """Voltages of the two packs, V."""
 
     battery1: float
@@ -58,7 +73,7 @@ class BatteryLevels:
 
 
 @dataclass(frozen=True, slots=True)
-class PwmTest:
+class PwmTest(HostMessage):
     """PWM counts for all five channels, whole on the wire; obeyed in manual mode only."""
 
     motor: float
@@ -69,7 +84,7 @@ class PwmTest:
 
 
 @dataclass(frozen=True, slots=True)
-class PowerControl:
+class PowerControl(HostMessage):
     """Switch the ATX supply or the ESC on or off."""
 
     switch: Switch
@@ -77,7 +92,7 @@ class PowerControl:
 
 
 @dataclass(frozen=True, slots=True)
-class PwmCommand:
+class PwmCommand(HostMessage):
     """PWM counts for the two free servos, whole on the wire; obeyed in every mode."""
 
     pwm4: float
@@ -85,7 +100,7 @@ class PwmCommand:
 
 
 @dataclass(frozen=True, slots=True)
-class PidSet:
+class PidSet(HostMessage):
     """The gains: linear (kp, ki, kd) and up to 14 angular sets (v_max in m/s, kp, ki, kd), v_max rising."""
 
     linear: tuple[float, float, float]
@@ -93,17 +108,7 @@ class PidSet:
 
 
 @dataclass(frozen=True, slots=True)
-class PidResponse:
+class PidResponse(BoardMessage):
     """The board's answer to a PID set."""
 
     accepted: bool
-
-
-HostMessage = Velocity | CombinedOdometry | PwmTest | PowerControl | PwmCommand | PidSet
-"""What a host sends to a board."""
-
-BoardMessage = EncoderOdometry | BatteryLevels | PidResponse
-"""What a board sends to its host."""
-
-Message = HostMessage | BoardMessage
-"""What goes over the wire, either way."""

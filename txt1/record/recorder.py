@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from functools import partial
-from operator import attrgetter
 from queue import SimpleQueue
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -21,7 +19,8 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask
 from txt1.kernel.ticks import Ticks
 from txt1.model.light import Readings
-from txt1.protocol.messages import Message, PidSet, Velocity
+from txt1.protocol.layout import numbers
+from txt1.protocol.messages import Message, Velocity
 from txt1.record import topics
 from txt1.record.encoder import INFO, WARN, Block, Encoder, Extra, Input, Sample, Tick
 from txt1.runtime import Runtime
@@ -371,19 +370,3 @@ class Recorder:
                 except Exception as error:
                     self._failure = RecordingError(f"the recorder failed: {error!r}")
                     self._failure.__cause__ = error
-
-
-def numbers(message: Message) -> tuple[float, ...]:
-    """A message's fields as plain numbers, in order; of a PID set, the linear gains and then every set."""
-    if isinstance(message, PidSet):
-        return (*message.linear, *(value for each in message.angular for value in each))
-    kind = type(message)
-    values = _VALUES.get(kind)
-    if values is None:
-        values = _VALUES[kind] = attrgetter(*(field.name for field in fields(message)))
-    found = values(message)
-    return tuple(map(float, found)) if isinstance(found, tuple) else (float(found),)
-
-
-_VALUES: Final[dict[type, Callable[[Any], Any]]] = {}
-"""For each kind of message what takes its fields' values, in order; of a single field, the bare value."""

@@ -27,19 +27,8 @@ from txt1.kernel.loop import run
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.messages import (
-    BatteryLevels,
-    CombinedOdometry,
-    EncoderOdometry,
-    Message,
-    PidResponse,
-    PidSet,
-    PowerControl,
-    PwmCommand,
-    PwmTest,
-    Switch,
-    Velocity,
-)
+from txt1.protocol.layout import from_numbers
+from txt1.protocol.messages import Message
 from txt1.record import topics
 from txt1.record.encoder import Block, Input, Tick
 from txt1.record.reading import Decoding, Item, Reading, flat
@@ -50,11 +39,6 @@ from txt1.tasks.controller import PERIOD
 
 PATIENCE: Final = 100
 """Turns of the loop in which an input waits for what came before it; more only where a recording was altered."""
-
-_MESSAGES: Final[dict[str, Callable[..., Message]]] = {
-    kind.__name__: kind for kind in (Velocity, CombinedOdometry, EncoderOdometry, BatteryLevels)
-}
-_COUNTS: Final[dict[str, Callable[..., Message]]] = {kind.__name__: kind for kind in (PwmTest, PwmCommand)}
 
 
 class Difference(NamedTuple):
@@ -492,23 +476,13 @@ async def _idle(ticks: Ticks) -> None:
 
 
 def message(kind: str, values: tuple[float, ...]) -> Message:
-    """The message that a recording names by its kind and its numbers; the inverse of `recorder.numbers`.
+    """Return the message that a recording names by its kind and its numbers.
 
     Raises:
         RecordingError: there is no such kind, or it does not have so many numbers.
 
     """
     try:
-        if kind == PidSet.__name__:
-            linear, rest = values[:3], values[3:]
-            sets = tuple(rest[start : start + 4] for start in range(0, len(rest), 4))
-            return PidSet(linear, sets)  # type: ignore[arg-type]
-        if kind == PowerControl.__name__:
-            return PowerControl(Switch(round(values[0])), bool(values[1]))
-        if kind == PidResponse.__name__:
-            return PidResponse(bool(values[0]))
-        if kind in _COUNTS:
-            return _COUNTS[kind](*map(round, values))
-        return _MESSAGES[kind](*values)
-    except (KeyError, TypeError, ValueError, IndexError):
-        raise RecordingError(f"{topics.INPUT}: no message {kind!r} with {len(values)} numbers") from None
+        return from_numbers(kind, values)
+    except ValueError as error:
+        raise RecordingError(f"{topics.INPUT}: {error}") from None

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from txt1.errors import EncodeError, Txt1Error
 from txt1.protocol import messages
 from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import FRAME_MAX, LONGEST, RECEIVABLE, Role, checksum, encode
+from txt1.protocol.frame import Role, checksum, encode, receivable
+from txt1.protocol.layout import LAYOUTS
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,
@@ -64,8 +65,9 @@ def test_golden_frames_both_ways(role: Role, message: Message, frame: bytes) -> 
 
 
 def test_the_golden_frames_hold_every_message_and_the_longest_frame() -> None:
-    assert {type(message) for _, message, _ in GOLDEN} == set(messages.Message.__args__)
-    assert max(len(frame) for _, _, frame in GOLDEN) == 242 == LONGEST <= FRAME_MAX == 255
+    assert {type(message) for _, message, _ in GOLDEN} == set(LAYOUTS)
+    longest = max(legal.size for role in Role for legal in receivable(role).values())
+    assert max(len(frame) for _, _, frame in GOLDEN) == 242 == longest <= 255
 
 
 def test_a_checksum_is_the_sum_of_pairs_with_an_odd_last_byte_xored() -> None:
@@ -88,7 +90,7 @@ def test_a_single_flipped_bit_changes_the_checksum(body: bytes, data: st.DataObj
 
 @pytest.mark.parametrize("role", Role)
 def test_the_legal_frames_are_those_of_the_table(role: Role) -> None:
-    assert {tuple(pair) for pair in RECEIVABLE[role]} == {
+    assert {tuple(pair) for pair in receivable(role)} == {
         (length, command) for command, lengths in streams.LENGTHS[role].items() for length in lengths
     }
 
