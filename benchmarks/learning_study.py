@@ -21,13 +21,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from txt1.cli.trials import on_robot
 from txt1.config import Config, load
 from txt1.learning.agent import Agent
 from txt1.learning.agents import NAMES, thesis_settings
-from txt1.learning.conduct import AGENT, on_robot, stream
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.qtable import TABLE_5_3
+from txt1.learning.seeding import AGENT, stream
 from txt1.learning.thesis import Settings, ThesisAgent
 from txt1.learning.trial import COMMANDS, TICK, Episode
 from txt1.model.kinematics import wrap_angle

@@ -21,16 +21,17 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import execute
+from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
-from txt1.learning.conduct import new_trial
 from txt1.learning.experiment import Plan
+from txt1.learning.live import EPISODES
 from txt1.learning.qtable import TABLE_5_3, StoredTable
-from txt1.learning.running import EPISODES
+from txt1.learning.seeding import new_trial
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Episode, Phase
 from txt1.navigation import wheel_pose
@@ -229,17 +230,17 @@ def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_on
     number: signal.Signals, tmp_path: Path
 ) -> None:
     plan = Plan("sweeps", 2, 4, 3, CONFIG)
-    whole, ended = experiment.conduct(plan, tmp_path / "whole", False, lambda *_: None)
+    whole, ended = conduct(plan, tmp_path / "whole", False, lambda *_: None)
     assert ended is None
 
     def interrupt(trial: int, one: Episode) -> None:
         if (trial, one.number) == (2, 2):
             os.kill(os.getpid(), number)
 
-    broken, ended = experiment.conduct(plan, tmp_path / "broken", False, interrupt)
+    broken, ended = conduct(plan, tmp_path / "broken", False, interrupt)
     assert ended is number
     assert [len(one.episodes) for one in broken] == [4, 2], "all that was learned is kept"
-    resumed, ended = experiment.conduct(plan, tmp_path / "broken", True, lambda *_: None)
+    resumed, ended = conduct(plan, tmp_path / "broken", True, lambda *_: None)
     assert ended is None
     for path, outcomes in ((tmp_path / "whole", whole), (tmp_path / "broken", resumed)):
         experiment.write(plan, path, outcomes)
@@ -252,7 +253,7 @@ def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> Non
     plan = Plan("sweeps", 2, 2, 3, CONFIG)
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
-        outcomes, ended = experiment.conduct(
+        outcomes, ended = conduct(
             plan._replace(jobs=jobs), tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number))
         )
         assert ended is None
@@ -419,13 +420,13 @@ PROCESS = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[list[Episode]]:
     """What comes of it when nobody interrupts it."""
-    outcomes, _ = experiment.conduct(PROCESS, tmp_path_factory.mktemp("whole"), False, lambda *_: None)
+    outcomes, _ = conduct(PROCESS, tmp_path_factory.mktemp("whole"), False, lambda *_: None)
     return [one.episodes for one in outcomes]
 
 
 def resumed(out: Path) -> list[list[Episode]]:
     """What comes of it when it is carried on."""
-    outcomes, ended = experiment.conduct(PROCESS, out, True, lambda *_: None)
+    outcomes, ended = conduct(PROCESS, out, True, lambda *_: None)
     assert ended is None
     return [one.episodes for one in outcomes]
 
@@ -509,10 +510,10 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     real = load().config
     plan = Plan("thesis", 1, 4, 3, real)
     monkeypatch.setattr(Plan, "simulated", False)  # as on a real robot: what was done cannot be done again
-    broken, ended = experiment.conduct(plan, tmp_path, False, fail)
+    broken, ended = conduct(plan, tmp_path, False, fail)
     assert isinstance(ended, TaskFault)
     assert [len(one.episodes) for one in broken] == [2]
-    resumed, ended = experiment.conduct(plan, tmp_path, True, lambda *_: None)
+    resumed, ended = conduct(plan, tmp_path, True, lambda *_: None)
     assert ended is None
     assert resumed[0].episodes[:2] == broken[0].episodes
     assert len(resumed[0].episodes) == 4

@@ -24,9 +24,9 @@ from txt1.board import Board
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import HalError, LightFault, TaskFault
-from txt1.learning import qtable, running
+from txt1.learning import live, qtable
 from txt1.learning.agents import make
-from txt1.learning.conduct import new_trial
+from txt1.learning.seeding import new_trial
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Pose, Trial
 from txt1.model.kinematics import wrap_angle
@@ -197,7 +197,7 @@ async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(se
 
 
 def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(tmp_path: Path) -> None:
-    agent = running.agent_of(CONFIG, "sweeps", None)
+    agent = live.agent_of(CONFIG, "sweeps", None)
     assert agent is not None
 
     async def learn() -> None:
@@ -205,14 +205,14 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
             assert await robot.load_gains()
             where = vehicle_of(robot)
             await robot.add_sensor("light", Ceiling(where))
-            task = running.start(robot, agent, PoseSource("ceiling", where), episodes=2)
+            task = live.start(robot, agent, PoseSource("ceiling", where), episodes=2)
             await task.ended.wait()
             assert [one.success for one in task.trial.episodes] == [True, True]
 
     txt1.run(learn(), speed="max")
     file = tmp_path / "qtable.json"
     qtable.save(file, agent.table())
-    driver = running.agent_of(CONFIG, None, file)
+    driver = live.agent_of(CONFIG, None, file)
     assert driver is not None
     assert np.array_equal(driver.table().values, agent.table().values)
 

@@ -21,6 +21,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from txt1 import kernel
 from txt1.cli import execute
+from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import RecordingError
 from txt1.learning import experiment, qtable
@@ -154,10 +155,8 @@ def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: P
 
 def test_a_recorded_learner_learns_what_it_would_without(tmp_path: Path) -> None:
     plan = Plan("thesis", 1, 6, 5, CONFIG)
-    alone, _ = experiment.conduct(plan, tmp_path / "alone", False, lambda *_: None)
-    beside, _ = experiment.conduct(
-        plan._replace(log=tmp_path / "log.mcap"), tmp_path / "beside", False, lambda *_: None
-    )
+    alone, _ = conduct(plan, tmp_path / "alone", False, lambda *_: None)
+    beside, _ = conduct(plan._replace(log=tmp_path / "log.mcap"), tmp_path / "beside", False, lambda *_: None)
     assert alone[0].episodes == beside[0].episodes
     assert (alone[0].table.values == beside[0].table.values).all()
 
@@ -200,12 +199,12 @@ def test_what_is_resumed_leaves_the_recordings_of_an_uninterrupted_run(tmp_path:
 
     for name, watch in (("whole", lambda *_: None), ("broken", interrupt)):
         (tmp_path / name).mkdir()
-        experiment.conduct(plan._replace(log=tmp_path / name / "run.mcap"), tmp_path / name / "out", False, watch)
+        conduct(plan._replace(log=tmp_path / name / "run.mcap"), tmp_path / name / "out", False, watch)
     first, second = trials(tmp_path / "broken")
     assert 0 < length(second) < length(trials(tmp_path / "whole")[1])
     untouched = first.stat()
     resumed = plan._replace(log=tmp_path / "broken" / "run.mcap")
-    _, ended = experiment.conduct(resumed, tmp_path / "broken" / "out", True, lambda *_: None)
+    _, ended = conduct(resumed, tmp_path / "broken" / "out", True, lambda *_: None)
     assert ended is None
     assert first.stat() == untouched
     names = [path.name for path in sorted((tmp_path / "whole").glob("*.mcap"))]

@@ -126,40 +126,29 @@ class App:
         self,
         config: Config,
         *,
-        arm: bool | None = None,
-        ready: bool = True,
         log: Path | None = None,
         about: Mapping[str, object] | None = None,
         view: LiveView | None = None,
     ) -> AsyncIterator[Robot]:
-        """Return a running robot; when the block is left it stands, and its recording is complete.
+        """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
         Args:
             config: of everything.
-            arm: whether to arm; None leaves it to ``safety.auto_arm``.
-            ready: wait for the link, arm, load the gains; else that is left to `get_ready`.
             log: the file to record to; None: nothing is recorded.
             about: what the recording is to say about the command.
             view: a live view to serve; it is closed at the end.
 
         Raises:
-            ConfigError: nobody is there to arm the robot, or a setting is wrong.
-            HalError: the hardware cannot be used, or the board does not answer.
+            ConfigError: a setting is wrong.
+            HalError: the hardware cannot be used.
             TaskFault: a task failed; the robot was stopped first.
 
         """
         async with (
             recording(log, config, self.speed, about or {}, say, view) as attach,
-            Robot.open(
-                config=config, arm=arm if ready else False, patience=PATIENCE if ready else 0.0, attach=attach
-            ) as robot,
+            Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
         ):
             self._subject = robot
-            if ready:
-                if not robot.armed:
-                    raise ConfigError("nobody is there to arm the robot: add --arm")
-                if not await robot.load_gains():
-                    raise HalError(refusal_of_gains(robot))
             yield robot
 
     @asynccontextmanager
@@ -216,6 +205,23 @@ class App:
         """Time between heartbeats of the drawing process, s: 20 a second of the robot's time."""
         speed = 1.0 if self.speed is None or self.speed == "max" else self.speed
         return max(REFRESH / max(speed, 1.0), BEAT_MIN)
+
+
+async def get_ready(robot: Robot, arm: bool | None) -> None:
+    """Wait for the link, arm, load the gains, for a command that nobody watches.
+
+    Raises:
+        ConfigError: nobody is there to arm the robot; None for `arm` leaves it to ``safety.auto_arm``.
+        HalError: the board does not answer, or not as it should.
+        NotArmed: it cannot be armed now.
+
+    """
+    await robot.linked(PATIENCE)
+    if not (robot.arms_by_itself if arm is None else arm):
+        raise ConfigError("nobody is there to arm the robot: add --arm")
+    robot.arm()
+    if not await robot.load_gains():
+        raise HalError(refusal_of_gains(robot))
 
 
 def refusal_of_gains(robot: Robot) -> str:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from txt1.cli.app import App, say
+from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed
 from txt1.config import Config
@@ -162,7 +162,8 @@ def drive(
 
     async def work() -> None:
         nonlocal experiment
-        async with app.robot(config, arm=arm, log=log, about={"experiment": profile.title}) as robot:
+        async with app.robot(config, log=log, about={"experiment": profile.title}) as robot:
+            await get_ready(robot, arm)
             experiment = Experiment(robot, profile, safe_end=safe_end)
             with _progress_bar(experiment, bar):
                 await experiment.run()

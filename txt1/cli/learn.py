@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from txt1.cli.app import say
 from txt1.cli.exit_codes import DISARMED, OK
 from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed
+from txt1.cli.trials import conduct
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
 from txt1.learning import experiment, plots
@@ -64,15 +65,15 @@ def main(arguments: argparse.Namespace) -> int:
             how = "reached the light" if one.success else "lost it"
             progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
 
-        outcomes, ended = experiment.conduct(plan, arguments.out, arguments.resume, watch)
-    if outcomes:
-        _tell(experiment.write(plan, arguments.out, outcomes))
-        if any(one.episodes for one in outcomes):
+        results, ended = conduct(plan, arguments.out, arguments.resume, watch)
+    if results:
+        _tell(experiment.write(plan, arguments.out, results))
+        if any(one.episodes for one in results):
             try:
-                plots.draw(arguments.out, outcomes, experiment.best(outcomes), task_of(config))
+                plots.draw(arguments.out, results, experiment.best(results), task_of(config))
             except MissingExtra as error:
                 say(f"no pictures: {error}")
-    if ended is not None and (outcomes or not isinstance(ended, Txt1Error)):
+    if ended is not None and (results or not isinstance(ended, Txt1Error)):
         say(f"ended early; what was learned is in {arguments.out}, --resume carries on")
     if isinstance(ended, NotArmed):
         say(f"the robot was stopped: {ended.reason}")

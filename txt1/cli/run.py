@@ -65,7 +65,7 @@ def _agent(config: Config, learn: str | None, policy: Path | None) -> Agent | No
     """Return the learner that was asked for, or one that drives by a table; None for neither."""
     if learn is None and policy is None:
         return None
-    from txt1.learning.running import agent_of
+    from txt1.learning.live import agent_of
 
     return agent_of(config, learn, policy)
 
@@ -76,7 +76,7 @@ async def _operate(
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
-    async with app.robot(config, ready=False, log=arguments.log, about=told, view=view) as robot:
+    async with app.robot(config, log=arguments.log, about=told, view=view) as robot:
         teleop, radius_min = config.teleop, config.geometry.radius_min
         if view is not None:
             view.drive(robot.source("web").command, radius_min)
@@ -122,7 +122,7 @@ class Start:
         """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
         robot = self._robot
         if self._agent is not None:
-            from txt1.learning import running as learning
+            from txt1.learning import live as learning
             from txt1.learning.task import need_light
 
             await need_light(robot)

@@ -9,7 +9,7 @@ from typing import Final
 
 from rich.console import Console
 
-from txt1.cli.app import App, say
+from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import OK
 from txt1.cli.experiment import configure, drive
 from txt1.cli.options import add_arm, add_robot, count
@@ -57,8 +57,9 @@ def main(arguments: argparse.Namespace) -> int:
 
     async def try_it() -> None:
         nonlocal plant
-        async with app.robot(config, arm=arguments.arm) as robot:
+        async with app.robot(config) as robot:
             require_pwm_and_ticks(robot.hal)
+            await get_ready(robot, arguments.arm)
             plant = identify(await try_out(robot))
 
     code = app.run(try_it())

@@ -7,7 +7,7 @@ from math import inf, nan
 from typing import Final, NamedTuple
 
 from txt1.control.limits import limit_velocity
-from txt1.errors import HalError, NotArmed, Overruled
+from txt1.errors import NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step, Waypoints
 from txt1.experiments.recording import Recording, Sample
 from txt1.kernel.ticks import Ticks
@@ -229,14 +229,3 @@ class Experiment:
                 self._still_since = inf
             elif self._still_since == inf:
                 self._still_since = now
-
-
-async def ready(robot: Robot) -> None:
-    """Load the gains.
-
-    Raises:
-        HalError: they are not accepted.
-
-    """
-    if not await robot.load_gains():
-        raise HalError("the board did not accept the gains; check control.linear and control.angular")

@@ -31,8 +31,8 @@ from txt1.errors import MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch
-from txt1.learning.conduct import ready_to_learn
 from txt1.learning.light import LightFilter, direction, reward, sector
+from txt1.learning.seeding import ready_to_learn
 from txt1.learning.task import task_of
 from txt1.learning.trial import COMMANDS, Start
 from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y

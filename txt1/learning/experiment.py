@@ -1,4 +1,4 @@
-"""Many trials: over processes, into files, and carried on after an interruption.
+"""The files of a learning experiment: what was done and learned, and from which it is carried on.
 
 A directory holds
 
@@ -19,25 +19,17 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import multiprocessing
-import os
-import queue
-import signal
-import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.config import Config
-from txt1.errors import ConfigError, QTableError, Txt1Error
+from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
-from txt1.learning.conduct import Outcome, on_robot, recorded_plan, robot_config
 from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
+from txt1.learning.seeding import TrialResult, recorded_plan, robot_config
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start
 from txt1.record.session import discard, need
@@ -45,9 +37,6 @@ from txt1.record.session import discard, need
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
-SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-POLL: Final = 0.1
-"""s of real time between two looks at what the processes have to tell."""
 
 
 class Plan(NamedTuple):
@@ -95,68 +84,6 @@ class Plan(NamedTuple):
 Watch = Callable[[int, Episode], None]
 """Told each episode as it ends, with the number of its trial."""
 
-Ended = signal.Signals | Txt1Error | None
-"""Why there are no more trials: a signal or an error ended them, or, None, all are complete."""
-
-
-# -- running -----------------------------------------------------------------------------------------------------
-
-
-def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Outcome], Ended]:
-    """What came of the trials, in their order, and why there are no more; a signal ends it early, nothing is lost.
-
-    Raises:
-        ConfigError: the directory cannot be used, or holds another experiment.
-
-    """
-    done = prepare(plan, out, resume)
-    outcomes = {one.trial: one for one in done if one.complete}
-    for outcome in outcomes.values():
-        for episode in outcome.episodes:
-            watch(outcome.trial, episode)
-    missing = [number for number in range(1, plan.trials + 1) if number not in outcomes]
-    begun = {} if plan.simulated else {one.trial: one for one in done if not one.complete}
-    logs = recordings(plan, missing, begun, resume)
-
-    def keep(outcome: Outcome) -> None:
-        outcomes[outcome.trial] = outcome
-
-    ended: Ended = None
-    with _signals() as came:
-        try:
-            if plan.jobs > 1 and plan.simulated and len(missing) > 1:
-                _side_by_side(plan, missing, logs, out, watch, keep, came)
-            else:
-                _one_by_one(plan, missing, logs, begun, out, watch, keep, came)
-        except Txt1Error as error:
-            ended = error
-    complete = len(outcomes) >= plan.trials and all(one.complete for one in outcomes.values())
-    if came and not complete:
-        ended = came[0]
-    return [outcomes[number] for number in sorted(outcomes)], ended
-
-
-@contextmanager
-def _signals() -> Iterator[list[signal.Signals]]:
-    """Within the block, Ctrl-C and other requests to end only add to the list that it yields."""
-    came: list[signal.Signals] = []
-    before = {each: signal.signal(each, lambda number, _: came.append(signal.Signals(number))) for each in SIGNALS}
-    try:
-        yield came
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes born within the block are deaf to signals, which are their parent's business."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-
 
 def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resume: bool) -> dict[int, Path]:
     """The files to which these trials are to be recorded, and nothing stands in their way; none without `plan.log`.
@@ -187,106 +114,10 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
     return files
 
 
-def _one_by_one(
-    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], begun: dict[int, Outcome], out: Path, watch: Watch,
-    keep: Callable[[Outcome], None], came: Sequence[signal.Signals],
-) -> None:  # fmt: skip
-    """The trials in this process."""
-
-    def save(outcome: Outcome) -> None:
-        save_outcome(out, outcome)
-        keep(outcome)
-
-    for number in numbers:
-        if came:
-            return
-        before = begun.get(number)
-        for episode in before.episodes if before else []:
-            watch(number, episode)
-        on_robot(
-            plan.agent, plan.config, plan.seed, number, plan.episodes, speed=plan.speed, arm=plan.arm,
-            done=lambda episode, number=number: watch(number, episode),  # type: ignore[misc]
-            keep_paths=plan.keep_paths(), stopped=lambda: bool(came), before=before, keep=save, log=logs.get(number),
-        )  # fmt: skip
-
-
-_stop: Any = None
-_news: Any = None
-
-
-def _enter(stop: Any, news: Any) -> None:
-    """Make a process ready to work; it ends with its parent."""
-    global _stop, _news
-    _stop, _news = stop, news
-
-    def end_with_parent() -> None:
-        parent = multiprocessing.parent_process()
-        assert parent is not None
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def _work(plan: Plan, number: int, log: Path | None, out: Path) -> Outcome | None:
-    """One trial in a process of its own; None when it was not begun."""
-    if _stop.is_set():
-        return None
-    return on_robot(
-        plan.agent, plan.config, plan.seed, number, plan.episodes, keep_paths=plan.keep_paths(),
-        done=lambda episode: _news.put((number, episode)), stopped=_stop.is_set,
-        keep=lambda outcome: save_outcome(out, outcome), log=log,
-    )  # fmt: skip
-
-
-def _side_by_side(
-    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch,
-    keep: Callable[[Outcome], None], came: Sequence[signal.Signals],
-) -> None:  # fmt: skip
-    """The trials in several processes."""
-    context = multiprocessing.get_context("spawn")
-    with _deaf():  # here the process is born that tidies up after the others
-        stop, news = context.Event(), context.Queue()
-
-    def listen(timeout: float) -> None:
-        try:
-            while True:
-                watch(*news.get(timeout=timeout))
-                timeout = 0.0
-        except queue.Empty:
-            pass
-
-    with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
-        with _deaf():
-            futures: list[Future[Outcome | None]] = [
-                pool.submit(_work, plan, number, logs.get(number), out) for number in numbers
-            ]
-        try:
-            while wait(futures, timeout=0.0).not_done:
-                if came or any(future.done() and future.exception() for future in futures):
-                    stop.set()
-                listen(POLL)
-            listen(POLL)
-        except BaseException:
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        for future in futures:
-            if future.exception() is None and (outcome := future.result()) is not None:
-                keep(outcome)
-        try:
-            for future in futures:
-                future.result()
-        except BrokenProcessPool:
-            for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
-                child.kill()
-            raise Txt1Error("a process that did a trial was killed from outside, perhaps for lack of memory") from None
-
-
 # -- files -------------------------------------------------------------------------------------------------------
 
 
-def prepare(plan: Plan, out: Path, resume: bool) -> list[Outcome]:
+def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     """The trials that the directory holds already; it is made when there is none.
 
     Raises:
@@ -324,7 +155,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[Outcome]:
                 f"--resume: {out} was begun with {key.removeprefix('config.')}={was.get(key)}, not {now.get(key)}; "
                 "repeat that, or give another directory"
             )
-    return [load_outcome(path) for path in trials]
+    return [load_result(path) for path in trials]
 
 
 def _is_ours(before: Any) -> bool:
@@ -341,21 +172,21 @@ def _flat(tree: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
             yield above + key, value
 
 
-def save_outcome(out: Path, outcome: Outcome) -> None:
+def save_result(out: Path, result: TrialResult) -> None:
     """Write a trial to a file of its own, which holds a checked Q-table with the rest beside it."""
     about = {
-        **outcome.table.about,
-        "trial": outcome.trial,
-        "complete": outcome.complete,
-        "voided": outcome.voided,
-        "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in outcome.episodes],
-        "paths": {str(number): path for number, path in outcome.paths.items()},
-        "memory": outcome.memory,
+        **result.table.about,
+        "trial": result.trial,
+        "complete": result.complete,
+        "voided": result.voided,
+        "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in result.episodes],
+        "paths": {str(number): path for number, path in result.paths.items()},
+        "memory": result.memory,
     }
-    qtable.save(out / "trials" / f"{outcome.trial:04d}.json", StoredTable(outcome.table.values, about))
+    qtable.save(out / "trials" / f"{result.trial:04d}.json", StoredTable(result.table.values, about))
 
 
-def load_outcome(path: Path) -> Outcome:
+def load_result(path: Path) -> TrialResult:
     """A trial from its file.
 
     Raises:
@@ -378,20 +209,20 @@ def load_outcome(path: Path) -> Outcome:
         memory = about.pop("memory")
     except (KeyError, TypeError, ValueError) as error:
         raise QTableError(str(path), f"is no trial: {error}", again) from error
-    return Outcome(trial, episodes, complete, StoredTable(stored.values, about), memory, paths, voided)
+    return TrialResult(trial, episodes, complete, StoredTable(stored.values, about), memory, paths, voided)
 
 
-def best(outcomes: Sequence[Outcome]) -> Outcome:
+def best(results: Sequence[TrialResult]) -> TrialResult:
     """The trial that ended best: most successes, then least time over its last 10 episodes."""
 
-    def merit(one: Outcome) -> tuple[int, float]:
+    def merit(one: TrialResult) -> tuple[int, float]:
         last = one.episodes[-LAST:]
         return sum(each.success for each in last), -sum(each.time for each in last) / max(1, len(last))
 
-    return max(outcomes, key=merit)
+    return max(results, key=merit)
 
 
-def write(plan: Plan, out: Path, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, Any]:
     """The metrics, after writing them and everything else but the pictures.
 
     Raises:
@@ -403,23 +234,23 @@ def write(plan: Plan, out: Path, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     with part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for outcome in outcomes:
-            for one in outcome.episodes:
-                row = (outcome.trial, one.number, *(round(x, 9) for x in (*one.start, one.time)), int(one.success))
+        for result in results:
+            for one in result.episodes:
+                row = (result.trial, one.number, *(round(x, 9) for x in (*one.start, one.time)), int(one.success))
                 writer.writerow((*row, round(one.optimal_time, 9)))
     part.replace(out / "learning.csv")
     metrics = {
         "agent": plan.agent,
         "seed": plan.seed,
         "hal": plan.config.hal,
-        "voided": sum(one.voided for one in outcomes),
-        **summary([one.episodes for one in outcomes]),
+        "voided": sum(one.voided for one in results),
+        **summary([one.episodes for one in results]),
     }
     part = out / "metrics.json.part"
     part.write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
     part.replace(out / "metrics.json")
-    if outcomes:
-        chosen = best(outcomes)
+    if results:
+        chosen = best(results)
         about = {**chosen.table.about, "seed": plan.seed, "trial": chosen.trial}
         qtable.save(out / "qtable.json", StoredTable(chosen.table.values, about))
     return metrics

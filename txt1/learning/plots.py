@@ -11,16 +11,16 @@ import numpy as np
 
 from txt1.errors import MissingExtra
 from txt1.learning import sweeps
-from txt1.learning.conduct import Outcome
 from txt1.learning.light import SECTORS
 from txt1.learning.qtable import ACTIONS, StoredTable
+from txt1.learning.seeding import TrialResult
 from txt1.learning.trial import Task
 
 DPI: Final = 120
 BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
 
 
-def draw(out: Path, outcomes: Sequence[Outcome], chosen: Outcome, task: Task) -> list[Path]:
+def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
     """The pictures that were written: learning_curve.png, paths.png, qtable.png.
 
     Args:
@@ -67,7 +67,7 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
     return axes
 
 
-def _curve(figure: Any, outcomes: Sequence[Outcome], ticker: Any, line_collection: Any) -> None:
+def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_collection: Any) -> None:
     """Time of each episode: every trial, their mean and median, the optimum (figure 5.10)."""
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.775)
     length = max((len(one.episodes) for one in outcomes), default=0)
@@ -95,7 +95,7 @@ def _curve(figure: Any, outcomes: Sequence[Outcome], ticker: Any, line_collectio
     axes.legend(loc="upper right")
 
 
-def _paths(figure: Any, chosen: Outcome, task: Task) -> None:
+def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
     """Paths in the room, as in figures 5.8 and 5.9."""
     numbers = sorted(chosen.paths)
     if not numbers:

@@ -8,8 +8,8 @@ from math import pi, radians
 import numpy as np
 import pytest
 
+from txt1.cli.trials import on_robot
 from txt1.config import load
-from txt1.learning.conduct import on_robot
 from txt1.learning.metrics import summary
 from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action
 from txt1.learning.trial import COMMANDS, TURN

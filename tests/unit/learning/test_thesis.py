@@ -7,8 +7,8 @@ from math import radians
 import numpy as np
 import pytest
 
+from txt1.cli.trials import on_robot
 from txt1.config import load
-from txt1.learning.conduct import on_robot
 from txt1.learning.light import sector
 from txt1.learning.qtable import TABLE_5_3
 from txt1.learning.thesis import Settings, ThesisAgent

@@ -8,7 +8,7 @@ from typing import Final
 from txt1.config import Config
 from txt1.learning.agent import Agent
 from txt1.learning.agents import from_table, make
-from txt1.learning.conduct import AGENT, new_trial, stream
+from txt1.learning.seeding import AGENT, new_trial, stream
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Episode
 from txt1.navigation import PoseSource

@@ -1,0 +1,277 @@
+"""The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.cli.app import App, get_ready
+from txt1.cli.exit_codes import SIGNALS
+from txt1.config import Config
+from txt1.errors import NotArmed, Overruled, Txt1Error
+from txt1.learning.agent import Agent
+from txt1.learning.agents import make
+from txt1.learning.experiment import Plan, Watch, prepare, recordings, save_result
+from txt1.learning.seeding import AGENT, SENSORS, TrialResult, new_trial, recorded_plan, result_of, robot_config, stream
+from txt1.learning.task import LearningTask, need_light
+from txt1.learning.trial import COMMANDS, Episode
+
+POLL: Final = 0.1
+"""s of real time between two looks at what the processes have to tell."""
+
+BEGIN: Final = 4.0
+"""s of the run at which a trial in simulation begins; by then the robot is ready."""
+
+Ended = signal.Signals | Txt1Error | None
+"""Why there are no more trials: a signal or an error ended them, or, None, all are complete."""
+
+
+def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[TrialResult], Ended]:
+    """Return what came of the trials, in their order, and why there are no more; a signal ends it, nothing is lost.
+
+    Raises:
+        ConfigError: the directory cannot be used, or holds another experiment.
+
+    """
+    done = prepare(plan, out, resume)
+    results = {one.trial: one for one in done if one.complete}
+    for result in results.values():
+        for episode in result.episodes:
+            watch(result.trial, episode)
+    missing = [number for number in range(1, plan.trials + 1) if number not in results]
+    begun = {} if plan.simulated else {one.trial: one for one in done if not one.complete}
+    logs = recordings(plan, missing, begun, resume)
+
+    def keep(result: TrialResult) -> None:
+        results[result.trial] = result
+
+    ended: Ended = None
+    with _signals() as came:
+        try:
+            if plan.jobs > 1 and plan.simulated and len(missing) > 1:
+                _side_by_side(plan, missing, logs, out, watch, keep, came)
+            else:
+                _one_by_one(plan, missing, logs, begun, out, watch, keep, came)
+        except Txt1Error as error:
+            ended = error
+    complete = len(results) >= plan.trials and all(one.complete for one in results.values())
+    if came and not complete:
+        ended = came[0]
+    return [results[number] for number in sorted(results)], ended
+
+
+@contextmanager
+def _signals() -> Iterator[list[signal.Signals]]:
+    """Within the block, Ctrl-C and other requests to end only add to the list that it yields."""
+    came: list[signal.Signals] = []
+    before = {each: signal.signal(each, lambda number, _: came.append(signal.Signals(number))) for each in SIGNALS}
+    try:
+        yield came
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes born within the block are deaf to signals, which are their parent's business."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+def _one_by_one(
+    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], begun: dict[int, TrialResult], out: Path, watch: Watch,
+    keep: Callable[[TrialResult], None], came: list[signal.Signals],
+) -> None:  # fmt: skip
+    """Do the trials in this process."""
+
+    def save(result: TrialResult) -> None:
+        save_result(out, result)
+        keep(result)
+
+    for number in numbers:
+        if came:
+            return
+        before = begun.get(number)
+        for episode in before.episodes if before else []:
+            watch(number, episode)
+        app = App(plan.speed)
+        on_robot(
+            plan.agent, plan.config, plan.seed, number, plan.episodes, app=app, arm=plan.arm,
+            done=lambda episode, number=number: watch(number, episode),  # type: ignore[misc]
+            keep_paths=plan.keep_paths(), before=before, keep=save, log=logs.get(number),
+        )  # fmt: skip
+        if app.code:
+            came.append(signal.Signals(app.code - 128))
+
+
+_stop: Any = None
+_news: Any = None
+
+
+def _enter(stop: Any, news: Any) -> None:
+    """Make a process ready to work; it ends with its parent."""
+    global _stop, _news
+    _stop, _news = stop, news
+
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def _work(plan: Plan, number: int, log: Path | None, out: Path) -> TrialResult | None:
+    """Do one trial in a process of its own; None when it was not begun."""
+    if _stop.is_set():
+        return None
+    return on_robot(
+        plan.agent, plan.config, plan.seed, number, plan.episodes, keep_paths=plan.keep_paths(),
+        done=lambda episode: _news.put((number, episode)), stopped=_stop.is_set,
+        keep=lambda result: save_result(out, result), log=log,
+    )  # fmt: skip
+
+
+def _side_by_side(
+    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch,
+    keep: Callable[[TrialResult], None], came: Sequence[signal.Signals],
+) -> None:  # fmt: skip
+    """Do the trials in several processes."""
+    context = multiprocessing.get_context("spawn")
+    with _deaf():  # here the process is born that tidies up after the others
+        stop, news = context.Event(), context.Queue()
+
+    def listen(timeout: float) -> None:
+        try:
+            while True:
+                watch(*news.get(timeout=timeout))
+                timeout = 0.0
+        except queue.Empty:
+            pass
+
+    with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
+        with _deaf():
+            futures: list[Future[TrialResult | None]] = [
+                pool.submit(_work, plan, number, logs.get(number), out) for number in numbers
+            ]
+        try:
+            while wait(futures, timeout=0.0).not_done:
+                if came or any(future.done() and future.exception() for future in futures):
+                    stop.set()
+                listen(POLL)
+            listen(POLL)
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        for future in futures:
+            if future.exception() is None and (result := future.result()) is not None:
+                keep(result)
+        try:
+            for future in futures:
+                future.result()
+        except BrokenProcessPool:
+            for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
+                child.kill()
+            raise Txt1Error("a process that did a trial was killed from outside, perhaps for lack of memory") from None
+
+
+# -- one trial -------------------------------------------------------------------------------------------------
+
+
+def on_robot(
+    learner: Agent | str,
+    config: Config,
+    seed: int,
+    number: int,
+    episodes: int,
+    *,
+    app: App | None = None,
+    arm: bool = False,
+    done: Callable[[Episode], None] = lambda _: None,
+    commands: tuple[tuple[float, float], ...] = COMMANDS,
+    keep_paths: Collection[int] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    before: TrialResult | None = None,
+    keep: Callable[[TrialResult], None] = lambda _: None,
+    log: Path | None = None,
+) -> TrialResult:
+    """Do a trial through the robot's real tasks, and return what came of it.
+
+    Where nobody is there to arm the robot again, a disarm ends it.
+
+    Args:
+        learner: who learns, or its name.
+        config: of everything.
+        seed: with the trial's number, repeats every random value.
+        number: of the trial, from 1.
+        episodes: how many.
+        app: that runs it, at full speed when left out; a signal to it ends the trial as well.
+        arm: whether to arm a robot that does not arm by itself.
+        done: told each episode as it ends.
+        commands: (v, omega) of each action, m/s and rad/s.
+        keep_paths: numbers of the episodes whose paths are to be kept.
+        stopped: asked all the time; once it says yes the trial ends.
+        before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
+        keep: given what has come of it when it ends; with an error, too, if an episode was completed.
+        log: the file to record it to.
+
+    Raises:
+        HalError: the hardware cannot be used, or there are no light sensors.
+        NotArmed: the robot was disarmed.
+        Overruled: another source of commands took the wheel.
+        TaskFault: a task failed; the robot was stopped first.
+
+    """
+    agent = make(learner, config, stream(seed, number, AGENT)) if isinstance(learner, str) else learner
+    trial = new_trial(agent, config, seed, number, episodes, done, keep_paths, commands)
+    if before is not None:
+        agent.recall(before.memory)
+        trial.carry_on(before.episodes, before.paths, before.voided)
+
+    own, told = robot_config(config, seed, number), recorded_plan(agent.name, seed, number, episodes)
+
+    app = app or App("max")
+
+    async def conduct() -> None:
+        async with app.robot(own, log=log, about=told) as robot:
+            await need_light(robot, [seed, number, SENSORS])
+            await get_ready(robot, arm or None)
+            if robot.hal.capabilities.place:  # always at the same instant
+                await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))
+            learning = LearningTask(
+                robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again)
+                or bool(learning.overruled), observer=robot.runtime.witness,
+            )  # fmt: skip
+            learning.start()
+            await learning.ended.wait()
+            if learning.overruled:
+                raise Overruled("learner", learning.overruled)
+            if len(trial.episodes) < episodes and not stopped():
+                raise NotArmed(robot.reason)
+
+    try:
+        app.run(conduct())
+    except Txt1Error:
+        trial.void()
+        if trial.episodes:
+            keep(result_of(trial, number, episodes))
+        raise
+    result = result_of(trial, number, episodes)
+    keep(result)
+    return result
