@@ -31,7 +31,7 @@ def said(findings: Findings) -> dict[str, Remark]:
 
 async def test_a_board_on_a_clean_line_is_well() -> None:
     findings = await found()
-    assert findings.odometry / findings.duration == approx(20.0, rel=0.02)
+    assert len(findings.arrivals) / findings.duration == approx(20.0, rel=0.02)
     assert findings.age_max == approx(0.05, abs=0.01)
     assert len(findings.answers) == findings.asked == 5
     assert findings.answers[0] == approx(0.045, abs=0.005)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 from math import ceil
@@ -15,7 +16,7 @@ from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import add_config, add_port, loaded, positive
 from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
-from txt1.link import End, Link
+from txt1.link import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
@@ -25,142 +26,110 @@ from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, 
 
 LINK_RULE: Final = 2.5
 """s in which a board that hears the host has begun to answer: it judges the link once a second."""
-
 ODOMETRY_RATE: Final = 20.0
 """Odometry messages a second that a board sends."""
-
 RATE_SHARE: Final = 0.95
 """Share of them that should come."""
-
 AGE_MAX: Final = 0.15
 """Age in s up to which odometry is fresh enough to drive by."""
-
 ANSWER_MAX: Final = 0.3
 """Round trip of a PID set, s, that is still quick: 42 ms of it the bytes take at 57600 baud."""
 
 
-class Findings(NamedTuple):
-    """What was seen of the line.
+class Findings:
+    """The host's end of a line, and what it has seen there.
 
     Attributes:
-        duration: s of looking, from the first odometry on, or altogether when there was none.
         octets: bytes that came.
-        odometry: odometry messages.
-        batteries: battery messages.
-        levels: the last of them: voltages of both packs, V.
-        age_max: oldest that the odometry became before the next one came, s.
+        arrivals: when odometry came, s.
+        levels: voltages of both packs, V, every time that they came.
         faults: what was wrong with what came, by reason.
         asked: PID sets sent.
         answers: round trips of those that were answered, s.
         rejected: answers that said no.
         gone: why the link was lost meanwhile, if it was.
+        ended: when it was over, s.
 
     """
 
-    duration: float
-    octets: int
-    odometry: int
-    batteries: int
-    levels: tuple[float, float] | None
-    age_max: float
-    faults: dict[Reason, int]
-    asked: int
-    answers: tuple[float, ...]
-    rejected: int
-    gone: str | None
-
-
-class _Examiner:
-    """The end of the line that looks and listens."""
-
     def __init__(self) -> None:
-        self.link: Link | None = None
-        self.gone: str | None = None
-        self.octets = 0
-        self.receiver = Receiver(Role.HOST, self._take)
-        self.odometry: list[float] = []
-        self.batteries: list[tuple[float, tuple[float, float]]] = []
-        self.faults: dict[Reason, int] = {}
-        self.sent = 0.0
-        self.answers: list[float] = []
-        self.rejected = 0
         self._time = asyncio.get_running_loop().time
+        self.begun = self.ended = self.sent = self._time()
+        self.link: Link | None = None
+        self.receiver = Receiver(Role.HOST, self._take)
+        self.gone: str | None = None
+        self.octets = self.asked = self.rejected = 0
+        self.arrivals: list[float] = []
+        self.levels: list[tuple[float, float]] = []
+        self.faults: Counter[Reason] = Counter()
+        self.answers: list[float] = []
+
+    @property
+    def duration(self) -> float:
+        """Seconds of looking, from the first odometry on, or altogether when there was none."""
+        return self.ended - (self.arrivals[0] if self.arrivals else self.begun)
+
+    @property
+    def age_max(self) -> float:
+        """Oldest that the odometry became before the next came, s."""
+        return max((later - earlier for earlier, later in pairwise([*self.arrivals, self.ended])), default=0.0)
 
     def connected(self, link: Link) -> None:
+        """Note the link."""
         self.link = link
 
     def lost(self, reason: str) -> None:
+        """Note why it has gone."""
         self.link, self.gone = None, reason
 
     def received(self, data: bytes) -> None:
+        """Take bytes."""
         self.octets += len(data)
         self.receiver.feed(data)
 
     def _take(self, event: Event) -> None:
         match event:
             case EncoderOdometry():
-                self.odometry.append(self._time())
+                self.arrivals.append(self._time())
             case BatteryLevels(one, two):
-                self.batteries.append((self._time(), (one, two)))
+                self.levels.append((one, two))
             case PidResponse(accepted):
                 self.answers.append(self._time() - self.sent)
                 self.rejected += not accepted
             case FrameFault(reason):
-                self.faults[reason] = self.faults.get(reason, 0) + 1
+                self.faults[reason] += 1
 
 
 async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
-    """What the line at a port does for `duration` s while the host asks for standstill and sends its gains.
+    """Ask for standstill and send the gains for `duration` s, from the first odometry on, and return what came.
 
     Raises:
         HalError: the port cannot be opened.
 
     """
-    loop = asyncio.get_running_loop()
-    examiner = _Examiner()
-    end: End = examiner
-    await port.open(end)
+    loop, found = asyncio.get_running_loop(), Findings()
+    await port.open(found)
     try:
         pid_set, velocity = encode(gains), encode(Velocity(0.0, 0.0))
-        begun = loop.time()
-        per_pid_set = round(PID_SET_PERIOD / SEND_PERIOD)
-        asked = tick = 0
-        while examiner.link is not None and loop.time() < _ends(begun, examiner, duration):
-            examiner.link.write(velocity)
-            if examiner.odometry and tick % per_pid_set == 0:
-                examiner.link.write(pid_set)
-                examiner.sent = loop.time()
-                asked += 1
+        found.begun = loop.time()
+        tick = 0
+        while found.link is not None and loop.time() < (
+            found.arrivals[0] + duration if found.arrivals else found.begun + LINK_RULE + duration
+        ):
+            found.link.write(velocity)
+            if found.arrivals and tick % round(PID_SET_PERIOD / SEND_PERIOD) == 0:
+                found.link.write(pid_set)
+                found.sent = loop.time()
+                found.asked += 1
             tick += 1
-            await asyncio.sleep(begun + tick * SEND_PERIOD - loop.time())
-        ended = loop.time()
+            await asyncio.sleep(found.begun + tick * SEND_PERIOD - loop.time())
+        found.ended = loop.time()
     finally:
-        examiner.receiver.close()
-        if examiner.link is not None:
-            examiner.link.close()
+        found.receiver.close()
+        if found.link is not None:
+            found.link.close()
         await port.close()
-    arrivals = examiner.odometry
-    since = arrivals[0] if arrivals else begun
-    gaps = [later - earlier for earlier, later in pairwise([*arrivals, ended])]
-    heard = [levels for time, levels in examiner.batteries if time >= since]
-    return Findings(
-        ended - since,
-        examiner.octets,
-        len(arrivals),
-        len(heard),
-        heard[-1] if heard else None,
-        max(gaps, default=0.0),
-        examiner.faults,
-        asked,
-        tuple(examiner.answers),
-        examiner.rejected,
-        examiner.gone,
-    )
-
-
-def _ends(begun: float, examiner: _Examiner, duration: float) -> float:
-    """When to stop looking: a while after the first odometry, or when none has come for long enough."""
-    return examiner.odometry[0] + duration if examiner.odometry else begun + LINK_RULE + duration
+    return found
 
 
 class Remark(NamedTuple):
@@ -182,13 +151,13 @@ def remarks(findings: Findings, baud: int) -> Iterator[Remark]:
             "(null-modem cable)?", False,
         )  # fmt: skip
         return
-    if not f.odometry:
+    if not f.arrivals:
         yield Remark(
             "odometry", f"none among {f.octets} bytes: the baud rate is not {baud}, this is another device, or the "
             "board does not hear this host (transmit line)", False,
         )  # fmt: skip
     else:
-        rate = f.odometry / f.duration
+        rate = len(f.arrivals) / f.duration
         well = rate >= RATE_SHARE * ODOMETRY_RATE
         yield Remark(
             "odometry", f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}"
@@ -205,10 +174,10 @@ def remarks(findings: Findings, baud: int) -> Iterator[Remark]:
 
 
 def _about_batteries(f: Findings) -> Remark:
-    if f.levels is None:
+    if not f.levels:
         return Remark("battery", "no levels came: a board sends them once a second", False)
-    one, two = f.levels
-    return Remark("battery", f"{f.batteries} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
+    one, two = f.levels[-1]
+    return Remark("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
 
 
 def _about_answers(f: Findings) -> Remark:
@@ -229,7 +198,7 @@ def _about_faults(f: Findings) -> Remark:
     total = sum(f.faults.values())
     if set(f.faults) == {Reason.OLD_COMMAND}:
         return Remark("faults", f"{counted}: messages of older boards, harmless")
-    well = total <= max(1, ceil(0.01 * (f.odometry + f.batteries)))
+    well = total <= max(1, ceil(0.01 * (len(f.arrivals) + len(f.levels))))
     return Remark("faults", counted + ("" if well else ": noise on the line, or not the right baud rate"), well)
 
 

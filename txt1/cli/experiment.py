@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -27,9 +25,6 @@ from txt1.kernel.loop import Speed
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 """The thesis's hall is larger than its learning room: without a word about the room there are no walls."""
-
-BAR_PERIOD: Final = 0.25
-"""s between two looks of the progress bar."""
 
 
 class Driven(NamedTuple):
@@ -164,11 +159,13 @@ def drive(
         nonlocal experiment
         async with app.robot(config, log=log, about={"experiment": profile.title}) as robot:
             await get_ready(robot, arm)
-            experiment = Experiment(robot, profile, safe_end=safe_end)
-            with _progress_bar(experiment, bar):
-                await experiment.run()
+            experiment = Experiment(robot, profile, safe_end=safe_end, progressed=partial(setattr, task, "completed"))
+            await experiment.run()
 
-    code = app.run(work())
+    with progress_bar(bar) as progress:
+        progress.add_task(bar, total=1.0)
+        (task,) = progress.tasks  # written to by itself: the robot waits for no lock either
+        code = app.run(work())
     if experiment is None:
         return Driven(None, code)
     outcome = experiment.outcome()
@@ -178,29 +175,8 @@ def drive(
     return Driven(outcome, code)
 
 
-@contextmanager
-def _progress_bar(experiment: Experiment, name: str) -> Iterator[None]:
-    """A bar on standard error while the block runs, drawn by a thread of its own: the robot waits for no terminal."""
-    if not name or not sys.stderr.isatty():
-        yield
-        return
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(),
-        console=Console(stderr=True), auto_refresh=False, transient=True,
-    )  # fmt: skip
-    task = bar.add_task(name, total=1.0)
-    over = threading.Event()
-
-    def draw() -> None:
-        with bar:
-            while not over.wait(BAR_PERIOD):
-                bar.update(task, completed=experiment.progress)
-                bar.refresh()
-
-    drawer = threading.Thread(target=draw, name="txt1 progress bar", daemon=True)
-    drawer.start()
-    try:
-        yield
-    finally:
-        over.set()
-        drawer.join(1.0)
+def progress_bar(name: str) -> Progress:
+    """Return a bar on standard error, drawn by a thread of its own: the robot waits for no terminal."""
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
+    shown = bool(name) and sys.stderr.isatty()
+    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown, refresh_per_second=4)

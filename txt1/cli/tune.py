@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,7 @@ from rich.console import Console
 
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import OK
-from txt1.cli.experiment import configure, drive
+from txt1.cli.experiment import configure, drive, progress_bar
 from txt1.cli.options import add_arm, add_robot, count
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
@@ -23,7 +24,7 @@ from txt1.experiments.profile import Profile, load_profile
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import Run
 from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Outcome
-from txt1.experiments.tune import propose
+from txt1.experiments.tune import CANDIDATES, propose
 from txt1.kernel.loop import Speed
 
 TESTS: Final = ("linear-steps", "angular-steps")
@@ -70,9 +71,11 @@ def main(arguments: argparse.Namespace) -> int:
         f"lag {plant.time_constant:.3f} s\n"
         f"steering: {1e6 * plant.steering_gain:.1f} mrad/m per 1000 counts, lag {plant.steering_lag:.3f} s"
     )
-    say("trying gains on its model")
-    old = config.control
-    proposal = propose(plant, config.geometry, old.linear.gains(), old.schedule(), config.safety.motor_max)
+    old, motor_max = config.control, config.safety.motor_max
+    with progress_bar("trying gains on its model") as bar:
+        task = bar.add_task("trying gains on its model", total=CANDIDATES)
+        tried = partial(bar.advance, task)
+        proposal = propose(plant, config.geometry, old.linear.gains(), old.schedule(), motor_max, tried)
     new = ControlConfig(
         linear=GainsConfig(**proposal.linear._asdict()),
         angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in proposal.angular),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from math import inf, nan
 from typing import Final, NamedTuple
 
@@ -72,15 +73,20 @@ class Experiment:
         robot: armed, its gains loaded.
         profile: what to drive.
         safe_end: whether the robot stops by itself when no time is left on its batteries.
-
-    Attributes:
-        progress: 0 to 1.
+        progressed: told how much of it is over, 0 to 1.
 
     """
 
-    def __init__(self, robot: Robot, profile: Profile, *, safe_end: bool = True) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        profile: Profile,
+        *,
+        safe_end: bool = True,
+        progressed: Callable[[float], None] = lambda _: None,
+    ) -> None:
         self.profile = profile
-        self.progress = 0.0
+        self._progressed = progressed
         self._robot = robot
         self._safe_end = safe_end
         self._samples: list[Sample] = []
@@ -142,7 +148,7 @@ class Experiment:
                 robot.program.insist(step.v, step.omega)
                 due = min(due + PUBLISH, ends)
                 await asyncio.sleep(max(due - robot.now, 0.0))
-                self.progress = (due - begin) / total
+                self._progressed((due - begin) / total)
 
     async def _drive_waypoints(self, waypoints: Waypoints) -> None:
         robot = self._robot
@@ -158,7 +164,7 @@ class Experiment:
         def on_leg(number: int, start: Point, end: Point) -> None:
             self._legs.append(Leg(robot.now - self._begin, start, end))
             if total < inf:
-                self.progress = min(number / total, 1.0)
+                self._progressed(min(number / total, 1.0))
 
         await follow(
             robot,
@@ -180,7 +186,7 @@ class Experiment:
             if battery.state is BatteryState.WARNING and self._warned is None:
                 self._warned = driven
             if self.profile.figure == "battery" and battery.remaining is not None:
-                self.progress = max(self.progress, min(driven / (driven + battery.remaining + 1e-9), 1.0))
+                self._progressed(min(driven / (driven + battery.remaining + 1e-9), 1.0))
             if self._safe_end and battery.remaining == 0.0:
                 return SAFE_END
             if now - self._still_since >= STOPPED_TIME:

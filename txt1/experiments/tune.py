@@ -59,6 +59,9 @@ TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)
 TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
 """K_I times the yaw rate per count, 1/s: how fast the loop closes."""
 
+CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * len(TURN_RATES) + 2 * 9 * len(FINER)
+"""How many gains are tried altogether."""
+
 
 class Proposal(NamedTuple):
     """Gains for both loops.
@@ -88,7 +91,14 @@ class Quality(NamedTuple):
     noise: float
 
 
-def propose(plant: Plant, geometry: Geometry, linear: Gains, schedule: Schedule, motor_max: float) -> Proposal:
+def propose(
+    plant: Plant,
+    geometry: Geometry,
+    linear: Gains,
+    schedule: Schedule,
+    motor_max: float,
+    tried: Callable[[], None] = lambda: None,
+) -> Proposal:
     """The best gains found for a vehicle.
 
     Args:
@@ -97,12 +107,17 @@ def propose(plant: Plant, geometry: Geometry, linear: Gains, schedule: Schedule,
         linear: gains of the speed so far, than which the new ones are to bring no more overshoot and noise.
         schedule: of the yaw rate's gains so far, whose borders of v_max are kept, and likewise.
         motor_max: the safety gate's limit, counts.
+        tried: called after each of `CANDIDATES`.
 
     """
-    return Proposal(linear_gains(plant, geometry, linear, motor_max), angular_gains(plant, geometry, schedule))
+    return Proposal(
+        linear_gains(plant, geometry, linear, motor_max, tried), angular_gains(plant, geometry, schedule, tried)
+    )
 
 
-def linear_gains(plant: Plant, geometry: Geometry, before: Gains, motor_max: float) -> Gains:
+def linear_gains(
+    plant: Plant, geometry: Geometry, before: Gains, motor_max: float, tried: Callable[[], None] = lambda: None
+) -> Gains:
     """The gains with which the speed settles soonest, with no more overshoot and noise than before."""
 
     def qualities(gains: Gains, v: float) -> Quality:
@@ -111,6 +126,7 @@ def linear_gains(plant: Plant, geometry: Geometry, before: Gains, motor_max: flo
     bars = [qualities(before, v) for v in SPEEDS]
 
     def trial(gains: Gains) -> float:
+        tried()
         return _mean(_cost(qualities(gains, v), bar, MARGIN, NO_OVERSHOOT) for v, bar in zip(SPEEDS, bars, strict=True))
 
     per_count = 1000.0 * plant.speed_gain  # mm/s
@@ -123,7 +139,9 @@ def linear_gains(plant: Plant, geometry: Geometry, before: Gains, motor_max: flo
     )
 
 
-def angular_gains(plant: Plant, geometry: Geometry, schedule: Schedule) -> tuple[GainSet, ...]:
+def angular_gains(
+    plant: Plant, geometry: Geometry, schedule: Schedule, tried: Callable[[], None] = lambda: None
+) -> tuple[GainSet, ...]:
     """The schedule with which the yaw rate settles soonest, with no more overshoot and noise than before.
 
     The steering turns counts into a yaw rate in proportion to the speed. So gains found at one speed are right at any
@@ -142,6 +160,7 @@ def angular_gains(plant: Plant, geometry: Geometry, schedule: Schedule) -> tuple
     bars = [qualities(schedule.at(CRUISE), turn) for turn in TURNS]
 
     def trial(gains: Gains) -> float:
+        tried()
         return _mean(
             _cost(qualities(gains, turn), bar, TURN_MARGIN, TURN_NO_OVERSHOOT)
             for turn, bar in zip(TURNS, bars, strict=True)
