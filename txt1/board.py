@@ -19,7 +19,7 @@ from numpy.random import SeedSequence
 
 from txt1.config import Config
 from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
-from txt1.hal.base import Button
+from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
 from txt1.kernel.ticks import Ticks
 from txt1.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
@@ -115,8 +115,7 @@ class Board:
 
     def received(self, data: bytes) -> None:
         """Hand the serial task what the host sent."""
-        if self.runtime.witness is not None:
-            self.runtime.witness.line("in", data)
+        self.runtime.bus.publish(LINK, ("in", data), self.runtime.now)
         self.receiver.feed(data)
 
     def _take(self, event: Event) -> None:
@@ -148,8 +147,7 @@ class Board:
         if time < self._busy_until + SPACING:
             frame = SPACER + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
-        if self.runtime.witness is not None:
-            self.runtime.witness.line("out", frame)
+        self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
         with suppress(LinkLost):  # `lost` is on its way
             self._link.write(frame)
 

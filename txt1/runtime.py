@@ -8,26 +8,26 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from math import isfinite
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
-from txt1.hal.base import Button, Hal, Inputs
+from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
-from txt1.model.light import Readings
-from txt1.protocol.messages import BoardMessage, Message, PidResponse
+from txt1.protocol.layout import numbers
+from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
-from txt1.tasks import battery, button, controller, display, encoder, mode, odometry, serial
-from txt1.tasks.fields import TaskReport
+from txt1.tasks import battery, button, controller, diagnostics, display, encoder, inputs, mode, odometry, serial
+from txt1.tasks.fields import Snapshot, TaskReport
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 
@@ -35,28 +35,6 @@ OnFault = Callable[[str, BaseException], None]
 
 TELEMETRY_PRIORITY: Final = -100
 """Below every task of the robot's and the user's: it sees what they have done in the same instant."""
-
-
-class Witness(Protocol):
-    """Who is told of everything that is given to the tasks from outside, before it takes effect: a recorder."""
-
-    def message(self, message: Message, time: float) -> None:
-        """A message was posted; `time` is when its author gave it, s of the run."""
-
-    def action(self, now: float, kind: str, text: str = "", values: tuple[float, ...] = ()) -> None:
-        """At `now`, s of the run, this is done: arm, disarm (text), stop, press, place (x, y, theta), look, tell."""
-
-    def line(self, direction: str, data: bytes) -> None:
-        """Bytes have come ("in") or gone ("out") on the line."""
-
-    def task(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> PeriodicTask:
-        """A task is added, without a period one that runs on arrival; what is returned runs in its place."""
-
-    def light(self, lux: Readings) -> None:
-        """The light sensors were read."""
-
-    def learning_step(self, episode: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
-        """A learner has decided; see `txt1.learning.task.Observer`."""
 
 
 class Runtime:
@@ -87,18 +65,18 @@ class Runtime:
         self.config = config
         self.hal = hal
         self.name = config.name or hal.name if name is None else name
-        self.state = State()
-        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
-        self.scheduler = scheduler(self._task_failed)
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
+        self.state = State(self.bus)
+        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
+        self.scheduler = scheduler(self._task_failed)
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
         self.watched = False
         """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
-        self.witness: Witness | None = None
-        """Told of everything that comes from outside."""
+        self._source = ""  # the user's or the driver's task that is at work
+        self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._sensing = sensing
         self._send = send
         self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
@@ -107,8 +85,48 @@ class Runtime:
         self._reports: dict[str, TaskReport] = {}
         self._next_report = 0
         self._notify_serial: Callable[[], None] = lambda: None
+        self._counts: diagnostics.TaskCounts | None = None
+        self._counted_at = 0.0
         self._open = False
         self._failed = False
+        self._offer()
+
+    def _offer(self) -> None:
+        """Offer what there is to be seen: causes before effects, as the first difference of a replay is named."""
+        state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
+        can = hal.capabilities
+        bus.offer(encoder.ODOMETRY, lambda: state.odometry if state.odometry_time or can.ticks else None)
+        bus.offer(controller.SETPOINT, lambda: state.control)
+        if can.pwm:
+            bus.offer(controller.GAINS, lambda: (state.gains.linear, state.control.gains))
+            bus.offer(controller.PWM, lambda: state.control)
+        bus.offer(encoder.TRANSFORM, lambda: state.odometry if state.odometry_time or can.ticks else None)
+        if can.ticks:
+            bus.offer(encoder.ENCODERS, lambda: state.encoders)
+        if can.pose:
+            bus.offer(encoder.POSE, lambda: state.pose)
+            bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
+        bus.offer(mode.MODE, lambda: (gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel))
+        for topic in battery.BATTERIES:
+            bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
+        bus.offer(diagnostics.FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
+        bus.offer(diagnostics.TASKS, self._task_counts)
+        bus.offer(display.SNAPSHOT, self._snapshot)
+        tap_line = getattr(hal, "tap_line", None)
+        if tap_line is not None:
+            tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
+
+    def _task_counts(self) -> diagnostics.TaskCounts | None:
+        """The statistics; in virtual time, where summing up costs more than it says, only once in ten seconds."""
+        now = self.now
+        if not (self._virtual and self._open and self._counts) or now >= self._counted_at + 10.0:
+            self._counts, self._counted_at = diagnostics.task_counts(self.statistics(), not self._virtual), now
+        return self._counts
+
+    def _snapshot(self) -> Snapshot | None:
+        """The snapshot; in virtual time without the tasks' times, which are the processor's and never the same."""
+        snapshot = self.state.snapshot
+        return snapshot._replace(tasks=()) if self._virtual and snapshot is not None else snapshot
 
     # -- life --------------------------------------------------------------------------------------------------
 
@@ -119,38 +137,35 @@ class Runtime:
             HalError: the hardware cannot be opened.
 
         """
-        virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
-        if virtual and not self.hal.capabilities.simulated:
+        if self._virtual and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
         for name, sensor in made.items():
-            if virtual and not sensor.simulated:
+            if self._virtual and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
-        collector.begin(real_time=not virtual)
+        collector.begin(real_time=not self._virtual)
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         geometry = config.geometry
         simulated = hal.capabilities.simulated
         room = (config.sim.room.length, config.sim.room.width)
         # in the order in which tasks of equal priority run
-        self.add_task(
+        self._add(
             "controller", controller.PRIORITY, controller.PERIOD,
             partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry),
         )  # fmt: skip
-        self._periods["serial"] = (serial.PRIORITY, None)
         serving = partial(
             serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
         )
-        self._notify_serial = self.scheduler.add_sporadic(
-            "serial", serial.PRIORITY, self._witnessed("serial", serial.PRIORITY, None, serving)
-        )
-        self.add_task(
+        self._notify_serial = self.scheduler.add_sporadic("serial", serial.PRIORITY, self._watched("serial", serving))
+        self._periods["serial"] = (serial.PRIORITY, None)
+        self._add(
             "encoder", encoder.PRIORITY, encoder.PERIOD,
             partial(encoder.encoder, state=state, hal=hal, geometry=geometry),
         )  # fmt: skip
-        self.add_task("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
-        self.add_task(
+        self._add("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
+        self._add(
             "display", display.PRIORITY, display.PERIOD,
             partial(
                 display.display, state=state, hal=hal, name=self.name, gate=gate, reports=self._task_reports,
@@ -158,14 +173,12 @@ class Runtime:
                 light=config.sim.room.light if simulated else None,
             ),
         )  # fmt: skip
-        self.add_task(
-            "odometry", odometry.PRIORITY, odometry.PERIOD, partial(odometry.odometry, state=state, send=send)
-        )
-        self.add_task(
+        self._add("odometry", odometry.PRIORITY, odometry.PERIOD, partial(odometry.odometry, state=state, send=send))
+        self._add(
             "battery", battery.PRIORITY, battery.PERIOD,
             partial(battery.battery, state=state, hal=hal, gate=gate, send=send),
         )  # fmt: skip
-        self.add_task(
+        self._add(
             "button", button.PRIORITY, button.PERIOD,
             partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
         )  # fmt: skip
@@ -177,6 +190,7 @@ class Runtime:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
         if not self._open:
             return
+        ended = self._begin("end")
         self._open = False
         self.gate.disarm("the run has ended")
         try:
@@ -185,6 +199,7 @@ class Runtime:
         finally:
             try:
                 self.scheduler.stop()
+                self.bus.flush(ended)
             finally:
                 collector.end()
                 try:
@@ -222,8 +237,9 @@ class Runtime:
 
     def post(self, message: Message, time: float) -> None:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
-        if self.witness is not None:
-            self.witness.message(message, time)
+        now = self._begin(type(message).__name__, values=message, given=time)
+        if type(message) is Velocity:
+            self.bus.publish(inputs.COMMAND, message, now)
         self._put(message, time)
 
     def _put(self, message: Message, time: float) -> None:
@@ -299,21 +315,24 @@ class Runtime:
 
     def look(self) -> Inputs:
         """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""
-        now = self.scheduler.now  # light sensors are read 62 times a second: what `_begin` does, without the calls
-        if self.witness is not None:
-            self.witness.action(now, "look")
-        return self.hal.read(now)
+        return self.hal.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
         now = self._begin("tell", text)
         self.state.tell(now, text)
 
-    def _begin(self, kind: str, text: str = "", values: tuple[float, ...] = ()) -> float:
-        """The time at which something is done from outside; the witness is told of it first."""
+    def _begin(
+        self, kind: str, text: str = "", values: tuple[float, ...] | Message = (), given: float | None = None
+    ) -> float:
+        """The time at which something is done from outside; who listens is told of it before it takes effect."""
         now = self.now
-        if self.witness is not None:
-            self.witness.action(now, kind, text, values)
+        if self.bus.wanted(inputs.INPUT):
+            of_it = values if isinstance(values, tuple) else numbers(values)
+            given = now if given is None else given
+            self.bus.publish(
+                inputs.INPUT, inputs.Input(self.scheduler.steps, self._source, kind, text, given, of_it), now
+            )
         return now
 
     def make_safe(self, now: float) -> None:
@@ -321,12 +340,46 @@ class Runtime:
         self.hal.write(self.gate.neutral(self.state.servos), now)
 
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
-        """Add a periodic task (see `Scheduler.add`)."""
-        self.scheduler.add(name, priority, period, self._witnessed(name, priority, period, task))
+        """Add a periodic task of the user's (see `Scheduler.add`)."""
+        self._begin("task", name, (float(priority), period), 0.0)
+        self._add(name, priority, period, task, self._named if self.bus.wanted(inputs.INPUT) else None)
+
+    def _add(
+        self, name: str, priority: int, period: float, task: PeriodicTask, named: Callable[[str], None] | None = None
+    ) -> None:
+        self.scheduler.add(name, priority, period, self._watched(name, task, named))
         self._periods[name] = (priority, period)
 
-    def _witnessed(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> PeriodicTask:
-        return task if self.witness is None else self.witness.task(name, priority, period, task)
+    def _named(self, name: str) -> None:
+        """Note the task of the user's that is at work, empty for none: what comes in meanwhile comes from it."""
+        self._source = name
+
+    def _watched(self, name: str, task: PeriodicTask, named: Callable[[str], None] | None = None) -> PeriodicTask:
+        """The task, or the same task with its steps told where somebody wants to know."""
+        told = self._tells_steps and self.bus.wanted(inputs.STEP)
+        if not told and named is None:
+            return task
+        number = len(self._periods)
+
+        def watched(ticks: Ticks) -> Coroutine[Any, Any, None]:
+            def begins(now: float) -> None:
+                if told:
+                    self.bus.publish(inputs.STEP, (number, now, ticks.missed), now)
+                if named is not None:
+                    named(name)
+
+            ticks.begins = begins
+            if named is not None:
+                ticks.ends = partial(named, "")
+            return task(ticks)
+
+        return watched
+
+    @property
+    def _tells_steps(self) -> bool:
+        """Whether the run can be repeated only when its steps are known: a simulation on the real clock, no line."""
+        lone = self.name == self.hal.name and not hasattr(self.hal, "tap_line")
+        return lone and self.hal.capabilities.simulated and not self._virtual
 
     @property
     def task_names(self) -> list[str]:
@@ -343,7 +396,7 @@ class Runtime:
         return self.scheduler.statistics()
 
     def _begin_sampling(self) -> None:
-        self.add_task("telemetry", TELEMETRY_PRIORITY, controller.PERIOD, self._sample)
+        self._add("telemetry", TELEMETRY_PRIORITY, controller.PERIOD, self._sample)
 
     async def _sample(self, ticks: Ticks) -> None:
         async for now in ticks:
@@ -376,6 +429,9 @@ class Runtime:
         self.state.tell(self.now, f"disarmed: {reason}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:
+        if self._source:
+            self._begin("failure", str(error))
+            self._source = ""
         self._failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
         with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts

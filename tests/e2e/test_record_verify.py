@@ -23,11 +23,11 @@ from txt1.errors import TaskFault
 from txt1.hal.base import Button
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.layout import numbers
+from txt1.protocol.layout import from_numbers, numbers
 from txt1.protocol.messages import PidSet, PowerControl, PwmTest, Switch, Velocity
 from txt1.record.layout import Layout
 from txt1.record.session import recording
-from txt1.record.verify import message, verify
+from txt1.record.verify import verify
 from txt1.robot import Robot
 
 RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
@@ -40,7 +40,7 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
         function.can_block_in("txt1/sensors/registry.py", {"create"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_ticks", "_end", "write", "close"})
+        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_steps", "write", "close"})
         function.can_block_in("txt1/record/recorder.py", {"_write", "_close_sinks"})
 
 
@@ -304,7 +304,7 @@ def test_messages_are_the_same_after_a_recording() -> None:
         PowerControl(Switch.ESC, False),
         PidSet((1.0, 2.0, 3.0), ((0.1, 4.0, 5.0, 6.0), (0.2, 7.0, 8.0, 9.0))),
     ):
-        assert message(type(each).__name__, numbers(each)) == each
+        assert from_numbers(type(each).__name__, numbers(each)) == each
 
 
 def test_the_metadata_can_be_run_again(tmp_path: Path) -> None:

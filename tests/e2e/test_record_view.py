@@ -28,11 +28,11 @@ from websockets.sync.client import ClientConnection, connect
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.record.definitions import fields
-from txt1.record.front import STRANGERS_ALIKE_MAX, Front, token_in
 from txt1.record.live import velocity
 from txt1.record.session import open_view, recording
-from txt1.record.topics import TOPICS
+from txt1.record.token_proxy import STRANGERS_ALIKE_MAX, TokenProxy, token_in
+from txt1.telemetry.messages import fields
+from txt1.telemetry.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 MESSAGE_DATA = 1
@@ -78,9 +78,15 @@ def text(client: ClientConnection, operation: str) -> dict[str, Any]:
             return parsed
 
 
+def advertised(client: ClientConnection) -> Iterator[list[dict[str, Any]]]:
+    """The channels as they come: a topic is advertised with its first message."""
+    while True:
+        yield text(client, "advertise")["channels"]
+
+
 def subscribed(client: ClientConnection, topic: str) -> Any:
     """What decodes the messages of a topic, now that it is subscribed to."""
-    (channel,) = [c for c in text(client, "advertise")["channels"] if c["topic"] == topic]
+    channel = next(c for channels in advertised(client) for c in channels if c["topic"] == topic)
     assert channel["encoding"] == "cdr" and channel["schemaEncoding"] == "ros2msg"
     client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
     schema = Schema(id=1, data=channel["schema"].encode(), encoding="ros2msg", name=channel["schemaName"])
@@ -284,7 +290,7 @@ def door() -> Iterator[tuple[int, socket.socket]]:
     """The port at which the token is asked for, and what listens for those who are let through."""
     with socket.create_server(("127.0.0.1", 0)) as inner:
         inner.settimeout(20.0)
-        front = Front("127.0.0.1", 0, inner.getsockname()[1], TOKEN)
+        front = TokenProxy("127.0.0.1", 0, inner.getsockname()[1], TOKEN)
         try:
             yield front.port, inner
         finally:
@@ -431,7 +437,7 @@ def test_a_panel_of_the_layout_is_configured_as_foxglove_does(panel: str) -> Non
 
 
 def test_the_layout_shows_values_that_there_are() -> None:
-    messages = {topic.name: topic.message for topic in TOPICS}
+    messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {
         "/odom", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",

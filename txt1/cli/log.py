@@ -43,9 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def show_info(arguments: argparse.Namespace) -> int:
     """Print a recording's summary."""
     need("txt1 log", "record", *MODULES)
-    from txt1.record import listing
+    from txt1.record import summary
 
-    for line in listing.info(arguments.file):
+    for line in summary.info(arguments.file):
         print(line)
     return OK
 
@@ -53,9 +53,9 @@ def show_info(arguments: argparse.Namespace) -> int:
 def print_messages(arguments: argparse.Namespace) -> int:
     """Print a recording's messages."""
     need("txt1 log", "record", *MODULES)
-    from txt1.record import listing
+    from txt1.record import summary
 
-    for line in listing.lines(_chosen(arguments)):
+    for line in summary.lines(_chosen(arguments)):
         print(line)
     return OK
 
@@ -63,21 +63,21 @@ def print_messages(arguments: argparse.Namespace) -> int:
 def export_csv(arguments: argparse.Namespace) -> int:
     """Write a recording's topics as CSV."""
     need("txt1 log", "record", *MODULES)
-    from txt1.record import listing
+    from txt1.record import summary
 
     directory = arguments.output or arguments.file.with_suffix("")
-    for path, rows in listing.export(_chosen(arguments), directory).items():
+    for path, rows in summary.export(_chosen(arguments), directory).items():
         print(f"{path}: {rows} rows")
     return OK
 
 
 def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
     """Return the messages that were asked for; raises ConfigError for a topic that the recording does not have."""
-    from txt1.record import listing
+    from txt1.record import summary
     from txt1.record.reading import Reading
 
     reading, topics = Reading(arguments.file), frozenset(arguments.topic)
-    yield from listing.chosen(reading, topics, arguments.start, arguments.end)
+    yield from summary.chosen(reading, topics, arguments.start, arguments.end)
     there = [channel.topic for channel in reading.channels.values()]
     for topic in sorted(topics.difference(there)):
         raise ConfigError(f"--topic {topic}: not in {arguments.file}, which has {', '.join(there) or 'none'}")

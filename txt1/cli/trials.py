@@ -256,7 +256,7 @@ def on_robot(
                 await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))
             learning = LearningTask(
                 robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again)
-                or bool(learning.overruled), observer=robot.runtime.witness,
+                or bool(learning.overruled),
             )  # fmt: skip
             learning.start()
             await learning.ended.wait()

@@ -9,13 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from txt1.control.limits import Outputs
 from txt1.model.odometry import Odometry
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
 
-__all__ = ["BoardLink", "Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
+__all__ = ["LINK", "BoardLink", "Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
+
+LINK: Final = declare(Topic[tuple[str, bytes]](
+    "/link", tuple, "bytes",
+    define("txt1_msgs/LinkBytes", "std_msgs/Header header\nstring direction\nuint8[] data"), Rule.EVENT,
+    'the bytes on the line to the board, "in" or "out"',
+    make=lambda piece: {"direction": piece[0], "data": piece[1]},
+))  # fmt: skip
 
 
 class Button(IntFlag):

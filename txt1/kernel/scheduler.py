@@ -97,6 +97,8 @@ class Scheduler:
         self._timer: asyncio.Handle | None = None
         self._running = False
         self._dispatching = False
+        self.steps = 0
+        """Cycles of all tasks so far, the present one included: with it, what happens has a place among them."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
         """Done when the run reaches its end; holds the TaskFault when a task raised."""
 
@@ -272,6 +274,7 @@ class Scheduler:
                     else:
                         entry.queued = False
                         heappop(waiting)
+                self.steps += 1
                 started_ns = time_ns()
                 try:
                     if entry.send(now_ns / NS_PER_S) is not next_tick:

@@ -56,6 +56,6 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: 
         robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
     trial = new_trial(agent, config, config.seed, 1, episodes, tell)
-    task = LearningTask(robot, trial, pose, observer=robot.runtime.witness)
+    task = LearningTask(robot, trial, pose)
     task.start()
     return task

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from math import degrees, nan
-from typing import Final, Protocol
+from typing import Final, NamedTuple
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
@@ -19,7 +19,8 @@ from txt1.learning.trial import DONE, DRIVE, MOVE, REST, TICK, Task, Trial
 from txt1.model.light import Readings
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
-from txt1.telemetry.topics import Topic
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY = 0
 SIMULATED: Final = "sim_light"
@@ -28,23 +29,33 @@ TO_START: Final = 0.4
 """m/s, the fastest on the way to a start."""
 
 
-class Observer(Protocol):
-    """Who is told what the learner senses and decides: a recorder."""
+class Step(NamedTuple):
+    """A decision of the learner, or the end of an episode.
 
-    def light(self, lux: Readings) -> None:
-        """The light sensors were read."""
+    Attributes:
+        episode: its number, from 1.
+        state: the row of the learner's table that it is in; -1: in none.
+        action: the one that it takes; -1: the episode is over.
+        reward: for what came of the action before; NaN when nothing was learned from it.
+        values: of the actions in this state, after learning.
 
-    def learning_step(self, episode: int, state: int, action: int, reward: float, values: tuple[float, ...]) -> None:
-        """The learner has decided, or an episode is over.
+    """
 
-        Args:
-            episode: its number, from 1.
-            state: the row of the learner's table that it is in; -1: in none.
-            action: the one that it takes; -1: the episode is over.
-            reward: for what came of the action before; NaN when nothing was learned from it.
-            values: of the actions in this state, after learning.
+    episode: int
+    state: int
+    action: int
+    reward: float
+    values: tuple[float, ...]
 
-        """
+
+STEP: Final = declare(Topic(
+    "/learning/step", Step, "",
+    define(
+        "txt1_msgs/LearningStep",
+        "std_msgs/Header header\nint32 episode\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values",
+    ),
+    Rule.EVENT, "each decision of the learner, and the end of each episode: action -1", make=Step._asdict,
+))  # fmt: skip
 
 
 class LearningTask:
@@ -59,7 +70,6 @@ class LearningTask:
         pose: where the robot is in the room, for the goal and the boundary. None: the simulation's truth; or, where
             there is none or `learning.pose` says so, odometry.
         stopped: asked 20 times a second; once it says yes the trial is over.
-        observer: told what the agent senses and decides.
 
     """
 
@@ -69,11 +79,9 @@ class LearningTask:
         trial: Trial,
         pose: PoseSource | None = None,
         stopped: Callable[[], bool] = lambda: False,
-        observer: Observer | None = None,
     ) -> None:
         self.trial = trial
-        self._observer = observer
-        if observer is not None:
+        if robot.runtime.bus.wanted(STEP):
             trial.decided = self._tell
         self.ended = asyncio.Event()
         """Set when the last episode is over, or somebody stopped the trial; from then on it commands nothing."""
@@ -100,8 +108,6 @@ class LearningTask:
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
         """Show the agent a sample of the light."""
-        if self._observer is not None:
-            self._observer.light(lux)
         self.trial.agent.see(lux, self._robot.odometry)
 
     async def learning(self, ticks: Ticks) -> None:
@@ -161,17 +167,12 @@ class LearningTask:
         robot.tell(f"'{driver}' drives; the learner goes on when the robot is armed anew (press m)")
 
     def _tell(self, action: int) -> None:
-        """Tell the observer what the agent has decided."""
-        assert self._observer is not None
+        """Tell whoever listens what the agent has decided."""
         trial = self.trial
         state, reward, values = trial.agent.decision(self._robot.odometry)
-        self._observer.learning_step(
-            len(trial.episodes) + 1,
-            -1 if state is None else state,
-            action,
-            nan if reward is None else reward,
-            values,
-        )
+        runtime = self._robot.runtime
+        episode, row = len(trial.episodes) + 1, -1 if state is None else state
+        runtime.bus.publish(STEP, Step(episode, row, action, nan if reward is None else reward, values), runtime.now)
 
     def _let_go(self) -> None:
         """Drive no farther towards the start."""

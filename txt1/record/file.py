@@ -37,10 +37,11 @@ from mcap.writer import MCAP0_MAGIC
 
 from txt1 import __version__
 from txt1.errors import ConfigError
-from txt1.record.definitions import schema_text
 from txt1.record.encoder import Block
-from txt1.record.topics import CHANNELS, TOPICS
+from txt1.telemetry.messages import schema_name, schema_text
 
+FORMAT: Final = 2
+"""Counts up when a reader has to treat files otherwise than before; a new topic or field is no reason."""
 PROFILE: Final = "ros2"
 LIBRARY: Final = f"txt1 {__version__}"
 
@@ -81,34 +82,29 @@ class McapFile:
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._first, self._last = 0, 0
-        self._schemas = {name: number for number, name in enumerate(dict.fromkeys(t.message for t in TOPICS), start=1)}
-        start = MCAP0_MAGIC + _bytes(Header(PROFILE, LIBRARY))
-        self.write(start)
-        self.add_metadata("txt1", metadata)
-        self.write(_bytes(*self._declarations()))
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self.write(MCAP0_MAGIC + _bytes(Header(PROFILE, LIBRARY)))
+        self.add_metadata("txt1", {"format": str(FORMAT)} | dict(metadata))
 
-    def _declarations(self) -> list[McapRecord]:
-        """Schemas and channels of all topics, in every file: which ones are empty is information, too."""
-        return [*self._schema_records(), *self._channel_records()]
-
-    def _schema_records(self) -> list[McapRecord]:
-        names = {topic.message: topic.schema for topic in TOPICS}
-        return [
-            Schema(id=number, data=schema_text(message).encode(), encoding="ros2msg", name=names[message])
-            for message, number in self._schemas.items()
-        ]
-
-    def _channel_records(self) -> list[McapRecord]:
-        return [
-            Channel(
-                id=CHANNELS[topic.name],
-                topic=topic.name,
-                message_encoding="cdr",
-                metadata={"about": topic.about},
-                schema_id=self._schemas[topic.message],
+    def _declare(self, block: Block) -> bytes:
+        """Schemas and channels that this block is the first to use; a topic that is never told is not in the file."""
+        records: list[McapRecord] = []
+        for number in sorted(block.index.keys() - self._channels.keys()):
+            name, topic = block.channels[number - 1]
+            schema = self._schemas.get(topic.message)
+            if schema is None:
+                schema = self._schemas[topic.message] = Schema(
+                    id=len(self._schemas) + 1, data=schema_text(topic.message).encode(), encoding="ros2msg",
+                    name=schema_name(topic.message),
+                )  # fmt: skip
+                records.append(schema)
+            about = {"topic": topic.name, "about": topic.about, "units": topic.units, "rule": topic.rule.value}
+            self._channels[number] = Channel(
+                id=number, topic=name, message_encoding="cdr", metadata=about, schema_id=schema.id
             )
-            for topic in TOPICS
-        ]
+            records.append(self._channels[number])
+        return _bytes(*records)
 
     def write(self, data: bytes) -> None:
         """Append bytes, all of them or none.
@@ -138,6 +134,8 @@ class McapFile:
         """Append a block as one chunk with its index; raises OSError, and then nothing of it is in the file."""
         if not block.index:
             return
+        declared = len(self._schemas), len(self._channels)
+        declarations = self._declare(block)
         compressed = _COMPRESS[self._compression](block.data)
         compression = "" if self._compression == "none" else self._compression
         chunk = _bytes(
@@ -150,13 +148,19 @@ class McapFile:
                 uncompressed_size=len(block.data),
             )
         )
-        start, pieces, offsets, behind = self.size, [chunk], {}, 0
+        start, pieces, offsets, behind = self.size + len(declarations), [declarations, chunk], {}, 0
         for channel, entries in block.index.items():
             offsets[channel] = start + len(chunk) + behind
             index = _message_index(channel, entries)
             pieces.append(index)
             behind += len(index)
-        self.write(b"".join(pieces))
+        try:
+            self.write(b"".join(pieces))
+        except OSError:  # they are not in the file either
+            for known in (self._schemas, self._channels):
+                while len(known) > declared[known is self._channels]:
+                    known.popitem()
+            raise
         self._chunks.append(
             ChunkIndex(
                 chunk_length=len(chunk),
@@ -196,8 +200,8 @@ class McapFile:
     def _summary(self, start: int) -> bytes:
         """The summary section that begins at byte `start`, the footer and the closing magic."""
         groups: list[tuple[Opcode, list[McapRecord]]] = [
-            (Opcode.SCHEMA, self._schema_records()),
-            (Opcode.CHANNEL, self._channel_records()),
+            (Opcode.SCHEMA, list(self._schemas.values())),
+            (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, list(self._chunks)),
             (Opcode.METADATA_INDEX, list(self._metadata)),
@@ -219,7 +223,7 @@ class McapFile:
     def _statistics(self) -> Statistics:
         return Statistics(
             attachment_count=0,
-            channel_count=len(TOPICS),
+            channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),

@@ -87,7 +87,7 @@ class FileSink:
             return block.count
         return 0
 
-    def close(self, dropped: int, end: Mapping[str, str]) -> None:
+    def close(self, dropped: int) -> None:
         """Finish the file.
 
         Raises:
@@ -95,15 +95,15 @@ class FileSink:
 
         """
         try:
-            self._finish(dropped, end)
+            self._finish(dropped)
         except OSError as error:
             self._file.abandon()
             raise RecordingError(
                 f"{self._file.path}: cannot finish it: {_words(error)}; 'txt1 log recover' saves what is in it"
             ) from error
 
-    def _finish(self, dropped: int, more: Mapping[str, str]) -> None:
-        self._file.add_metadata("txt1.end", {"dropped": str(dropped), **more})
+    def _finish(self, dropped: int) -> None:
+        self._file.add_metadata("txt1.end", {"dropped": str(dropped)})
         self._file.close()
 
     def _is_full(self, block: Block) -> bool:
@@ -115,7 +115,7 @@ class FileSink:
     def _next_file(self) -> None:
         path = part(self._path, self._parts)
         following = McapFile(path, self._metadata | {"part": str(self._parts)}, self._compression)
-        self._finish(self._lost, {})
+        self._finish(self._lost)
         self._file, self._parts, self._began = following, self._parts + 1, None
 
 

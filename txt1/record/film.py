@@ -13,10 +13,14 @@ from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.model.odometry import Odometry
-from txt1.record import topics
 from txt1.record.reading import Decoding, Reading
+from txt1.tasks import frames
+from txt1.tasks.controller import GAINS, PWM, SETPOINT
+from txt1.tasks.display import SNAPSHOT
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import Control, Encoders, Event, Snapshot
-from txt1.ui import frames
+from txt1.tasks.mode import MODE
+from txt1.tasks.state import LOG
 
 STEP_NS: Final = NS_PER_S // 10
 """Between two pictures: the display task's period."""
@@ -24,7 +28,7 @@ STEP_NS: Final = NS_PER_S // 10
 EVENTS: Final = 20
 """Lines of the event log that are shown, as in the robot."""
 
-_SHOWN: Final = frozenset((topics.ODOMETRY, topics.SETPOINT, topics.PWM, topics.GAINS, topics.ENCODERS, topics.POSE))
+_SHOWN: Final = frozenset((ODOMETRY.name, SETPOINT.name, PWM.name, GAINS.name, ENCODERS.name, POSE.name))
 
 
 class Picture(NamedTuple):
@@ -60,22 +64,22 @@ class Film:
             if not latest:
                 epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
             now = (time_ns - epoch_ns) / NS_PER_S
-            if item.topic == topics.LOG:
+            if item.name == LOG.name:
                 events.append(Event(now, decoding.message(item).msg))
-            elif item.topic == topics.MODE:
+            elif item.name == MODE.name:
                 mode = decoding.message(item)
-            elif item.topic == topics.SNAPSHOT:
+            elif item.name == SNAPSHOT.name:
                 self._states.append((now, decoding.message(item).data))
-            elif item.topic == topics.ODOMETRY:
+            elif item.name == ODOMETRY.name:
                 # the first of a cycle's topics: what is known now is all of the cycle before
-                if topics.ODOMETRY in latest and shown_ns >= due_ns:
+                if ODOMETRY.name in latest and shown_ns >= due_ns:
                     self._pictures.append(_picture((shown_ns - epoch_ns) / NS_PER_S, latest, mode, tuple(events)))
                     due_ns = shown_ns + STEP_NS
                 wanted = time_ns >= due_ns
                 shown_ns = time_ns
-            if wanted and item.topic in _SHOWN:
-                latest[item.topic] = decoding.message(item)
-        if topics.GAINS in latest:
+            if wanted and item.name in _SHOWN:
+                latest[item.name] = decoding.message(item)
+        if ODOMETRY.name in latest:
             self._pictures.append(_picture((shown_ns - epoch_ns) / NS_PER_S, latest, mode, tuple(events)))
         if not self._states or not self._pictures:
             raise RecordingError(f"{path}: no pictures in it for the screens; was it recorded by txt1, for a second?")
@@ -118,9 +122,9 @@ class Film:
 
 
 def _picture(now: float, latest: dict[str, Any], mode: Any, events: tuple[Event, ...]) -> Picture:
-    odometry, setpoint = latest[topics.ODOMETRY], latest[topics.SETPOINT]
-    pwm, gains = latest[topics.PWM], latest[topics.GAINS]
-    encoders, pose = latest.get(topics.ENCODERS), latest.get(topics.POSE)
+    odometry, setpoint = latest[ODOMETRY.name], latest[SETPOINT.name]
+    pwm, gains = latest.get(PWM.name), latest.get(GAINS.name)
+    encoders, pose = latest.get(ENCODERS.name), latest.get(POSE.name)
     position, twist = odometry.pose.pose.position, odometry.twist.twist
     v, omega = setpoint.twist.linear.x, setpoint.twist.angular.z
     return Picture(
@@ -128,8 +132,11 @@ def _picture(now: float, latest: dict[str, Any], mode: Any, events: tuple[Event,
         Odometry(position.x, position.y, _heading(odometry.pose.pose), twist.linear.x, twist.angular.z),
         None if pose is None else (pose.pose.position.x, pose.pose.position.y, _heading(pose.pose)),
         Control(
-            Outputs(pwm.motor, pwm.front, pwm.rear, pwm.pwm4, pwm.pwm5, v, omega), v, omega,
-            gains=Gains(gains.angular_kp, gains.angular_ki, gains.angular_kd),
+            Outputs(v=v, omega=omega)
+            if pwm is None
+            else Outputs(pwm.motor, pwm.front, pwm.rear, pwm.pwm4, pwm.pwm5, v, omega),
+            v, omega,
+            gains=Gains() if gains is None else Gains(gains.angular_kp, gains.angular_ki, gains.angular_kd),
         ),
         Encoders() if encoders is None or not encoders.valid else Encoders(encoders.right, encoders.left),
         mode,

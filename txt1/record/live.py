@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ipaddress import ip_address
+from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 import foxglove
-from foxglove.websocket import Capability, Client, ClientChannel, ServerListener
+from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
 
 from txt1.errors import CommandRefused, ConfigError
-from txt1.record import topics
-from txt1.record.definitions import schema_text
 from txt1.record.encoder import Block
-from txt1.record.front import Front
-from txt1.record.topics import CHANNELS, TOPICS
+from txt1.record.token_proxy import TokenProxy
+from txt1.tasks.inputs import COMMAND
+from txt1.tasks.state import LOG
+from txt1.telemetry.messages import schema_name, schema_text
+from txt1.telemetry.topics import Rule, Topic
+
+LATEST: Final = 20
+"""Lines of the event log that a client who comes late is told."""
 
 Drive = Callable[[float, float], object]
 
@@ -42,15 +48,8 @@ class LiveView:
         if token is None:
             require_loopback(host)
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
-        self._channels = {
-            CHANNELS[topic.name]: foxglove.Channel(
-                topic.name,
-                schema=foxglove.Schema(name=topic.schema, encoding="ros2msg", data=schema_text(topic.message).encode()),
-                message_encoding="cdr",
-                context=context,
-            )
-            for topic in TOPICS
-        }
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._latest: dict[str, deque[tuple[int, bytes]]] = {}
         self._listener = _Listener()
         try:
             self._server = foxglove.start_server(
@@ -59,17 +58,17 @@ class LiveView:
                 port=port if token is None else 0,
                 capabilities=[Capability.ClientPublish] if control else [],
                 supported_encodings=["json"] if control else None,
-                server_listener=self._listener if control else None,
+                server_listener=self._listener,
                 context=context,
             )
         except RuntimeError as error:
             raise ConfigError(f"--view {host}:{port}: cannot listen there: {error}; choose another port") from None
         try:
-            self._front = None if token is None else Front(host, port, self._server.port, token)
+            self._proxy = None if token is None else TokenProxy(host, port, self._server.port, token)
         except ConfigError:
             self._server.stop()
             raise
-        port = self._server.port if self._front is None else self._front.port
+        port = self._server.port if self._proxy is None else self._proxy.port
         self.address = f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
 
     def drive(self, drive: Drive, radius_min: float) -> None:
@@ -85,16 +84,31 @@ class LiveView:
 
     def write(self, block: Block) -> int:
         """Send a block; a client that is too slow loses the oldest, which is its own affair."""
-        for channel, time, data in block.messages():
-            self._channels[channel].log(data, log_time=time)
+        for name in self._listener.newcomers():
+            for time, data in self._latest.get(name, ()):
+                self._channels[name].log(data, log_time=time)
+        for (name, topic), time, data in block.messages():
+            channel = self._channels.get(name)
+            if channel is None:  # a topic that is never told is not advertised
+                channel = self._channels[name] = self._advertise(name, topic)
+            channel.log(data, log_time=time)
+            if topic.rule is not Rule.CYCLE:
+                self._latest[name].append((time, data))
         return 0
 
-    def close(self, dropped: int, end: Mapping[str, str]) -> None:
+    def _advertise(self, name: str, topic: Topic[Any]) -> foxglove.Channel:
+        self._latest[name] = deque(maxlen=LATEST if topic is LOG else 1)
+        schema = foxglove.Schema(
+            name=schema_name(topic.message), encoding="ros2msg", data=schema_text(topic.message).encode()
+        )
+        return foxglove.Channel(name, schema=schema, message_encoding="cdr", context=self._context)
+
+    def close(self, dropped: int) -> None:
         """Let go of the clients."""
-        del dropped, end
+        del dropped
         self._listener.drive_in(None, None)
-        if self._front is not None:
-            self._front.close()
+        if self._proxy is not None:
+            self._proxy.close()
         self._server.stop()
 
 
@@ -105,12 +119,22 @@ class _Listener(ServerListener):
         self._loop: asyncio.AbstractEventLoop | None = None
         self._drive: Drive | None = None
         self._driving: set[tuple[int, int]] = set()
+        self._subscribed: SimpleQueue[str] = SimpleQueue()
+
+    def newcomers(self) -> Iterator[str]:
+        """Yield the topics that somebody has subscribed to since the last time: what is told seldom is told again."""
+        with suppress(Empty):
+            while True:
+                yield self._subscribed.get_nowait()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self._subscribed.put(channel.topic)
 
     def drive_in(self, loop: asyncio.AbstractEventLoop | None, drive: Drive | None) -> None:
         self._loop, self._drive = loop, drive
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        if channel.topic == topics.COMMAND and channel.encoding == "json":
+        if channel.topic == COMMAND.name and channel.encoding == "json":
             self._driving.add((client.id, channel.id))
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:

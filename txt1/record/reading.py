@@ -38,6 +38,11 @@ class Item(NamedTuple):
     message: Message
 
     @property
+    def name(self) -> str:
+        """Its topic without the name of a robot before it."""
+        return self.channel.metadata.get("topic", self.topic)
+
+    @property
     def time(self) -> float:
         """Its time stamp in s since 1970."""
         return self.message.log_time / NS_PER_S

@@ -18,10 +18,15 @@ from numpy.typing import NDArray
 from txt1.config import Config, flatten
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
-from txt1.record import topics
-from txt1.record.listing import TopicSummary
 from txt1.record.reading import Decoding, Item, Reading
+from txt1.record.summary import TopicSummary
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.controller import PWM, SETPOINT
+from txt1.tasks.diagnostics import FAULTS, TASKS
+from txt1.tasks.encoder import ODOMETRY, POSE
+from txt1.tasks.state import LOG
 
+PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110
 
 
@@ -60,38 +65,38 @@ class Content:
         for item in reading:
             if self._epoch_ns is None:
                 self._epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
-            summary = self.topics.setdefault(item.topic, TopicSummary(item.schema.name))
+            summary = self.topics.setdefault(item.name, TopicSummary(item.schema.name))
             summary.add(item.message.log_time, item.message.sequence)
             self._take(item, (item.message.log_time - self._epoch_ns) / NS_PER_S)
         self.metadata = reading.metadata
         self.complete = reading.complete
-        if topics.ODOMETRY not in self.topics:
+        if ODOMETRY.name not in self.topics:
             raise RecordingError(f"{path}: no odometry in it, so there is nothing to draw; was it recorded by txt1?")
 
     def _take(self, item: Item, time: float) -> None:
         series, message = self.series, self._decoding.message
-        match item.topic:
-            case topics.ODOMETRY:
+        match item.name:
+            case ODOMETRY.name:
                 odometry = message(item)
                 position, twist = odometry.pose.pose.position, odometry.twist.twist
                 series.add("odometry", time, position.x, position.y, twist.linear.x, twist.angular.z)
-            case topics.POSE:
+            case POSE.name:
                 position = message(item).pose.position
                 series.add("pose", time, position.x, position.y)
-            case topics.SETPOINT:
+            case SETPOINT.name:
                 twist = message(item).twist
                 series.add("setpoint", time, twist.linear.x, twist.angular.z)
-            case topics.PWM:
+            case PWM.name:
                 pwm = message(item)
                 series.add("pwm", time, pwm.motor, pwm.front, pwm.rear)
-            case topics.LOG:
+            case LOG.name:
                 self.events.append((time, message(item).msg))
-            case topics.DIAGNOSTICS:
+            case TASKS.name:
                 for status in message(item).status:
                     self.tasks[status.name.removeprefix("task ")] = {each.key: each.value for each in status.values}
-            case topics.FAULTS:
+            case FAULTS.name:
                 self.faults = {each.key: each.value for each in message(item).status[0].values}
-            case name if name in topics.BATTERIES:
+            case name if name in PACKS:
                 battery = message(item)
                 if battery.present:
                     series.add(name, time, battery.voltage)
@@ -118,7 +123,7 @@ def draw(content: Content) -> bytes:
     _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (set_time, set_omega, "set-point"), (time, omega, "measured"))
     _lines(axes["motor"], "Motor", "PWM / counts", (pwm_time, motor, "motor"))
     _lines(axes["steering"], "Steering", "PWM / counts", (pwm_time, front, "front"), (pwm_time, rear, "rear"))
-    packs = [(*series.columns(name)[:2], name.removeprefix("/")) for name in topics.BATTERIES]
+    packs = [(*series.columns(name)[:2], name.removeprefix("/")) for name in PACKS]
     _lines(axes["battery"], "Battery", "voltage / V", *packs)
     periods = np.diff(time) * 1000.0
     _lines(axes["timing"], "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))

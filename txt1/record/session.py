@@ -101,13 +101,12 @@ async def recording(
         def attach(runtime: Runtime) -> None:
             nonlocal recorder
             recorder = make(runtime, sinks, config.record.epoch, batch)
-            recorder.attach()
 
         yield attach
     finally:
         if recorder is None:
             for each in sinks:
-                await asyncio.to_thread(each.close, 0, {})
+                await asyncio.to_thread(each.close, 0)
         else:
             await recorder.close()
             if recorder.dropped:
@@ -148,7 +147,7 @@ def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
 def open_view(host: str, port: int, *, control: bool, token: Path | None) -> LiveView:
     """A live view that listens, with the token in that file if there is one; raises MissingExtra, ConfigError."""
     need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
-    from txt1.record.front import token_in
     from txt1.record.live import LiveView
+    from txt1.record.token_proxy import token_in
 
     return LiveView(host, port, control=control, token=None if token is None else token_in(token))

@@ -1,7 +1,7 @@
 """The recorded inputs through the tasks once more, in virtual time, to see whether the robot does what it did.
 
-Everything that came from outside is in the recording with its exact time and its place among the ticks of the same
-instant. It is given again to a fresh runtime made from the recorded configuration, and what that one does is compared
+Everything that came from outside is in the recording with its exact time and the number of the step behind which it
+came. It is given again to a fresh runtime made from the recorded configuration, and what that one tells is compared
 with the recording message by message, byte by byte.
 """
 
@@ -10,17 +10,17 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple
 
 from pydantic import ValidationError
 
 from txt1.config import Config
 from txt1.errors import NotArmed, RecordingError, TaskFault
-from txt1.hal.base import Button
+from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.kernel.loop import run
@@ -28,17 +28,19 @@ from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.layout import from_numbers
-from txt1.protocol.messages import Message
-from txt1.record import topics
-from txt1.record.encoder import Block, Input, Tick
+from txt1.record.encoder import Block
 from txt1.record.reading import Decoding, Item, Reading, flat
-from txt1.record.recorder import ROBOT_TASKS, Recorder
-from txt1.record.topics import TOPICS
+from txt1.record.recorder import Recorder
 from txt1.runtime import OnFault, Runtime
-from txt1.tasks.controller import PERIOD
+from txt1.sensors.base import SENSORS
+from txt1.tasks import diagnostics, display
+from txt1.tasks.controller import PERIOD, SETPOINT
+from txt1.tasks.inputs import COMMAND, INPUT, STEP, Input
+from txt1.tasks.state import LOG
+from txt1.telemetry.topics import Topic
 
-PATIENCE: Final = 100
-"""Turns of the loop in which an input waits for what came before it; more only where a recording was altered."""
+EARLY: Final = 0.4 / NS_PER_S
+"""s by which an input's timer is ahead of the tasks' timer for the same ns of virtual time."""
 
 
 class Difference(NamedTuple):
@@ -84,43 +86,48 @@ def verify(path: Path) -> Verdict:
 
     """
     recorded = _recorded(path)
-    return run(_replay(recorded) if recorded.ticks is None else _replay_ticks(recorded, recorded.ticks), speed="max")
+    return run(_replay(recorded) if recorded.steps is None else _replay_steps(recorded, recorded.steps), speed="max")
 
 
 class _Recorded(NamedTuple):
-    """What is run again.
+    """A run to be repeated.
 
     Attributes:
         path: of the recording.
         config: of its robot.
-        inputs: what was given from outside, and when, s of the run.
-        ticks: which of the robot's tasks ran when; None where virtual time says that.
+        inputs: everything given from outside, and when, s of the run.
+        steps: task, time and missed cycles of every step; None where virtual time says that.
+        last: the time of the last message, s of the run.
 
     """
 
     path: Path
     config: Config
     inputs: list[tuple[float, Input]]
-    ticks: list[Tick] | None
-
-    @property
-    def epoch_ns(self) -> int:
-        """What was added to the time of the run, ns."""
-        return nanoseconds(self.config.record.epoch)
+    steps: list[tuple[int, float, int]] | None
+    last: float
 
 
 def _recorded(path: Path) -> _Recorded:
     reading, decoding = Reading(path), Decoding()
     inputs: list[tuple[int, Input]] = []
-    ticks: list[Tick] = []
-    cycles, whole = 0, True
+    steps: list[tuple[int, float, int]] = []
+    cycles, last_ns, whole = 0, 0, True
     for item in reading:
-        if item.topic == topics.INPUT:
-            inputs.append((item.message.log_time, _input(decoding.message(item))))
-        elif item.topic == topics.TICKS:
-            message = decoding.message(item)
-            ticks += zip(message.task, map(float, message.time), message.missed, strict=True)
-        elif item.topic == topics.SETPOINT:
+        last_ns = max(last_ns, item.message.log_time)
+        if item.name == INPUT.name:
+            given = decoding.message(item)
+            values = tuple(map(float, given.values))
+            inputs.append(
+                (
+                    item.message.log_time,
+                    Input(given.step, given.source, given.kind, given.text, given.given, values),
+                )
+            )
+        elif item.name == STEP.name:
+            step = decoding.message(item)
+            steps.append((step.task, step.time, step.missed))
+        elif item.name == SETPOINT.name:
             whole = whole and item.message.sequence == cycles
             cycles += 1
     about = reading.metadata.get("txt1")
@@ -137,82 +144,75 @@ def _recorded(path: Path) -> _Recorded:
     except (ValueError, ValidationError) as error:
         raise RecordingError(f"{path}: its configuration is not one of this version's: {error}") from None
     virtual = about.get("clock") == "virtual"
-    if not virtual and not ticks:
+    if not virtual and not steps:
         raise RecordingError(
             f"{path}: on the real clock only a simulation without a line can be repeated, as hardware and lines have "
             "a time of their own; a line repeats in virtual time: 'txt1 run --hal serial --port virtual --speed max'"
         )
     epoch_ns = nanoseconds(config.record.epoch)
     timed = [((time_ns - epoch_ns) / NS_PER_S, given) for time_ns, given in inputs]
-    return _Recorded(path, config, timed, None if virtual else ticks)
-
-
-def _input(message: Any) -> Input:
-    values = tuple(float(value) for value in message.values)
-    return Input(
-        message.cycle, message.tick, message.received, message.source, message.kind, message.text, message.given, values
-    )
-
-
-OUTSIDE: Final = frozenset((topics.LIGHT, topics.LEARNING))
-"""Of who commands the robot, such as the learning task, and not of its own tasks: its commands are inputs here."""
-
-MEASURED: Final = frozenset((topics.DIAGNOSTICS, topics.SNAPSHOT, topics.TICKS))
-"""On the real clock they hold times of the processor's, or say them."""
+    return _Recorded(path, config, timed, None if virtual else steps, (last_ns - epoch_ns) / NS_PER_S)
 
 
 class _Comparison:
-    """A sink that compares what comes with a recording."""
+    """A sink that compares the messages of the robot's own tasks with a recording.
+
+    Others, such as the learner's, are of those who command the robot: their commands are inputs here.
+    """
 
     def __init__(self, recorded: _Recorded) -> None:
-        self._epoch_ns = recorded.epoch_ns
-        self._real = recorded.ticks is not None
-        self._left_out = OUTSIDE | MEASURED if self._real else OUTSIDE
-        self._recorded = (item for item in Reading(recorded.path) if item.topic not in self._left_out)
+        self._epoch_ns = nanoseconds(recorded.config.record.epoch)
+        self._real = recorded.steps is not None
+        self._path = recorded.path
+        self._own: set[str] = set()
+        self._recorded = (item for item in Reading(self._path) if item.name in self._own)
         self._decoding = Decoding()
         self.compared = 0
         self.difference: Difference | None = None
 
+    def compare_with(self, runtime: Runtime) -> None:
+        """Compare what this one's tasks tell, but for what is measured on the real clock."""
+        measured: set[Topic[Any]] = {SENSORS} | ({diagnostics.TASKS, display.SNAPSHOT, STEP} if self._real else set())
+        self._own = {topic.name for topic in {*runtime.bus.offered, INPUT, COMMAND, LOG, LINK} - measured}
+
     def write(self, block: Block) -> int:
         """Compare a block with as many messages of the recording."""
-        for channel, time, data in block.messages():
-            topic = TOPICS[channel - 1].name
-            if topic in self._left_out:
+        for (_, topic), time, data in block.messages():
+            if topic.name not in self._own:
                 continue
             if self.difference is not None:
                 return 0
             item = next(self._recorded, None)
             if item is None:
                 return 0  # what the recording lacks at its end is no difference: it may break off
-            if (item.topic, item.message.log_time, item.message.data) != (topic, time, data):
-                self.difference = self._explain(item, topic, time, data)
+            if (item.name, item.message.log_time, item.message.data) != (topic.name, time, data):
+                self.difference = self._explain(item, topic.name, time, data)
             self.compared += 1
         return 0
 
-    def close(self, dropped: int, end: Mapping[str, str]) -> None:
+    def close(self, dropped: int) -> None:
         """What is left of the recording was not said again."""
-        del dropped, end
+        del dropped
         if self.difference is None and (item := next(self._recorded, None)) is not None:
             at = self._run_time(item.message.log_time)
-            self.difference = Difference(_cycle(at), at, item.topic, "", "a message", "none")
+            self.difference = Difference(_cycle(at), at, item.name, "", "a message", "none")
 
     def _run_time(self, stamp: int) -> float:
         return (stamp - self._epoch_ns) / NS_PER_S
 
     def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference | None:
         at = self._run_time(min(item.message.log_time, time))
-        if item.topic != topic:
-            return Difference(_cycle(at), at, item.topic, "", "a message", f"one on {topic}")
+        if item.name != topic:
+            return Difference(_cycle(at), at, item.name, "", "a message", f"one on {topic}")
         message = item.message
-        now = Item(topic, item.schema, item.channel, type(message)(message.channel_id, time, data, time, 0))
+        now = Item(item.topic, item.schema, item.channel, type(message)(message.channel_id, time, data, time, 0))
         before, after = dict(flat(self._decoding.values(item))), dict(flat(self._decoding.values(now)))
+        line_of_log = self._real and topic == LOG.name  # as late as the processor was
         for name in dict.fromkeys((*before, *after)):
             old, new = before.get(name), after.get(name)
-            if repr(old) != repr(new) and not (self._real and topic == topics.LOG and name.startswith("stamp.")):
+            if repr(old) != repr(new) and not (line_of_log and name.startswith("stamp.")):
                 return Difference(_cycle(at), at, topic, name, old, new)
-        if self._real and topic == topics.LOG:
-            return None  # a line of the log is as late as the processor was
-        return Difference(_cycle(at), at, topic, "", "so many bytes", "other ones")
+        return None if line_of_log else Difference(_cycle(at), at, topic, "", "so many bytes", "other ones")
 
 
 def _cycle(time: float) -> int:
@@ -222,18 +222,21 @@ def _cycle(time: float) -> int:
 async def _replay(recorded: _Recorded) -> Verdict:
     """The verdict on a run in virtual time: the scheduler runs the tasks at the very times of then."""
     comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create(config))
+    runtime = Runtime(config, lambda message: None, create(config), scheduler=_Following)
+    scheduler = runtime.scheduler
+    assert isinstance(scheduler, _Following)
+    comparison.compare_with(runtime)
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
-    recorder.attach()
-    end = _end(recorded)
-    script = _Script(runtime, recorded.inputs, end)
+    script = _Script(runtime, recorded.inputs)
     await runtime.start()
-    if end.before_tick:
-        runtime.scheduler.end_at(end.time)
+    if not script.has_end:
+        scheduler.end_at(recorded.last + 1.0 / NS_PER_S)
+    scheduler.after = script.give_due
     script.start()
     try:
-        await asyncio.wait({runtime.scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
-        script.finish()
+        await asyncio.wait({scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
+        if script.may_go_on:
+            await script.ended
     finally:
         with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
             await runtime.stop()
@@ -241,48 +244,66 @@ async def _replay(recorded: _Recorded) -> Verdict:
     return Verdict(comparison.compared, comparison.difference)
 
 
-async def _replay_ticks(recorded: _Recorded, ticks: list[Tick]) -> Verdict:
-    """The verdict on a run on the real clock: every cycle and every input in the recorded order, at its time."""
+async def _replay_steps(recorded: _Recorded, steps: list[tuple[int, float, int]]) -> Verdict:
+    """The verdict on a run on the real clock: every step and every input in the recorded order, at its time."""
     comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create(config), scheduler=_TickByTick)
+    runtime = Runtime(config, lambda message: None, create(config), scheduler=_StepByStep)
     scheduler = runtime.scheduler
-    assert isinstance(scheduler, _TickByTick)
-    recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0, keep_ticks=True)
-    recorder.attach()
-    inputs = deque(recorded.inputs)
-
-    def give_up_to(tick: int) -> None:
-        while inputs and inputs[0][1].tick <= tick:
-            scheduler.time, given = inputs.popleft()
-            recorder.source = given.source
-            if given.kind == "failure":
-                recorder.failed(error := _Failure(given.text))
-                scheduler.fail(given.source, error)
-            give(runtime, given)
-
+    assert isinstance(scheduler, _StepByStep)
+    comparison.compare_with(runtime)
+    recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
+    script = _Script(runtime, recorded.inputs)
     await runtime.start()
     try:
         with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
-            for number, (task, time, missed) in enumerate(ticks):
-                give_up_to(number)
-                scheduler.cycle(ROBOT_TASKS[task], time, missed)
+            for number, (task, time, missed) in enumerate(steps):
+                script.give_up_to(number)
+                scheduler.step(task, time, missed)
                 await recorder.written()
-            give_up_to(len(ticks))
+        script.give_up_to(scheduler.steps)
     finally:
         await runtime.stop()
     await recorder.close()
     return Verdict(comparison.compared, comparison.difference)
 
 
-class _TickByTick(Scheduler):
-    """Runs a task's cycle when it is told to, at the time that it is told; no other clock plays a part."""
+class _Following(Scheduler):
+    """Calls `after` behind every step."""
+
+    def __init__(self, on_fault: OnFault) -> None:
+        super().__init__(on_fault)
+        self.after: Callable[[], None] = lambda: None
+
+    def add(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
+        """Add a task."""
+        super().add(name, priority, period, partial(self._followed, task))
+
+    def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
+        """Add a task that runs on arrival."""
+        return super().add_sporadic(name, priority, partial(self._followed, task))
+
+    def _followed(self, task: PeriodicTask, ticks: Ticks) -> Coroutine[Any, Any, None]:
+        coroutine = task(ticks)
+        ends = ticks.ends
+
+        def ended() -> None:
+            if ends is not None:
+                ends()
+            self.after()
+
+        ticks.ends = ended
+        return coroutine
+
+
+class _StepByStep(Scheduler):
+    """Runs a task's step when it is told to, at the time that it is told; no other clock plays a part."""
 
     def __init__(self, on_fault: OnFault) -> None:
         super().__init__(on_fault)
         self.time = 0.0
         """s of the run."""
         self._failed = on_fault
-        self._tasks: dict[str, tuple[Ticks, Coroutine[Any, Any, None], TaskStatistics]] = {}
+        self._tasks: list[tuple[str, Ticks, Coroutine[Any, Any, None]]] = []
         self._started = False
 
     @property
@@ -294,9 +315,9 @@ class _TickByTick(Scheduler):
         """Add a task."""
         del priority
         ticks = Ticks(period)
-        self._tasks[name] = ticks, task(ticks), TaskStatistics()
+        self._tasks.append((name, ticks, task(ticks)))
         if self._started:
-            self._tasks[name][1].send(None)
+            self._tasks[-1][2].send(None)
 
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
         """Add a task; that it is due is for the recording to say."""
@@ -306,65 +327,33 @@ class _TickByTick(Scheduler):
     def start(self) -> None:
         """Run every task up to its first tick."""
         self._started = True
-        for _, coroutine, _ in self._tasks.values():
+        for _, _, coroutine in self._tasks:
             coroutine.send(None)
 
-    def cycle(self, name: str, now: float, missed: int) -> None:
-        """Run a task's cycle at `now`, so many having been missed before it.
+    def step(self, number: int, now: float, missed: int) -> None:
+        """Run a cycle of the task that was added as this one, at `now`, so many having been missed before it.
 
         Raises:
             TaskFault: it raised.
 
         """
-        ticks, coroutine, _ = self._tasks[name]
+        name, ticks, coroutine = self._tasks[number]
         self.time, ticks.missed = now, missed
+        self.steps += 1
         try:
             coroutine.send(now)
         except Exception as error:
-            self.fail(name, error)
-
-    def fail(self, name: str, error: Exception) -> NoReturn:
-        """End the run, as that task has raised this."""
-        self._failed(name, error)
-        raise TaskFault(name, error) from error
+            self._failed(name, error)
+            raise TaskFault(name, error) from error
 
     def stop(self) -> None:
         """Close every task."""
-        for _, coroutine, _ in self._tasks.values():
+        for _, _, coroutine in self._tasks:
             coroutine.close()
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """Nothing: nobody is late here."""
-        return {name: statistics for name, (_, _, statistics) in self._tasks.items()}
-
-
-class _End(NamedTuple):
-    """How a recorded run ended.
-
-    Attributes:
-        time: s of the run.
-        before_tick: no task ran any more at that very instant.
-        cycle: cycles of the recorder.
-        received: messages that the serial task had taken.
-
-    """
-
-    time: float
-    before_tick: bool
-    cycle: int = 0
-    received: int = 0
-
-
-def _end(recorded: _Recorded) -> _End:
-    """How a recorded run ended: as it says itself, or, where it breaks off, behind its last cycle."""
-    reading, epoch_ns = Reading(recorded.path), recorded.epoch_ns
-    last_ns = max((item.message.log_time for item in reading if item.topic == topics.SETPOINT), default=epoch_ns)
-    said = reading.metadata.get("txt1.end", {})
-    if not {"duration", "cycles", "received"} <= set(said):
-        return _End((last_ns - epoch_ns + 1) / NS_PER_S, True)
-    time, cycle = float(said["duration"]), int(said["cycles"])
-    ran = any(given.source and when == time for when, given in recorded.inputs)
-    return _End(time, not ran and nanoseconds(time) <= cycle * nanoseconds(PERIOD), cycle, int(said["received"]))
+        return {name: TaskStatistics() for name, _, _ in self._tasks}
 
 
 class _Failure(Exception):
@@ -372,83 +361,75 @@ class _Failure(Exception):
 
 
 class _Script:
-    """Gives the recorded inputs again, each at its time and at its place among the tasks."""
+    """Gives the recorded inputs again, each at its time and behind the step that it came behind."""
 
-    def __init__(self, runtime: Runtime, inputs: list[tuple[float, Input]], end: _End) -> None:
+    def __init__(self, runtime: Runtime, inputs: list[tuple[float, Input]]) -> None:
         self._runtime = runtime
+        self._scheduler = runtime.scheduler
         self._loop = asyncio.get_running_loop()
-        self._began = 0.0
         self._outside: deque[tuple[float, Input]] = deque()
-        self._by_source: dict[str, list[tuple[float, Input]]] = {}
+        self._by_source: dict[str, deque[tuple[float, Input]]] = {}
         for time, given in inputs:
-            if given.source and given.kind != "task":
-                self._by_source.setdefault(given.source, []).append((time, given))
-            else:
-                self._outside.append((time, given))
-        if not end.before_tick:
-            self._outside.append((end.time, Input(end.cycle, 0, end.received, "", "end", "", 0.0, ())))
-        self._turns = 0
+            inside = given.source and given.kind != "task"
+            (self._by_source.setdefault(given.source, deque()) if inside else self._outside).append((time, given))
+        self._end_step = self._outside[-1][1].step if self.has_end else None
         self.ended: asyncio.Future[None] = self._loop.create_future()
 
+    @property
+    def has_end(self) -> bool:
+        """Whether the recording goes on to the end of the run."""
+        return bool(self._outside) and self._outside[-1][1].kind == "end"
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether inputs are left that come behind the steps there were."""
+        return self.has_end and self._outside[0][1].step <= self._scheduler.steps
+
     def start(self) -> None:
-        """Begin with what was given before the first tick, and set a timer for what came next."""
-        self._began = self._loop.time() - self._runtime.now
-        self._step()
+        """Give what came before the first step, and set a timer for what came next."""
+        self.give_due()
+        if self._outside:
+            at = self._loop.time() + self._outside[0][0] - self._runtime.now - EARLY
+            self._loop.call_at(at, self.start)
 
-    def _step(self) -> None:
-        """Give what is due of the inputs that came from no task, and see to the one behind."""
-        while self._outside:
-            time, given = self._outside[0]
-            if time > self._runtime.now:
-                self._loop.call_at(self._began + time, self._due, given.cycle)
-                return
-            if self._runtime.state.received < given.received and self._turns < PATIENCE:
-                self._turns += 1
-                self._loop.call_soon(self._step)  # what was given before it was carried out first
-                return
-            self._turns = 0
-            self._outside.popleft()
-            self._give(given)
+    def give_due(self) -> None:
+        """Give the inputs from outside that are due behind this step."""
+        outside, scheduler = self._outside, self._scheduler
+        while outside:
+            (time, given), now = outside[0], self._runtime.now
+            if time > now or (time == now and given.step > scheduler.steps):  # behind its time it is given in any case
+                break
+            self._give(*outside.popleft())
+        if self._end_step == scheduler.steps:
+            scheduler.end_at(self._runtime.now)  # no step came any more
 
-    def finish(self) -> None:
-        """Give what was given in the very instant of the end, when no task ran any more."""
-        while self._outside:
-            self._give(self._outside.popleft()[1])
+    def give_up_to(self, step: int) -> None:
+        """Give the inputs from outside that came behind this step or one before it."""
+        while self._outside and self._outside[0][1].step <= step:
+            self._give(*self._outside.popleft())
 
-    def _due(self, cycle: int) -> None:
-        """It is time: at once, or behind the tasks of this instant, if they had run already."""
-        if cycle > round(self._runtime.now / PERIOD):
-            self._loop.call_soon(self._step)
-        else:
-            self._step()
-
-    def _add_source(self, name: str, priority: float, period: float) -> None:
-        """Add a task that gives what the one of that name gave, in its place among the others."""
-        inputs = self._by_source.get(name, [])
-        self._runtime.add_task(name, round(priority), period, partial(self._repeat, inputs))
-
-    async def _repeat(self, inputs: list[tuple[float, Input]], ticks: Ticks) -> None:
-        position = 0
-        async for now in ticks:
-            while position < len(inputs) and inputs[position][0] <= now + 1e-9:
-                self._give(inputs[position][1])
-                position += 1
-
-    def _give(self, given: Input) -> None:
+    def _give(self, time: float, given: Input) -> None:
+        if isinstance(self._scheduler, _StepByStep):
+            self._scheduler.time = time
         if given.kind == "task":
-            self._add_source(given.text, given.values[0], given.values[1])
+            inputs = self._by_source.get(given.text, deque())
+            self._runtime.add_task(given.text, round(given.values[0]), given.values[1], partial(self._repeat, inputs))
         elif given.kind != "end":
             give(self._runtime, given)
         elif not self.ended.done():
             self.ended.set_result(None)
 
+    async def _repeat(self, inputs: deque[tuple[float, Input]], ticks: Ticks) -> None:
+        """Stand for a task of the user's: give what it gave, in the same steps."""
+        async for _ in ticks:
+            while inputs and inputs[0][1].step <= self._scheduler.steps:
+                self._give(*inputs.popleft())
+
 
 def give(runtime: Runtime, given: Input) -> None:
-    """Give an input again; of a task of the user's there is only what it gave."""
+    """Give an input again."""
     values = given.values
     match given.kind:
-        case "task":
-            runtime.add_task(given.text, round(values[0]), values[1], _idle)
         case "failure":
             raise _Failure(given.text)
         case "look":
@@ -467,22 +448,7 @@ def give(runtime: Runtime, given: Input) -> None:
         case "place":
             runtime.place(values[0], values[1], values[2])
         case _:
-            runtime.post(message(given.kind, values), given.given)
-
-
-async def _idle(ticks: Ticks) -> None:
-    async for _ in ticks:
-        pass
-
-
-def message(kind: str, values: tuple[float, ...]) -> Message:
-    """Return the message that a recording names by its kind and its numbers.
-
-    Raises:
-        RecordingError: there is no such kind, or it does not have so many numbers.
-
-    """
-    try:
-        return from_numbers(kind, values)
-    except ValueError as error:
-        raise RecordingError(f"{topics.INPUT}: {error}") from None
+            try:
+                runtime.post(from_numbers(given.kind, values), given.given)
+            except ValueError as error:
+                raise RecordingError(f"{INPUT.name}: {error}") from None

@@ -129,7 +129,7 @@ SENSORS: Final = declare(
 def _status(state: SensorState) -> dict[str, Any]:
     values = {**state.values, "time": state.time, "readings": state.readings, "failures": state.failures}
     return {
-        "level": bytes([0 if state.healthy else 2]),
+        "level": 0 if state.healthy else 2,
         "name": state.name,
         "message": state.reason or "healthy",
         "values": [{"key": key, "value": str(value)} for key, value in values.items() if value is not None],

@@ -12,6 +12,7 @@ from txt1.model.battery import remaining_time
 from txt1.protocol.messages import BatteryLevels, BoardMessage
 from txt1.tasks.fields import Battery, BatteryState
 from txt1.tasks.state import State
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 1
 PERIOD: Final = 1.0
@@ -24,6 +25,32 @@ FITTED_V: Final = 1.0
 """A pack that reads less is not fitted."""
 BAD_TIME: Final = 5.0
 """Seconds of bad batteries that stop the robot: readings may start low and settle."""
+
+_DISCHARGING: Final = 2
+_LIPO: Final = 3
+_HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}
+"""In ROS's numbers."""
+
+
+def _topic(number: int) -> Topic[Battery]:
+    unknown = float("nan")  # as ROS says it of anything that is not measured
+
+    def numbers(battery: Battery) -> tuple[float, int, bool]:
+        voltage = (battery.battery1 if number == 1 else battery.battery2) or 0.0
+        return voltage, _HEALTH.get(battery.state, 0) if battery.state else 0, voltage >= FITTED_V
+
+    return declare(Topic(
+        f"/battery{number}", Battery, "V", "sensor_msgs/BatteryState", Rule.SECOND, f"battery {number}",
+        {
+            "temperature": unknown, "current": unknown, "charge": unknown, "capacity": unknown,
+            "design_capacity": 6.5, "percentage": unknown, "power_supply_status": _DISCHARGING,
+            "power_supply_technology": _LIPO, "location": f"battery{number}",
+        },
+        ("voltage", "power_supply_health", "present"), numbers,
+    ))  # fmt: skip
+
+
+BATTERIES: Final = (_topic(1), _topic(2))
 
 
 async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:

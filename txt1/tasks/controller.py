@@ -14,6 +14,8 @@ from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import Geometry
 from txt1.tasks.fields import Command, Control, ManualPwm, Source
 from txt1.tasks.state import State
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 4
 PERIOD: Final = 0.02
@@ -26,6 +28,31 @@ ODOMETRY_TIMEOUT: Final = 0.5
 
 STEP_MAX: Final = 0.1
 """Longest s from one reading of the odometry to the next that a step of the loops may bridge."""
+
+SETPOINT: Final = declare(Topic(
+    "/setpoint", Control, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.CYCLE,
+    "the set-point in force behind the safety gate", {"header": {"frame_id": "base_footprint"}},
+    ("twist.linear.x", "twist.angular.z"), lambda control: (control.v, control.omega),
+))  # fmt: skip
+PWM: Final = declare(Topic(
+    "/pwm", Control, "counts of +-24000",
+    define(
+        "txt1_msgs/Pwm", "std_msgs/Header header\nint32 motor\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5"
+    ),
+    Rule.CYCLE, "the five channels", {"header": {"frame_id": "base_footprint"}},
+    ("motor", "front", "rear", "pwm4", "pwm5"), lambda control: control.outputs[:5],
+))  # fmt: skip
+GAINS: Final = declare(Topic[tuple[Gains, Gains]](
+    "/gains", tuple, "counts per mm/s, per mrad/s",
+    define(
+        "txt1_msgs/Gains",
+        "std_msgs/Header header\nfloat64 linear_kp\nfloat64 linear_ki\nfloat64 linear_kd\n"
+        "float64 angular_kp\nfloat64 angular_ki\nfloat64 angular_kd",
+    ),
+    Rule.CYCLE, "the gains in force", {"header": {"frame_id": "base_footprint"}},
+    tuple(f"{loop}_{gain}" for loop in ("linear", "angular") for gain in ("kp", "ki", "kd")),
+    lambda gains: gains[0] + gains[1],
+))  # fmt: skip
 
 _OFF: Final = Gains()
 ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly

@@ -11,11 +11,18 @@ from typing import Final
 from txt1.control.limits import Gate
 from txt1.hal.base import Hal, Indicators
 from txt1.kernel.ticks import Ticks
+from txt1.tasks import frames
 from txt1.tasks.fields import BatteryState, Snapshot, TaskReport
 from txt1.tasks.state import State
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 2
 PERIOD: Final = 0.1
+
+SNAPSHOT: Final = declare(Topic(
+    "/snapshot", Snapshot, "", "std_msgs/String", Rule.SECOND, "all that the screens show, as one line of JSON",
+    make=lambda snapshot: {"data": frames.encode(snapshot)[:-1].decode("ascii")},
+))  # fmt: skip
 
 WARNING: Final = BatteryState.WARNING  # an attribute of an Enum is not found quickly
 BAD: Final = BatteryState.BAD

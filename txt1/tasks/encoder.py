@@ -2,18 +2,69 @@
 
 from __future__ import annotations
 
+from math import cos, sin
 from typing import Final
 
 from txt1.errors import HalError
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
-from txt1.model.odometry import WheelOdometry
+from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.model.vehicle import Geometry
 from txt1.tasks.fields import Encoders
 from txt1.tasks.state import State
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 3
 PERIOD: Final = 0.02
+
+PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
+"""The numbers of a pose in the plane, in a ROS message."""
+_ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
+
+
+def in_the_plane(x: float, y: float, theta: float) -> tuple[float, float, float, float]:
+    """Return a pose (m, rad) as the numbers of `PLACE`: the heading is a quaternion's z and w."""
+    return x, y, sin(0.5 * theta), cos(0.5 * theta)
+
+
+ODOMETRY: Final = declare(Topic(
+    "/odom", Odometry, "m, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
+    "the odometry that the loops use, from where it began", _ROBOT,
+    (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"),
+    lambda odometry: (*in_the_plane(*odometry[:3]), odometry.v, odometry.omega),
+))  # fmt: skip
+_TRANSFORM: Final = tuple(
+    f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
+)
+TRANSFORM: Final = declare(Topic(
+    "/tf", Odometry, "m", "tf2_msgs/TFMessage", Rule.CYCLE, "the odometry once more, for tools that want transforms",
+    {"transforms": [_ROBOT]}, _TRANSFORM, lambda odometry: in_the_plane(*odometry[:3]),
+))  # fmt: skip
+ENCODERS: Final = declare(Topic[Encoders](
+    "/encoders", Encoders, "ticks of a cycle",
+    define("txt1_msgs/Encoders", "std_msgs/Header header\nint32 right\nint32 left\nbool valid"), Rule.CYCLE,
+    "both encoders", {"header": {"frame_id": "base_footprint"}}, ("right", "left", "valid"),
+    lambda ticks: (ticks.right or 0, ticks.left or 0, ticks.right is not None),
+))  # fmt: skip
+Pose = tuple[float, float, float]
+POSE: Final = declare(Topic[Pose](
+    "/pose", tuple, "m", "geometry_msgs/PoseStamped", Rule.CYCLE, "the true pose in the room, in simulation",
+    {"header": {"frame_id": "room"}}, tuple(f"pose.{name}" for name in PLACE), lambda pose: in_the_plane(*pose),
+))  # fmt: skip
+ROOM: Final = declare(Topic[Pose](
+    "/tf_room", tuple, "m", "tf2_msgs/TFMessage", Rule.SECOND, "where the odometry began in the room, as it seems now",
+    {"transforms": [{"header": {"frame_id": "room"}, "child_frame_id": "odom"}]}, _TRANSFORM,
+    lambda pose: in_the_plane(*pose),
+))  # fmt: skip
+
+
+def origin(pose: Pose, odometry: Odometry) -> Pose:
+    """Return the pose in the room (m, rad) of the frame in which the odometry counts."""
+    turn = pose[2] - odometry.theta
+    x, y = odometry.x * cos(turn) - odometry.y * sin(turn), odometry.x * sin(turn) + odometry.y * cos(turn)
+    return pose[0] - x, pose[1] - y, turn
+
 
 STILL: Final = Encoders(0, 0)
 

@@ -6,8 +6,10 @@ from typing import Final
 
 from txt1.control.limits import Fault, Gate
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import LinkState
+from txt1.tasks.fields import LinkState, Panel, Power
 from txt1.tasks.state import State
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 2
 PERIOD: Final = 1.0
@@ -16,6 +18,28 @@ VELOCITY_MIN: Final = 1
 """The link is alive when more Velocity messages than this came in a second (the original firmware)."""
 COMBINED_MIN: Final = 2
 """Combined odometry is selected when more such messages than this came in a second (the original firmware)."""
+
+Mode = tuple[bool, bool, str, LinkState, Power, Panel]
+"""Armed, stopped, why the gate is closed; link, power switches and panel."""
+
+
+def _mode_message(value: Mode) -> dict[str, object]:
+    armed, stopped, reason, link, power, panel = value
+    return {
+        "armed": armed, "stopped": stopped, "manual": panel.manual, "link_alive": link.alive,
+        "combined": link.combined, "atx": power.atx, "esc": power.esc, "screen": panel.screen, "reason": reason,
+    }  # fmt: skip
+
+
+MODE: Final = declare(Topic[Mode](
+    "/mode", tuple, "",
+    define(
+        "txt1_msgs/Mode",
+        "std_msgs/Header header\nbool armed\nbool stopped\nbool manual\nbool link_alive\nbool combined\nbool atx\n"
+        "bool esc\nuint8 screen\nstring reason",
+    ),
+    Rule.CHANGE, "armed, manual, link, power switches", make=_mode_message,
+))  # fmt: skip
 
 
 async def mode(ticks: Ticks, state: State, gate: Gate) -> None:

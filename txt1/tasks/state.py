@@ -25,6 +25,8 @@ from txt1.tasks.fields import (
     Power,
     Snapshot,
 )
+from txt1.telemetry.bus import Bus
+from txt1.telemetry.topics import Rule, Topic, declare
 
 WRITERS: Final = {
     "command": "serial",
@@ -51,13 +53,25 @@ WRITERS: Final = {
 }
 """The one task that writes each field."""
 
+_INFO: Final = 20
+_WARN: Final = 30
+"""Levels of ROS's log."""
+
+
+def _log_message(event: Event) -> dict[str, object]:
+    warns = event.text.startswith(("disarmed", "link lost", "batteries"))
+    return {"level": _WARN if warns else _INFO, "name": "txt1", "msg": event.text}
+
+
+LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))
+
 
 class State:
     """The shared state. `WRITERS` names the one task that may assign to each field."""
 
-    __slots__ = (*WRITERS, "events", "line_faults")
+    __slots__ = (*WRITERS, "bus", "events", "line_faults")
 
-    def __init__(self) -> None:
+    def __init__(self, bus: Bus | None = None) -> None:
         self.command: Command | None = None
         self.manual_pwm: ManualPwm | None = None
         self.combined: CombinedSample | None = None
@@ -81,12 +95,15 @@ class State:
         self.snapshot: Snapshot | None = None
         self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
+        self.bus = Bus() if bus is None else bus
         self.line_faults: dict[str, int] = {}
         """What went wrong on the line to the host, by name; kept by whoever reads it."""
 
     def tell(self, time: float, text: str) -> None:
         """Log an event."""
-        self.events.append(Event(time, text))
+        event = Event(time, text)
+        self.events.append(event)
+        self.bus.publish(LOG, event, time)
 
     def count_on_line(self, reason: str) -> None:
         """Count a fault of the line to the host."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import chain
 from typing import Any, NamedTuple, TypeVar
+from zlib import crc32
 
 from txt1.telemetry.topics import Rule, Topic
 
@@ -25,11 +27,11 @@ class _Subscriber(NamedTuple):
         return self.topics is None or topic in self.topics
 
 
-class _Change:
-    """A topic that is told when it differs from what was told last."""
+class _Offer:
+    """A topic that is sampled: the function that reads it, and what was told last; `turn` spreads the seldom ones."""
 
-    def __init__(self, topic: Topic[Any], read: Callable[[], Any]) -> None:
-        self.topic, self.read = topic, read
+    def __init__(self, topic: Topic[Any], read: Callable[[], Any], turn: int) -> None:
+        self.topic, self.read, self.turn = topic, read, turn
         self.last: Any = None
 
 
@@ -48,14 +50,14 @@ class Bus:
         self._second = cycles_per_second
         self._begin: Callable[[], None] | None = begin
         self._count = 0
-        self._offers: dict[Topic[Any], Callable[[], Any]] = {}
+        self._offers: dict[Topic[Any], _Offer] = {}
         self._subscribers: list[_Subscriber] = []
         self._takes: dict[Topic[Any], list[Take]] = {}
         self._cycle_takes: list[TakeCycle] = []
         self._cycle: tuple[Topic[Any], ...] = ()
         self._reads: list[Callable[[], Any]] = []
-        self._changes: list[_Change] = []
-        self._seconds: list[_Change] = []
+        self._changes: list[_Offer] = []
+        self._seconds: dict[int, list[_Offer]] = {}
 
     def full_name(self, topic: Topic[Any]) -> str:
         """The name of a topic with the robot's name before it, where it has one."""
@@ -65,7 +67,7 @@ class Bus:
 
     def offer(self, topic: Topic[T], read: Callable[[], T | None]) -> None:
         """Offer a topic that is sampled; `read` returns its value now, None as long as there is none."""
-        self._offers[topic] = read
+        self._offers[topic] = _Offer(topic, read, crc32(topic.name.encode()) % self._second)
         self._arrange()
 
     def publish(self, topic: Topic[T], value: T, time: float) -> None:
@@ -87,8 +89,8 @@ class Bus:
 
     def read(self, topic: Topic[T]) -> T | None:
         """What a sampled topic is now; None where nobody offers it."""
-        read = self._offers.get(topic)
-        return None if read is None else read()
+        offer = self._offers.get(topic)
+        return None if offer is None else offer.read()
 
     def subscribe(
         self, take: Take, topics: Iterable[Topic[Any]] | None = None, cycle: TakeCycle | None = None
@@ -107,10 +109,10 @@ class Bus:
 
         entry = _Subscriber(take, chosen, one_by_one if cycle is None else cycle)
         self._subscribers.append(entry)
+        for topic, offer in self._offers.items():
+            if entry.wants(topic):
+                offer.last = None
         self._arrange()
-        if self._begin is not None:
-            begin, self._begin = self._begin, None
-            begin()
 
         def leave() -> None:
             if entry in self._subscribers:
@@ -126,24 +128,29 @@ class Bus:
             values = [read() for read in self._reads]
             for take_cycle in self._cycle_takes:
                 take_cycle(self._cycle, values, now)
-        for change in self._changes:
-            value = change.read()
-            if value is not change.last and value != change.last:
-                self._tell(change, value, now)
-        if self._seconds:
-            turn = self._count % self._second  # one a cycle, as some take their time
-            for change in self._seconds[turn :: self._second]:
-                value = change.read()
-                if value != change.last:
-                    self._tell(change, value, now)
+        for offer in self._changes:
+            value = offer.read()
+            if value is not offer.last and value != offer.last:
+                self._tell(offer, value, now)
+        for offer in self._seconds.get(self._count % self._second, ()):
+            value = offer.read()
+            if value != offer.last:
+                self._tell(offer, value, now)
+
+    def flush(self, now: float) -> None:
+        """Tell what has changed since it was told last: nothing comes any more."""
+        for offer in (*self._changes, *chain.from_iterable(self._seconds.values())):
+            value = offer.read()
+            if value != offer.last:
+                self._tell(offer, value, now)
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _tell(self, change: _Change, value: Any, now: float) -> None:
-        change.last = value
+    def _tell(self, offer: _Offer, value: Any, now: float) -> None:
+        offer.last = value
         if value is not None:
-            for take in self._takers(change.topic):
-                take(change.topic, value, now)
+            for take in self._takers(offer.topic):
+                take(offer.topic, value, now)
 
     def _takers(self, topic: Topic[Any]) -> list[Take]:
         takes = self._takes.get(topic)
@@ -154,12 +161,15 @@ class Bus:
     def _arrange(self) -> None:
         """Note who wants what of all that is offered."""
         self._takes.clear()
-        heard = {rule: [(t, r) for t, r in self._offers.items() if t.rule is rule] for rule in Rule}
-        self._cycle = tuple(topic for topic, _ in heard[Rule.CYCLE])
-        self._reads = [read for _, read in heard[Rule.CYCLE]]
+        heard = {rule: [offer for offer in self._offers.values() if offer.topic.rule is rule] for rule in Rule}
+        self._cycle = tuple(offer.topic for offer in heard[Rule.CYCLE])
+        self._reads = [offer.read for offer in heard[Rule.CYCLE]]
         self._cycle_takes = [each.cycle for each in self._subscribers if any(map(each.wants, self._cycle))]
-        self._changes = [_Change(topic, read) for topic, read in heard[Rule.CHANGE] if self._takers(topic)]
-        self._seconds = [_Change(topic, read) for topic, read in heard[Rule.SECOND] if self._takers(topic)]
+        self._changes = [offer for offer in heard[Rule.CHANGE] if self._takers(offer.topic)]
+        self._seconds = {}
+        for offer in heard[Rule.SECOND]:
+            if self._takers(offer.topic):
+                self._seconds.setdefault(offer.turn, []).append(offer)
         if self._begin is not None and (self._cycle_takes or self._changes or self._seconds):
             begin, self._begin = self._begin, None
             begin()

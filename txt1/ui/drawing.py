@@ -15,8 +15,9 @@ from rich.console import Console
 
 from txt1.beside import Connection
 from txt1.kernel.clock import RealClock, nanoseconds
+from txt1.tasks import frames
 from txt1.tasks.fields import Snapshot
-from txt1.ui import frames, tty
+from txt1.ui import tty
 from txt1.ui.keys import Keys
 from txt1.ui.screens import render
 from txt1.ui.viewer import Viewer

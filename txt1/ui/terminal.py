@@ -16,8 +16,9 @@ from txt1.beside import BEAT, Beside, Request
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
 from txt1.kernel.ticks import Ticks
+from txt1.tasks import frames
 from txt1.tasks.fields import Snapshot
-from txt1.ui import frames, tty
+from txt1.ui import tty
 from txt1.ui.teleop import Teleop
 
 Reason = Literal["quit", "lost"]

@@ -17,7 +17,7 @@ from ui_snapshots import full
 from ui_tty import Tty
 
 from txt1.tasks.fields import Snapshot
-from txt1.ui.frames import encode
+from txt1.tasks.frames import encode
 
 ROOT = Path(__file__).parents[3]
 

@@ -12,7 +12,7 @@ from ui_snapshots import blind, full
 
 from txt1.hal.base import Capabilities
 from txt1.tasks.fields import BatteryState, Event, Source
-from txt1.ui.frames import decode, encode
+from txt1.tasks.frames import decode, encode
 
 
 @pytest.mark.parametrize("snapshot", [full(), blind(), full()._replace(events=(), tasks=(), faults={})])

@@ -18,7 +18,7 @@ from ui_tty import Tty
 from txt1.beside import Request
 from txt1.errors import CommandRefused, TerminalLost
 from txt1.hal.base import Button
-from txt1.ui.frames import decode
+from txt1.tasks.frames import decode
 from txt1.ui.terminal import Terminal
 
 HERE = Path(__file__).parent

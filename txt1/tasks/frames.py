@@ -54,7 +54,7 @@ def _plain(value: object) -> object:
         return value.sets
     if is_dataclass(value):
         return [getattr(value, field.name) for field in fields(value)]
-    raise TypeError(f"{type(value).__name__} cannot be sent to the terminal")
+    raise TypeError(f"{type(value).__name__} has no place in a snapshot")
 
 
 _ENCODER = json.JSONEncoder(default=_plain, separators=(",", ":"))

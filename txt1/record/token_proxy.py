@@ -1,4 +1,4 @@
-"""What stands before the live view where a token is asked for: it lets through who presents it, and nobody else.
+"""A proxy before the live view that lets through clients that present the token, and nobody else.
 
 The server of the Foxglove library cannot ask. So it listens on the loopback interface, at a port of its own, and this
 one where the user wants it. A client presents the token in the address, ``ws://HOST:PORT/?token=TOKEN``, or in the
@@ -44,7 +44,7 @@ REFUSED: Final = (
 )
 
 
-class Front:
+class TokenProxy:
     """A server in a thread of its own.
 
     Args:
