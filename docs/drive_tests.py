@@ -373,7 +373,7 @@ that the board sends 10 ms late has one more of its 20 ms readings in it, which 
 
 POSES = f"""\
 `go_to` from {PAIRS} random poses to as many others, all at least 0.6 m from the walls of the 5 x 5 m room, by odometry,
-judged by the simulator's true motion (`TXT1_POSE_PAIRS={PAIRS} pytest tests/e2e/test_navigation.py -k anywhere -s`
+judged by the simulator's true motion (`POSE_PAIRS={PAIRS} pytest tests/e2e/test_navigation.py -k anywhere -s`
 repeats it):
 """
 
