@@ -66,12 +66,12 @@ class Board:
         timeout = config.board.link_timeout
         limits = replace(config.limits(), command_timeout=inf if timeout is None else timeout)
         own = config.model_copy(update={"hal": "sim"})
-        self.runtime = Runtime(own, self._send, create(own), limits=limits, name="board")
+        self.runtime = Runtime(own, self.send, create(own), limits=limits, name="board")
         if manual:
             self.runtime.press(Button.CENTRE)
         self.receiver = Receiver(Role.BOARD, self._take)
         self._loop = asyncio.get_running_loop()
-        self._link: Link | None = None
+        self.link: Link | None = None
         self._busy_until = -inf  # loop time at which the line falls silent
         self._byte_time = 10.0 / config.serial.baud
         self._wanted = -inf  # run time when the host last asked for motion
@@ -90,26 +90,26 @@ class Board:
     def hang_up(self) -> None:
         """Let go of the line."""
         self.receiver.close()
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        if self.link is not None:
+            self.link.close()
+            self.link = None
 
     @property
     def on_line(self) -> bool:
         """Whether there is a line."""
-        return self._link is not None
+        return self.link is not None
 
     # -- the link's end ----------------------------------------------------------------------------------------
 
     def connected(self, link: Link) -> None:
         """A host may be at the other side."""
-        self._link = link
+        self.link = link
         self.receiver.close()  # nothing of what an earlier host sent counts
         self.tell(f"line {link.address} open")
 
     def lost(self, reason: str) -> None:
         """The line is gone; the link rule does the rest."""
-        self._link = None
+        self.link = None
         self.receiver.close()
         self.tell(f"line lost: {reason}")
 
@@ -125,7 +125,7 @@ class Board:
                 self.runtime.state.count_on_line(event.reason.name.lower())
                 # a malformed PID set is answered; the answer itself, echoed, is not
                 if event.reason is Reason.BAD_LENGTH and event.head[3] == PID_SET and event.head[2] != 1:
-                    self._send(PidResponse(False))
+                    self.send(PidResponse(False))
                 return
             case Velocity(v, omega) if v or omega:
                 self._wanted = now
@@ -135,9 +135,9 @@ class Board:
                 self.runtime.gate.disarm("the host has switched the ATX supply off")
         self.runtime.post(event, now)
 
-    def _send(self, message: BoardMessage) -> None:
+    def send(self, message: BoardMessage) -> None:
         """Put a message on the line; it is lost when there is none."""
-        if self._link is None:
+        if self.link is None:
             return
         try:
             frame = encode(message)
@@ -149,7 +149,7 @@ class Board:
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
         with suppress(LinkLost):  # `lost` is on its way
-            self._link.write(frame)
+            self.link.write(frame)
 
     # -- the safety gate ---------------------------------------------------------------------------------------
 

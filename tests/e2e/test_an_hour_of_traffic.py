@@ -59,10 +59,10 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(board_module, "encode", note)
     config = load(None, ENDLESS).config
     hal = SerialHal(VirtualPort(config), lambda end: faulty(end, FAULTS, 1, injected), simulated=True)
-    hal.receiver._take = partial(listen, hal.receiver._take)
+    hal.receiver.take = partial(listen, hal.receiver.take)
     async with Robot.open(hal, config=config, patience=0.0) as robot:
         board = hal.port.board  # type: ignore[attr-defined]
-        board.receiver._take = partial(listen, board.receiver._take)
+        board.receiver.take = partial(listen, board.receiver.take)
         await robot.linked(20.0)
         robot.arm()
         assert await robot.load_gains(timeout=60.0)
@@ -72,7 +72,7 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
         grown = sys.getallocatedblocks() - blocks
         assert grown < 2000, f"{grown} more objects after 50 minutes"
         assert robot.armed and board.runtime.gate.counts["command_stale"] == 0
-        assert hal._link is not None and hal._link.overflows == 0
+        assert hal.link is not None and hal.link.overflows == 0
         robot.disarm()
         await asyncio.sleep(1.0)
         in_time = len(sent)

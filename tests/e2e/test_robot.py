@@ -68,15 +68,16 @@ async def test_drive_takes_as_long_as_asked_and_ends_at_rest(robot: Robot) -> No
     assert robot.hal.read(robot.now).ticks == robot.hal.read(robot.now + 1.0).ticks
 
 
-async def test_the_odometry_stream_has_twenty_messages_a_second(robot: Robot) -> None:
-    async def collect() -> list[float]:
-        return [message.v async for message in robot.odometry_stream()]
+async def test_the_odometry_stream_has_twenty_messages_a_second_and_ends_with_the_run() -> None:
+    async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+        assert await robot.load_gains()
 
-    reader = asyncio.create_task(collect())
-    await asyncio.sleep(0)
-    await robot.drive(0.5, 0.0, 5.0)
-    await robot.runtime.stop()
-    robot._close_streams()
+        async def collect() -> list[float]:
+            return [message.v async for message in robot.odometry_stream()]
+
+        reader = asyncio.create_task(collect())
+        await asyncio.sleep(0)
+        await robot.drive(0.5, 0.0, 5.0)
     speeds = await reader
     assert len(speeds) == pytest.approx(100, abs=1)
     assert speeds[-1] == pytest.approx(0.5, abs=0.05)

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -20,6 +21,7 @@ from txt1.config import load
 from txt1.control.limits import Fault as GateFault
 from txt1.errors import HalError, NotArmed, NotCapable, TaskFault
 from txt1.hal import serial as serial_hal
+from txt1.hal.serial import SerialHal
 from txt1.kernel import Speed, Ticks, run
 from txt1.link import End, Link
 from txt1.protocol.frame import checksum, encode
@@ -255,8 +257,9 @@ async def test_at_20_percent_lost_frames_no_time_out_is_false_in_ten_minutes(mon
 
 async def test_gains_are_sent_once_a_second_until_the_board_acknowledges_them(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch) as together:
-        link = together.robot.hal
-        write = link._send_bytes  # type: ignore[attr-defined]
+        hal: SerialHal = together.robot.hal  # type: ignore[assignment]
+        link = hal.link
+        assert link is not None
         asked: list[float] = []
         time = asyncio.get_running_loop().time
 
@@ -265,9 +268,9 @@ async def test_gains_are_sent_once_a_second_until_the_board_acknowledges_them(mo
                 asked.append(time())
                 if len(asked) < 4:
                     return
-            write(frame)
+            link.write(frame)
 
-        link._send_bytes = swallow  # type: ignore[attr-defined]
+        hal.link = SimpleNamespace(write=swallow, close=link.close, overflows=0)  # type: ignore[assignment]
         assert await together.robot.load_gains(timeout=10.0)
         await asyncio.sleep(5.0)
         assert [round(later - asked[0]) for later in asked] == [0, 1, 2, 3]
@@ -336,7 +339,7 @@ async def test_a_silent_board_is_noticed_within_half_a_second_and_its_return_too
     async with wired(monkeypatch) as together:
         robot, board = together.robot, together.board
         await robot.drive(0.5, 0.0, 1.0)
-        board._link = None
+        board.link = None
         with pytest.raises(NotArmed, match="no odometry"):
             await robot.drive(0.5, 0.0, 0.5 + TICK)
         assert robot.faults["link_lost"] == 1
@@ -354,7 +357,7 @@ async def test_after_a_cut_the_link_comes_back_disarmed_with_the_gains_sent_agai
         robot, board = together.robot, together.board
         await robot.drive(1.0, 0.0, 2.0)
         robot.command(1.0, 0.0)
-        link = board._link
+        link = board.link
         assert link is not None
         together.received.clear()
         link.close()
@@ -381,14 +384,14 @@ async def test_after_a_cut_the_link_comes_back_disarmed_with_the_gains_sent_agai
 async def test_where_the_configuration_says_so_the_robot_arms_again_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch, "serial.rearm=true") as together:
         robot, board = together.robot, together.board
-        assert board._link is not None
-        board._link.close()
+        assert board.link is not None
+        board.link.close()
         await asyncio.sleep(0.1)
         assert not robot.armed
         await asyncio.sleep(5.0)
         assert robot.armed
 
-        board._link.close()
+        board.link.close()
         await asyncio.sleep(0.1)
         robot.stop()
         await asyncio.sleep(5.0)
@@ -433,8 +436,8 @@ async def test_a_stop_before_the_loss_of_the_link_is_not_undone_by_rearm(monkeyp
             robot, board = together.robot, together.board
             await robot.drive(0.5, 0.0, 1.0)
             stop(robot)
-            assert board._link is not None
-            board._link.close()
+            assert board.link is not None
+            board.link.close()
             await asyncio.sleep(6.0)
             assert robot.runtime.linked
             assert not robot.armed
@@ -443,8 +446,8 @@ async def test_a_stop_before_the_loss_of_the_link_is_not_undone_by_rearm(monkeyp
 async def test_rearm_survives_a_second_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch, "serial.rearm=true") as together:
         for _ in range(2):
-            assert together.board._link is not None
-            together.board._link.close()
+            assert together.board.link is not None
+            together.board.link.close()
             await asyncio.sleep(1.0)
             assert not together.robot.armed
         await asyncio.sleep(5.0)
@@ -460,8 +463,8 @@ async def test_servos_and_switches_are_sent_until_they_arrive(monkeypatch: pytes
             await asyncio.sleep(6.0)
             assert state.power.esc is (k % 2 == 0)
             assert state.servos == (100 * k, -100 * k)
-        assert together.board._link is not None
-        together.board._link.close()
+        assert together.board.link is not None
+        together.board.link.close()
         robot.switch_power(Switch.ESC, True)
         robot.servos(7, 8)
         await asyncio.sleep(8.0)
@@ -486,7 +489,7 @@ async def test_two_wrong_answers_do_not_make_the_gains_rejected_and_stray_ones_c
     async with wired(monkeypatch) as together:
         robot, board = together.robot, together.board
         for _ in range(5):
-            board._send(PidResponse(False))
+            board.send(PidResponse(False))
             await asyncio.sleep(1.0)
         assert robot.runtime.state.gains.loaded, "nobody had asked"
         wrong = [PidResponse(False), PidResponse(False)]
@@ -509,13 +512,13 @@ async def test_a_line_that_hangs_up_at_once_is_called_less_and_less_often(monkey
         async def hangs_up(end: End) -> Link:
             opened.append(time())
             link: Link = await whole(end)
-            assert together.board._link is not None
-            together.board._link.close()
+            assert together.board.link is not None
+            together.board.link.close()
             return link
 
         port.open = hangs_up
-        assert together.board._link is not None
-        together.board._link.close()
+        assert together.board.link is not None
+        together.board.link.close()
         await asyncio.sleep(10.0)
         pauses = [later - earlier for earlier, later in pairwise(opened)]
         assert pauses[:3] == pytest.approx([0.2, 0.4, 0.8], abs=0.01)
@@ -531,8 +534,8 @@ async def test_why_the_line_cannot_be_opened_again_is_told(monkeypatch: pytest.M
             raise HalError("somebody else has it")
 
         port.open = busy
-        assert together.board._link is not None
-        together.board._link.close()
+        assert together.board.link is not None
+        together.board.link.close()
         await asyncio.sleep(2.0)
         with pytest.raises(NotArmed, match="somebody else has it"):
             robot.arm()
@@ -553,12 +556,12 @@ async def test_a_task_of_the_virtual_board_that_fails_reaches_the_user(monkeypat
 
 async def test_old_commands_do_not_make_a_line_lossy(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch) as together:
-        assert together.board._link is not None
+        assert together.board.link is not None
         body = bytes((0x6D, *bytes(16)))
         old = b"\xfa\xfb\x10" + body + checksum(body).to_bytes(2, "big")
         together.sent.clear()
         for _ in range(50):
-            together.board._link.write(old)
+            together.board.link.write(old)
             await asyncio.sleep(0.1)
         velocities = [message for _, message in together.sent if isinstance(message, Velocity)]
         assert len(velocities) in (99, 100, 101)
@@ -572,7 +575,7 @@ async def test_the_battery_levels_have_the_time_they_came_and_none_come_from_a_s
         robot = together.robot
         await asyncio.sleep(3.0)
         assert 0.0 <= robot.now - robot.battery.time <= 2.0
-        together.board._link = None
+        together.board.link = None
         await asyncio.sleep(2.0)
         heard = robot.battery.time
         levels = robot.battery_stream()

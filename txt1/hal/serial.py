@@ -175,7 +175,7 @@ class SerialHal:
         )
         self._end: End = self if wrap is None else wrap(self)
         self._scale = scale
-        self._link: Link | None = None
+        self.link: Link | None = None
         self._reconnecting: asyncio.Task[None] | None = None
         self._failure: Exception | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -243,13 +243,13 @@ class SerialHal:
             self._reconnecting.cancel()
             self._reconnecting = None
         for _ in range(FAREWELLS):
-            if self._link is not None:
+            if self.link is not None:
                 self._send_outputs(Outputs(0, 0, 0, *self._outputs[3:5]))
                 await asyncio.sleep(SEND_PERIOD)
         self.receiver.close()
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        if self.link is not None:
+            self.link.close()
+            self.link = None
         self._down("closed")
         await self.port.close()
 
@@ -272,7 +272,7 @@ class SerialHal:
 
     def connected(self, link: Link) -> None:
         """A fresh line: nothing of what came before counts."""
-        self._link = link
+        self.link = link
         self._connections += 1
         self.receiver.close()
         self._pid_due = self._due = self._repeat_due = -inf
@@ -351,9 +351,9 @@ class SerialHal:
         self._tell(reason)
 
     def _drop_link(self) -> None:
-        if self._link is not None:
-            self._overflows += self._link.overflows
-            self._link = None
+        if self.link is not None:
+            self._overflows += self.link.overflows
+            self.link = None
 
     def _tell(self, text: str) -> None:
         self._text = text
@@ -395,7 +395,7 @@ class SerialHal:
         if outputs[3:5] != before[3:5]:
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
             self._repeat_due = -inf
-        if self._link is None:
+        if self.link is None:
             return
         if now >= self._repeat_due:
             self._repeat_due = now + REPEAT_PERIOD
@@ -474,10 +474,10 @@ class SerialHal:
         self._send_bytes(frame)
 
     def _send_bytes(self, frame: bytes) -> None:
-        if self._link is not None:
+        if self.link is not None:
             self._tap("out", frame)
             try:
-                self._link.write(frame)
+                self.link.write(frame)
             except LinkLost:
                 self._drop_link()  # `lost` is on its way
 
@@ -485,7 +485,7 @@ class SerialHal:
         counts = {f"line_{reason.name.lower()}": count for reason, count in self.receiver.decoder.faults.items()}
         counts["line_late_odometry"] = self._lost_frames
         counts["line_not_encodable"] = self._refused
-        counts["line_overflows"] = self._overflows + (0 if self._link is None else self._link.overflows)
+        counts["line_overflows"] = self._overflows + (0 if self.link is None else self.link.overflows)
         counts["reconnects"] = max(0, self._connections - 1)
         return counts
 

@@ -96,7 +96,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self, speed: float | None = None) -> None:
         self.clock = VirtualClock()
         self.speed = speed
-        self._real_start_ns = RealClock().now_ns()
+        self.real_start_ns = RealClock().now_ns()
+        """When virtual time began, ns of the real clock."""
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
@@ -129,13 +130,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def real_seconds_until(self, target_ns: int) -> float:
         """Real seconds to wait before the virtual instant `target_ns` at the loop's speed; negative when late."""
         assert self.speed is not None
-        real_ns = self._real_start_ns + int(target_ns / self.speed)
+        real_ns = self.real_start_ns + int(target_ns / self.speed)
         return (real_ns - RealClock().now_ns()) / NS_PER_S
 
     def catch_up(self, limit_ns: int | None) -> None:
         """Move virtual time to where real time has come at the loop's speed, but not beyond `limit_ns`, if any."""
         assert self.speed is not None
-        reached = int((RealClock().now_ns() - self._real_start_ns) * self.speed)
+        reached = int((RealClock().now_ns() - self.real_start_ns) * self.speed)
         if limit_ns is not None:
             reached = min(limit_ns, reached)
         self.clock.advance_to(max(self.clock.now_ns(), reached))

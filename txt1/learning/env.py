@@ -130,7 +130,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self._car: Car
         self._see: See
         self._ms = 0
-        self._sector = 0
+        self.sector = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -145,21 +145,21 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
         self._run(REST_MS)
-        self._sector = self._state(0)
+        self.sector = self._state(0)
         return self._observation(), {"optimal_time": start.optimal_time(self._task)}
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and `success`, one decision later."""
         self._car.command = COMMANDS[int(action)]
         self._run(DECISION_MS)
-        before, self._sector = self._sector, self._state(self._sector)
+        before, self.sector = self.sector, self._state(self.sector)
         x, y, _ = self._car.pose(self._ms / 1000.0)
         task = self._task
         success = bool(np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius)
         lost = max(abs(x), abs(y)) > task.boundary
         late = self._ms - REST_MS >= 1000.0 * task.time_limit
         info = {"success": success}
-        return self._observation(), float(reward(before, self._sector)), success or lost, late, info
+        return self._observation(), float(reward(before, self.sector)), success or lost, late, info
 
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""
@@ -204,10 +204,10 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         exponent = float(light.exponent)
         noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
         source = PointLight(x, y, light.intensity, exponent)
-        self._robots = Batch(num_envs, source, noise, one.sim.noise.drag, one.sim.vehicle, one.geometry, one.safety)
+        self.robots = Batch(num_envs, source, noise, one.sim.noise.drag, one.sim.vehicle, one.geometry, one.safety)
         self._commands = np.array(COMMANDS)
-        self._sectors = np.zeros(num_envs, int)
-        self._steps = np.zeros(num_envs, int)
+        self.sectors = np.zeros(num_envs, int)
+        self.steps = np.zeros(num_envs, int)
         self._over = np.ones(num_envs, bool)
 
     def reset(
@@ -218,7 +218,7 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         self._over[:] = True
         self._begin()
         self._over[:] = False
-        self._sectors = self._states()
+        self.sectors = self.states()
         return self._observations(), {}
 
     def _begin(self) -> None:
@@ -231,41 +231,41 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         radius = self._task.start_radius
         poses = np.stack([x + radius * np.cos(bearing), y + radius * np.sin(bearing), heading], axis=1)
         rest = self._over
-        self._robots.place(rest, poses, self.np_random)
+        self.robots.place(rest, poses, self.np_random)
         if rest.all():
-            self._robots.run(REST_MS // TICK_MS, self.np_random)
-        self._steps[rest] = 0
+            self.robots.run(REST_MS // TICK_MS, self.np_random)
+        self.steps[rest] = 0
 
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Observations, rewards, terminated, truncated and `success` of each, one decision later."""
         fresh = self._over.copy()
-        self._robots.commands[:] = self._commands[actions]
+        self.robots.commands[:] = self._commands[actions]
         self._begin()  # and their command is 0: the first step is the rest on the start
-        self._robots.run(DECISION_MS // TICK_MS, self.np_random)
-        before = self._sectors
-        self._sectors = self._states()
+        self.robots.run(DECISION_MS // TICK_MS, self.np_random)
+        before = self.sectors
+        self.sectors = self.states()
         task = self._task
-        poses = self._robots.poses
+        poses = self.robots.poses
         success = np.hypot(poses[:, 0] - task.light[0], poses[:, 1] - task.light[1]) <= task.goal_radius
         lost = np.abs(poses[:, :2]).max(axis=1) > task.boundary
-        self._steps += ~fresh
+        self.steps += ~fresh
         terminated = (success | lost) & ~fresh
-        truncated = (self._steps * DECISION_MS >= 1000.0 * task.time_limit) & ~fresh
+        truncated = (self.steps * DECISION_MS >= 1000.0 * task.time_limit) & ~fresh
         self._over = terminated | truncated
-        rewards = np.where(fresh, 0.0, REWARDS[before, self._sectors])
+        rewards = np.where(fresh, 0.0, REWARDS[before, self.sectors])
         return self._observations(), rewards, terminated, truncated, {"success": success}
 
-    def _states(self) -> NDArray[np.int64]:
+    def states(self) -> NDArray[np.int64]:
         """The sectors, as `txt1.learning.light` computes one."""
-        fl, fr, rl, rr = self._robots.readings.T
+        fl, fr, rl, rr = self.robots.readings.T
         angle = np.arctan2(SENSOR_Y * (fl + rl - fr - rr), SENSOR_X * (fl + fr - rl - rr))
         sectors: NDArray[np.int64] = ((np.floor(angle / (pi / 4.0) + 0.5) + 4) % 8).astype(np.int64)
         return sectors
 
     def _observations(self) -> Observation:
-        return _observe(self._robots.readings, self._robots.velocities)
+        return _observe(self.robots.readings, self.robots.velocities)
 
 
 REWARDS: Final = np.array([[reward(s, s_next) for s_next in range(8)] for s in range(8)], float)

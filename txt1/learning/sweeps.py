@@ -119,7 +119,7 @@ class SweepsAgent:
         self._rng = rng
         self._untried = [int(a) for a in rng.permutation(ACTIONS)]
         self._fitted = 0
-        self._converged = True
+        self.converged = True
         self._cells: tuple[Any, ...] = ()
         self._watch = LightFilter(spread=spread_limit(settings.exponent))
         self._frozen = False
@@ -192,7 +192,7 @@ class SweepsAgent:
             learns = odometry.v > self.settings.moving and not self._frozen
             if learns:
                 self.model.learn(self._a, self._w, w)
-                self._refit()
+                self.refit()
                 self.sweep()
             self._w = w
         self._theta = odometry.theta
@@ -224,13 +224,13 @@ class SweepsAgent:
 
     # -- the sweeps --------------------------------------------------------------------------------------------
 
-    def _refit(self) -> None:
+    def refit(self) -> None:
         """Work out where the model leads from every cell, when a tenth more is known than last time."""
         known = int(self.model.count.sum())
         if self._cells and known < 1.1 * self._fitted:
             return
         self._fitted = known
-        self._converged = False
+        self.converged = False
         c, k = self.model.coefficients()
         w_next = np.clip(c + k * _yaw_rates()[None, :, None], -YAW_MAX, YAW_MAX)
         b_next = _bearings()[:, None, None] - self.settings.period * w_next
@@ -242,7 +242,7 @@ class SweepsAgent:
 
     def sweep(self) -> None:
         """Bring the table nearer to what follows from the model: value iteration."""
-        if self._converged:
+        if self.converged:
             return
         reward, cells, weights = self._cells
         for _ in range(self.settings.sweeps):
@@ -251,7 +251,7 @@ class SweepsAgent:
             change = float(np.abs(q - self.q).max())
             self.q = q
             if change < self.settings.tolerance:
-                self._converged = True
+                self.converged = True
                 return
 
     # -- what it keeps -----------------------------------------------------------------------------------------

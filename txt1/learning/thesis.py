@@ -101,7 +101,7 @@ class ThesisAgent:
         self._rng = rng
         self._commands = commands
         self._direction = direction if settings.direction == "summed" else corrected_direction
-        self._filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
+        self.filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
         self._sample: Readings | None = None  # where there is no filter
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
@@ -110,7 +110,7 @@ class ThesisAgent:
 
     def begin(self) -> None:
         """An episode begins."""
-        self._filter.clear()
+        self.filter.clear()
         self._s: int | None = None
         self._earned: float | None = None
         self._a = -1
@@ -121,18 +121,18 @@ class ThesisAgent:
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
         del odometry
-        self._filter.step(readings)
+        self.filter.step(readings)
         if not self.settings.filtered:
             self._sample = readings
 
     @property
     def ready(self) -> bool:
         """Whether the filter has settled."""
-        return self._filter.settled
+        return self.filter.settled
 
     def state(self) -> int | None:
         """The sector the light is in now; None where the sensors tell no direction."""
-        sample = self._filter.readings if self.settings.filtered else self._sample
+        sample = self.filter.readings if self.settings.filtered else self._sample
         assert sample is not None
         try:
             return sector(self._direction(sample))
@@ -163,7 +163,7 @@ class ThesisAgent:
         s_next = self.state()
         self._earned = self._learn(s_next, odometry)
         self._s = s_next
-        self._a = self._choose(s_next)
+        self._a = self.choose(s_next)
         self._due = now + self.settings.period
         self._reaching = self.settings.remedy == "hold"
         return self._a
@@ -184,7 +184,8 @@ class ThesisAgent:
             return state_learning_rate(int(self.visits[s]))
         return learning_rate(self.episode, one.alpha, 1.0 if one.rate == "constant" else one.rate_decay)
 
-    def _choose(self, s: int | None) -> int:
+    def choose(self, s: int | None) -> int:
+        """Return the action for a state by the policy; any, where the state is not known."""
         one = self.settings
         if s is None or (one.policy == "random" and self.training):
             return random_action(len(self.q[0]), self._rng)

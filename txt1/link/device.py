@@ -84,7 +84,7 @@ async def open_device(address: str, end: End, baud: int) -> Link:
 
     """
     loop = asyncio.get_running_loop()
-    opening = loop.run_in_executor(None, _open_port, address, baud)
+    opening = loop.run_in_executor(None, open_port, address, baud)
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
@@ -104,7 +104,7 @@ async def open_device(address: str, end: End, baud: int) -> Link:
 _Opened = tuple[_Device, Callable[[str, Exception | None], str]]
 
 
-def _open_port(address: str, baud: int) -> _Opened:
+def open_port(address: str, baud: int) -> _Opened:
     """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack.
 
     Raises:
@@ -125,7 +125,7 @@ def _open_port(address: str, baud: int) -> _Opened:
         raise HalError(_why_not_open(address, OSError(*error.args))) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
         return device, _program_gone
-    return device, _unplugged
+    return device, unplugged
 
 
 def _close_port(opening: asyncio.Future[_Opened]) -> None:
@@ -159,7 +159,8 @@ def _found() -> str:
     return f"ports found: {', '.join(map(str, ports))}" if ports else "no serial port was found"
 
 
-def _unplugged(address: str, _: Exception | None) -> str:
+def unplugged(address: str, _: Exception | None) -> str:
+    """Say that an adapter was pulled out."""
     return f"{address} was unplugged"
 
 

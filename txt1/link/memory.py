@@ -18,13 +18,14 @@ class _MemoryLink(BaseLink):
 
     def write(self, data: bytes) -> None:
         self.require_up()
-        self._loop.call_soon(self.peer._arrive, data)
+        self._loop.call_soon(self.peer.arrive, data)
 
     def close(self) -> None:
         if self.shut():
             self._loop.call_soon(self.peer.lose, "the other end of the link in memory was closed")
 
-    def _arrive(self, data: bytes) -> None:
+    def arrive(self, data: bytes) -> None:
+        """Hand on what the peer has written."""
         if self.up:
             self._end.received(data)
 

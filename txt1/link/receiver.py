@@ -27,7 +27,7 @@ class Receiver:
 
     def __init__(self, role: Role, take: Callable[[Event], None]) -> None:
         self.decoder = Decoder(role)
-        self._take = take
+        self.take = take
         self._expiry: asyncio.TimerHandle | None = None
         self._half = -1  # where in the stream the half frame begins that is waited for
         self._since = 0.0  # loop time since when
@@ -57,7 +57,7 @@ class Receiver:
 
     def _hand_on(self, events: list[Event]) -> None:
         for event in events:
-            self._take(event)
+            self.take(event)
 
     def _stop_waiting(self) -> None:
         if self._expiry is not None:

@@ -11,7 +11,7 @@ from txt1.link.base import BACKLOG, BaseLink, End
 class StreamLink(BaseLink, asyncio.Protocol):
     """A link over one of asyncio's transports. `explain` puts the reason of a loss into words."""
 
-    _transport: asyncio.Transport
+    transport: asyncio.Transport
 
     def __init__(self, address: str, end: End, explain: Callable[[str, Exception | None], str]) -> None:
         super().__init__(address, end)
@@ -20,21 +20,21 @@ class StreamLink(BaseLink, asyncio.Protocol):
     def write(self, data: bytes) -> None:
         """Send, or drop when too much waits already."""
         self.require_up()
-        waiting = self._transport.get_write_buffer_size()
+        waiting = self.transport.get_write_buffer_size()
         if waiting and waiting + len(data) > BACKLOG:
             self._overflows += 1
         else:
-            self._transport.write(data)
+            self.transport.write(data)
 
     def close(self) -> None:
         """Let go at once."""
         if self.shut():
-            self._transport.abort()
+            self.transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Connect the end, unless nobody waits for it any more."""
         assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        self.transport = transport
         if self.up:
             self._end.connected(self)
 
@@ -45,7 +45,7 @@ class StreamLink(BaseLink, asyncio.Protocol):
 
     def eof_received(self) -> bool:
         """True, so that asyncio leaves it to us: a peer that sends no more is gone."""
-        self._transport.abort()  # asyncio's own answer would first wait until the other side has taken our bytes
+        self.transport.abort()  # asyncio's own answer would first wait until the other side has taken our bytes
         return True
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -128,7 +128,7 @@ class _HostLink(StreamLink):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        self.transport = transport
         self._address = socket_address(transport.get_extra_info("peername"))
         before = self._listener.host
         if before is not None and before.up:
@@ -148,7 +148,7 @@ class _HostLink(StreamLink):
     def give_way(self) -> None:
         """Let go, because another host has come and this one is silent."""
         self.lose(f"{self._address} was silent, and another host took its place")
-        self._transport.abort()
+        self.transport.abort()
 
 
 class _TcpListener:

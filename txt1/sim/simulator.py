@@ -87,7 +87,8 @@ class Vehicle:
         self._right_counts, self._left_counts = phases[0], phases[1]
         self._counts_per_m = 1.0 / body.count_length
         self._drags: list[float] = []
-        self._drag = 0.0
+        self.drag = 0.0
+        """Of the floor just now, as a share of the speed."""
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
         self._voltage_noise = (0.0, 0.0)
@@ -181,7 +182,7 @@ class Vehicle:
         motor, front, rear = self._outputs
         if self.cut_off or not self.esc_on:
             motor = 0.0
-        return move(self.motion, motor, front, rear, time - self.time, self._drag, self.dynamics)
+        return move(self.motion, motor, front, rear, time - self.time, self.drag, self.dynamics)
 
     def arrive(self, after: Motion, until: float) -> None:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
@@ -212,7 +213,7 @@ class Vehicle:
         """Take the floor's drag for the next 20 ms."""
         if not self._drags:
             self._drags = (self.noise.drag * self._drag_rng.standard_normal(256)).tolist()
-        self._drag = self._drags.pop()
+        self.drag = self._drags.pop()
         # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
         # the very float that the scheduler's tick has
         self._drag_count += 1

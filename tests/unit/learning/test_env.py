@@ -42,7 +42,7 @@ def test_who_drives_at_the_light_is_rewarded_and_reaches_it() -> None:
     total = steps = 0.0
     over = False
     while not over:
-        where = made._sector
+        where = made.sector
         _, gained, over, late, told = made.step(np.int64(1 if where == 4 else 2 if where > 4 else 0))
         total += gained
         steps += 1
@@ -98,7 +98,7 @@ def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None
     assert isinstance(inner, env.LightSeekingVectorEnv)
     episodes = won = 0
     for _ in range(80):
-        where = inner._sectors
+        where = inner.sectors
         seen, rewards, terminated, truncated, info = many.step(np.where(where == 4, 1, np.where(where > 4, 2, 0)))
         assert many.observation_space.contains(seen)
         assert set(np.unique(rewards)) <= {-1.0, 0.0, 1.0}
@@ -107,12 +107,12 @@ def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None
         won += int((terminated & info["success"]).sum())
     assert episodes > 2 * count
     assert won == episodes
-    start = np.hypot(*inner._robots.poses[inner._steps == 0, :2].T)
+    start = np.hypot(*inner.robots.poses[inner.steps == 0, :2].T)
     assert start == pytest.approx(np.full(len(start), 1.25))
 
 
 def test_the_vector_forms_sectors_are_the_learners() -> None:
     many = env.LightSeekingVectorEnv(200)
     many.reset(seed=2)
-    expected = [sector(direction(Readings(*row))) for row in many._robots.readings.tolist()]
-    assert many._states().tolist() == expected
+    expected = [sector(direction(Readings(*row))) for row in many.robots.readings.tolist()]
+    assert many.states().tolist() == expected

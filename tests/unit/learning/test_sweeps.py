@@ -32,8 +32,8 @@ def taught(order: tuple[tuple[float, float], ...] = COMMANDS) -> SweepsAgent:
         w_next = 0.4 * w + 0.6 * order[a][1]
         one.model.learn(a, w, w_next)
         w = w_next
-    one._refit()
-    while not one._converged:
+    one.refit()
+    while not one.converged:
         one.sweep()
     return one
 

@@ -35,7 +35,7 @@ def _readings(bearing: float) -> Readings:
 
 def show(one: ThesisAgent, bearing: float) -> None:
     """Let the filter forget everything but this bearing."""
-    one._filter.clear()
+    one.filter.clear()
     for _ in range(22):
         one.see(_readings(bearing), STRAIGHT)
     assert one.ready
@@ -116,7 +116,7 @@ def test_without_a_direction_nothing_is_learned_and_any_action_may_come() -> Non
     one.act(0.0, STRAIGHT)
     before = one.q.copy()
     dark = Readings(1.0, 1.0, 1.0, 1.0)
-    one._filter.clear()
+    one.filter.clear()
     for _ in range(22):
         one.see(dark, STRAIGHT)
     assert one.state() is None
@@ -155,9 +155,9 @@ def test_exploration_ends_with_the_temperature_and_learning_may_end_with_the_tra
     one.q[:] = (0.0, 0.5, 0.0)
     show(one, AHEAD)
     one.episode = 11  # T = 0.05
-    assert {one._choose(4) for _ in range(200)} == {1}
+    assert {one.choose(4) for _ in range(200)} == {1}
     one.episode = 0
-    assert {one._choose(4) for _ in range(200)} == {0, 1, 2}
+    assert {one.choose(4) for _ in range(200)} == {0, 1, 2}
     trained = agent(training=0, learn_on=False)
     before = trained.q.copy()
     for k in range(5):
@@ -175,7 +175,7 @@ def test_exploration_ends_with_the_temperature_and_learning_may_end_with_the_tra
 def test_the_random_policy_does_not_look_at_the_table() -> None:
     one = agent(policy="random")
     one.q[:] = (0.0, 100.0, 0.0)
-    assert {one._choose(4) for _ in range(100)} == {0, 1, 2}
+    assert {one.choose(4) for _ in range(100)} == {0, 1, 2}
 
 
 def test_it_carries_on_from_its_memory_as_if_nothing_had_been() -> None:

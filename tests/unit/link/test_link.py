@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import fcntl
+import gc
 import os
 import re
 import socket
@@ -29,6 +30,7 @@ from serial import SerialException
 
 from txt1.errors import HalError, LinkLost
 from txt1.kernel import VirtualClock, VirtualTimeLoop, clock_of, run
+from txt1.kernel.loop import PunctualSelector
 from txt1.link import (
     BACKLOG,
     STANDARD_BAUDS,
@@ -119,6 +121,13 @@ def nothing_blocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
+def timers() -> list[asyncio.TimerHandle]:
+    """What a loop is still to call later."""
+    now = asyncio.get_running_loop().time()
+    handles = (one for one in gc.get_objects() if isinstance(one, asyncio.TimerHandle))
+    return [handle for handle in handles if not handle.cancelled() and handle.when() > now]
+
+
 def run_quietly(main: Coroutine[Any, Any, None], speed: Any = None) -> None:
     """Run to the end; the loop had no unhandled exception to report, and no timer is left."""
     reports: list[dict[str, Any]] = []
@@ -126,10 +135,10 @@ def run_quietly(main: Coroutine[Any, Any, None], speed: Any = None) -> None:
     async def body() -> None:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, report: reports.append(report))
+        before = timers()
         await main
         await asyncio.sleep(0)
-        timers = [timer for timer in loop._scheduled if not timer.cancelled()]  # type: ignore[attr-defined]
-        assert timers == []
+        assert [timer for timer in timers() if timer not in before] == []
 
     run(body(), speed=speed)
     assert reports == []
@@ -500,7 +509,7 @@ def test_what_is_under_way_when_a_link_closes_goes_nowhere(closer: str) -> None:
         await asyncio.sleep(0)
         loop = asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop)
-        assert [timer for timer in loop._scheduled if not timer.cancelled()] == []
+        assert [timer for timer in loop.timers if not timer.cancelled()] == []
         await asyncio.sleep(10.0)
         assert host.pieces == board.pieces == []
         assert len(host.reasons) == (closer == "other")
@@ -565,7 +574,7 @@ def test_a_device_unplugged_with_its_output_full_is_lost_without_noise(noticed: 
                 await asyncio.sleep(0.001)
             assert link.overflows > 0
             if noticed == "on writing":
-                link._transport.pause_reading()  # type: ignore[attr-defined]
+                link.transport.pause_reading()  # type: ignore[attr-defined]
             os.close(master)
             await until(lambda: end.reasons)
             assert end.reasons == [f"{path} is gone: the program behind it has ended or closed it"]
@@ -576,7 +585,7 @@ def test_a_device_unplugged_with_its_output_full_is_lost_without_noise(noticed: 
 
 
 def test_an_adapter_pulled_out_is_called_unplugged() -> None:
-    assert device._unplugged("/dev/ttyUSB0", SerialException(errno.EIO, "")) == "/dev/ttyUSB0 was unplugged"
+    assert device.unplugged("/dev/ttyUSB0", SerialException(errno.EIO, "")) == "/dev/ttyUSB0 was unplugged"
 
 
 def test_a_device_has_one_user() -> None:
@@ -591,7 +600,7 @@ def test_a_device_has_one_user() -> None:
 
 
 def test_opening_that_nobody_waits_for_any_more_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    go, opened, really_open = threading.Event(), threading.Event(), device._open_port
+    go, opened, really_open = threading.Event(), threading.Event(), device.open_port
 
     ports: list[Any] = []
 
@@ -602,7 +611,7 @@ def test_opening_that_nobody_waits_for_any_more_leaves_nothing_open(monkeypatch:
         opened.set()
         return port, explain
 
-    monkeypatch.setattr(device, "_open_port", slow)
+    monkeypatch.setattr(device, "open_port", slow)
 
     async def main() -> None:
         with opened_pty() as (_, path):
@@ -783,20 +792,19 @@ def test_a_host_that_does_not_read_costs_writes_and_keeps_their_order(path: str)
     run_quietly(main())
 
 
-def test_a_pseudo_terminal_nobody_uses_leaves_the_loop_asleep(path: str) -> None:
+def test_a_pseudo_terminal_nobody_uses_leaves_the_loop_asleep(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
-        loop = asyncio.get_running_loop()
         with closing(listen_pty(path, End())):
             with host_at(path):
                 await asyncio.sleep(0.1)
-            turns, select = 0, loop._selector.select  # type: ignore[attr-defined]
+            turns, select = 0, PunctualSelector.select
 
-            def count(timeout: float | None) -> Any:
+            def count(selector: PunctualSelector, timeout: float | None = None) -> Any:
                 nonlocal turns
                 turns += 1
-                return select(timeout)
+                return select(selector, timeout)
 
-            loop._selector.select = count  # type: ignore[attr-defined]
+            monkeypatch.setattr(PunctualSelector, "select", count)
             await asyncio.sleep(0.5)
             assert turns < 50
 
@@ -960,7 +968,7 @@ def test_a_tcp_peer_that_vanishes_is_noticed_after_three_seconds() -> None:
     async def main() -> None:
         with closing(await listen_tcp("127.0.0.1", 0, End())) as listener:
             link = await open_link(listener.address, End())
-            sock = link._transport.get_extra_info("socket")  # type: ignore[attr-defined]
+            sock = link.transport.get_extra_info("socket")  # type: ignore[attr-defined]
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
             link.close()

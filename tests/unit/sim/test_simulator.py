@@ -296,7 +296,7 @@ def manoeuvre(sim: Vehicle, extra_period: float | None = None) -> list[tuple[flo
         sim.advance_to(at)
         if instants[at]:
             tick = round(at * 50)
-            log.append((*sim.state, *sim.encoder_counts(), *sim.battery_readings(), sim._drag))
+            log.append((*sim.state, *sim.encoder_counts(), *sim.battery_readings(), sim.drag))
             u = (0, 9000, 18000, -18000, -5000)[tick // 25 % 5]
             sim.command((3000, 4000, 0, -3000)[tick // 60 % 4], -u, u)
     return log
@@ -351,7 +351,7 @@ def test_drag_noise_has_its_standard_deviation_and_no_bias() -> None:
     sim, drags = simulator(noise=Noise(drag=0.03, battery=0.0)), []
     for k in range(1, 5001):
         sim.advance_to(k / 50)
-        drags.append(sim._drag)
+        drags.append(sim.drag)
     assert len(set(drags)) == 5000
     assert abs(sum(drags) / 5000) < 4 * 0.03 / 5000**0.5
     assert (sum(d * d for d in drags) / 5000) ** 0.5 == pytest.approx(0.03, rel=0.05)
