@@ -43,7 +43,6 @@ PATIENCE: Final = 10.0
 """s that a command nobody watches waits for the link."""
 
 View = Literal["screens", "lines", "nothing"]
-Failure = asyncio.Future[None]
 
 
 def say(text: str) -> None:
@@ -166,37 +165,38 @@ class App:
         await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
 
     async def watch(
-        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, alongside: Failure | None = None
+        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[None]
     ) -> None:
-        """Let the operator see and drive until the run ends; an error of what goes on alongside ends it as well."""
+        """Let the operator see and drive until the run, or what goes on alongside, ends; an error of it is raised."""
         try:
-            await self._watch(runtime, terminal, view, _failure_of(alongside))
+            await self._watch(terminal, view, runtime, runtime.scheduler.ended, *alongside)
         finally:  # an interrupted run has its report, too
             self.reason = runtime.gate.reason
             self.report = report(runtime)
 
-    async def _watch(self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, failed: Failure) -> None:
-        ended = runtime.scheduler.ended
+    async def _watch(
+        self, terminal: Callable[[], Terminal], view: View, runtime: Runtime, *ends: asyncio.Future[None]
+    ) -> None:
         if view == "nothing":
-            await _first_of(ended, failed)
+            await _first_of(*ends)
             return
         if view == "screens" and self.speed != "max" and _draws():
             runtime.watched = True
             async with terminal() as screens:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
                 operator = asyncio.ensure_future(screens.wait())
-                await _first_of(ended, operator, failed)
+                await _first_of(*ends, operator)
                 quit_by_operator = operator.done() and operator.result() == "quit"
                 operator.cancel()
                 assert self._subject is not None
                 self._subject.disarm("the run has ended")  # before the screens are put away, which takes its time
-            if quit_by_operator or ended.done() or failed.done():
+            if quit_by_operator or any(each.done() for each in ends):
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
             self.code = FAULT
         lines = asyncio.ensure_future(_status_lines(runtime))
         try:
-            await _first_of(ended, lines, failed)
+            await _first_of(*ends, lines)
         finally:
             lines.cancel()
 
@@ -263,19 +263,6 @@ def conclude(app: App, as_json: bool) -> int:
 def _draws() -> bool:
     """Return whether there is a terminal that screens can be drawn on."""
     return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-
-
-def _failure_of(work: asyncio.Future[None] | None) -> Failure:
-    """Return a future that is done when the work has failed, and never when it succeeds."""
-    failed: Failure = asyncio.get_running_loop().create_future()
-
-    def look(work: asyncio.Future[None]) -> None:
-        if not work.cancelled() and not failed.done() and (error := work.exception()) is not None:
-            failed.set_exception(error)
-
-    if work is not None:
-        work.add_done_callback(look)
-    return failed
 
 
 async def _first_of(*futures: asyncio.Future[Any]) -> None:

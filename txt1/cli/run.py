@@ -83,7 +83,7 @@ async def _operate(
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
-        getting_ready = asyncio.ensure_future(start.get_ready())
+        getting_ready = asyncio.ensure_future(start.go_on())
         try:
             terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop.speed, teleop.turn, radius_min)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
@@ -146,6 +146,11 @@ class Start:
                 raise
             except Exception as error:
                 raise TaskFault("source of commands", error) from error
+
+    async def go_on(self) -> None:
+        """Get ready, and wait for an end that others bring about: only an error of this ends the run."""
+        await self.get_ready()
+        await asyncio.Future()
 
     def _to_be_armed(self) -> bool:
         """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""
