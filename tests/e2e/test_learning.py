@@ -154,6 +154,44 @@ async def test_a_robot_that_cannot_be_placed_drives_to_each_start_and_after_a_di
         assert [one.success for one in task.trial.episodes] == [True, True]
 
 
+@pytest.mark.parametrize("during", [Phase.REST, Phase.DRIVE])
+async def test_keys_void_the_episode_and_it_is_done_again_when_the_robot_is_armed_anew(
+    robot: Robot, during: Phase
+) -> None:
+    task, keys = await task_on(robot), robot.source("keys")
+    await until(lambda: len(task.trial.episodes) == 1 and task.trial.phase is during)
+    for _ in range(10):
+        keys.command(0.2, 0.0)
+        await asyncio.sleep(0.05)
+    keys.release()
+    assert task.overruled == "keys"
+    await asyncio.sleep(5.0)
+    assert robot.odometry.v == 0.0, "letting go of the keys does not set it off"
+    assert (len(task.trial.episodes), task.trial.voided) == (1, 1)
+    robot.arm()
+    await task.ended.wait()
+    assert [one.number for one in task.trial.episodes] == [1, 2, 3]
+
+
+async def test_keys_on_the_way_to_a_start_hold_the_learner_up_until_the_robot_is_armed_anew() -> None:
+    made = create_sim(load(overrides=[*ENDLESS, "sim.start=[1.0, 0.5, 0.0]"]).config)
+    assert isinstance(made, SimHal)
+    async with Robot.open(Unliftable(made.vehicle)) as robot:
+        assert await robot.load_gains()
+        task, keys = await task_on(robot, 1), robot.source("keys")
+        await until(lambda: robot.odometry.v != 0.0)
+        keys.command(-0.2, 0.0)
+        await asyncio.sleep(0.01)
+        keys.release()
+        await asyncio.sleep(5.0)
+        assert robot.odometry.v == 0.0
+        assert task.overruled == "keys"
+        robot.arm()
+        async with asyncio.timeout(300.0):
+            await task.ended.wait()
+        assert [one.success for one in task.trial.episodes] == [True]
+
+
 async def test_odometry_serves_for_goal_and_boundary() -> None:
     async with Robot.open("sim", seed=1, settings=[*ENDLESS, "learning.pose=odometry"]) as robot:
         assert await robot.load_gains()
