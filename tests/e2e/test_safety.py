@@ -236,6 +236,30 @@ async def test_batteries_that_stay_bad_stop_the_robot_after_five_seconds(robot: 
         robot.arm()
 
 
+@pytest.mark.parametrize("broken", [nan, inf, -inf])
+async def test_a_voltage_that_is_not_finite_is_not_known_and_the_next_one_is(robot: Robot, broken: float) -> None:
+    read = robot.hal.read
+
+    async def measure(one: float, two: float, seconds: float) -> None:
+        robot.hal.read = lambda now: read(now)._replace(batteries=(one, two))  # type: ignore[method-assign]
+        await asyncio.sleep(seconds)
+
+    await measure(broken, 0.0, 2.0)
+    assert robot.battery[:4] == (None, 0.0, None, None)
+    assert robot.faults["measurement_not_finite"] > 0
+    await measure(12.0, 0.0, 1.1)
+    assert robot.battery[:3] == (12.0, 0.0, "good")
+    await measure(12.0, broken, 1.1)
+    assert robot.battery[:3] == (12.0, None, "good"), "one is enough"
+    assert robot.armed
+
+    await measure(8.0, broken, 12.0)
+    assert robot.reason == "batteries bad"
+    await measure(broken, broken, 2.0)
+    with pytest.raises(NotArmed, match="batteries bad"):
+        robot.arm()  # unknown is no better
+
+
 async def test_with_the_esc_off_nothing_moves_and_nothing_lurches_when_it_returns(
     robot: Robot, samples: list[Sample]
 ) -> None:

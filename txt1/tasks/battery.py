@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
@@ -54,30 +55,35 @@ BATTERIES: Final = (_topic(1), _topic(2))
 
 
 async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:
-    """Smooth the voltages, judge them, send them, and stop the robot when they have been bad for too long."""
-    smoothed: tuple[float, float] | None = None
+    """Smooth the voltages, judge them, send them, and stop the robot when they have been bad for too long.
+
+    A voltage that is not finite is not known, and forgotten: the filter begins anew with the next.
+    """
+    one: float | None = None
+    two: float | None = None
     bad_since: float | None = None
     told = False
     time: float | None = None
+    weight = 0.0 if hal.capabilities.smoothed else OLD_WEIGHT
     async for now in ticks:
         inputs = hal.read(now)
         if inputs.batteries is None or inputs.battery_time == time is not None:
             continue  # nothing new
         time = inputs.battery_time
-        one, two = inputs.batteries
-        if smoothed is not None and not hal.capabilities.smoothed:
-            one = OLD_WEIGHT * smoothed[0] + (1.0 - OLD_WEIGHT) * one
-            two = OLD_WEIGHT * smoothed[1] + (1.0 - OLD_WEIGHT) * two
-        smoothed = one, two
+        one, two = smooth(one, inputs.batteries[0], weight), smooth(two, inputs.batteries[1], weight)
         judged = judge(one, two)
-        remaining = None if judged is BatteryState.EXTERNAL else remaining_time(max(one, two))
-        if judged is not BatteryState.BAD:
+        best = max((volts for volts in (one, two) if volts is not None), default=0.0)
+        remaining = None if judged in (None, BatteryState.EXTERNAL) else remaining_time(best)
+        if judged is BatteryState.BAD:
+            bad_since = now if bad_since is None else bad_since
+        elif judged is not None:
             bad_since, told = None, False
-        elif bad_since is None:
-            bad_since = now
         exhausted = bad_since is not None and now - bad_since >= BAD_TIME
         state.battery = Battery(one, two, judged, remaining, now if time is None else time, exhausted)
-        send(BatteryLevels(one, two))
+        if one is not None and two is not None:
+            send(BatteryLevels(one, two))
+        else:
+            gate.count(Fault.MEASURED)
 
         if inputs.cut_off:
             gate.disarm("batteries cut off", Fault.BATTERY)
@@ -87,11 +93,22 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
             state.tell(now, "batteries bad: change them, or shut the computer down (Robot.shutdown_host)")
 
 
-def judge(battery1: float, battery2: float) -> BatteryState:
-    """The batteries' state from both voltages in V; without any pack the external supply must be feeding us."""
-    best = max(battery1, battery2)
+def smooth(old: float | None, new: float, weight: float) -> float | None:
+    """The smoothed voltage, V, `weight` being the old one's; None when the new one is not finite."""
+    if not isfinite(new):
+        return None
+    return new if old is None else weight * old + (1.0 - weight) * new
+
+
+def judge(battery1: float | None, battery2: float | None) -> BatteryState | None:
+    """The batteries' state from both voltages in V, None for one that is not known; None when that leaves it open.
+
+    Without any pack the external supply must be feeding us.
+    """
+    known = [volts for volts in (battery1, battery2) if volts is not None]
+    best = max(known, default=0.0)
     if best < FITTED_V:
-        return BatteryState.EXTERNAL
+        return BatteryState.EXTERNAL if len(known) == 2 else None
     if best > GOOD_V:
         return BatteryState.GOOD
     return BatteryState.WARNING if best > WARNING_V else BatteryState.BAD

@@ -19,9 +19,13 @@ from txt1.tasks.fields import SCREENS, BatteryState, Panel
         (9.01, 0.0, BatteryState.WARNING),
         (9.0, 0.0, BatteryState.BAD),
         (5.0, 8.9, BatteryState.BAD),
+        (None, 9.51, BatteryState.GOOD),
+        (8.9, None, BatteryState.BAD),
+        (0.0, None, None),
+        (None, None, None),
     ],
 )
-def test_the_better_pack_decides_the_state(one: float, two: float, state: BatteryState) -> None:
+def test_the_better_pack_decides_the_state(one: float | None, two: float | None, state: BatteryState | None) -> None:
     assert judge(one, two) is state
 
 
