@@ -56,5 +56,7 @@ async def mode(ticks: Ticks, state: State, gate: Gate) -> None:
         velocities, combined = state.velocity_count, state.combined_count
         if state.link.alive and not link.alive:
             state.tell(now, "link lost")
-            gate.disarm("link lost", Fault.LINK)
+            board = state.board  # in the instant in which it is lost this task comes before the controller
+            known = board is not None and not board.ready and board.reason
+            gate.disarm(known or "link lost", Fault.LINK)
         state.link = link
