@@ -426,6 +426,9 @@ class Runtime:
         )
 
     def _gate_closed(self, reason: str) -> None:
+        blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does
+        if self.gate.closed_by is Fault.RUNAWAY and blocked_by is not None and (blocked := blocked_by()) is not None:
+            self.gate.reason = reason = f"{reason}: it is at {blocked}"
         self.state.tell(self.now, f"disarmed: {reason}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:

@@ -14,6 +14,8 @@ from txt1.sim.simulator import Vehicle
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
+TOUCH: Final = 0.02
+"""Room of less than this is none, m."""
 BACKLIGHT: Final = 0.5
 """Nobody turns the simulated potentiometer."""
 
@@ -86,6 +88,10 @@ class SimHal:
     def indicate(self, indicators: Indicators) -> None:
         """Remember buzzer and LEDs for the screens."""
         self.indicators = indicators
+
+    def blocked_by(self) -> str | None:
+        """What the robot has run into, in words; None when it has room."""
+        return self.world.in_the_way(self.vehicle, *self.vehicle.pose, TOUCH)
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Put the robot down at a pose in the room, at rest."""

@@ -92,16 +92,16 @@ class World:
         self._all.append(self._of[vehicle])
         self.look_round(vehicle)
 
-    def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float) -> str | None:
-        """What a vehicle at (x, y, theta) would stick into, in words; None when there is room for it."""
+    def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float, margin: float = 0.0) -> str | None:
+        """What a vehicle at (x, y, theta) would stick into, in words; None when there are `margin` m of room for it."""
         room, body = self.room, vehicle.outline((x, y, theta))
-        if clearance(x, y, theta, room, vehicle.body) < 0.0:
+        if clearance(x, y, theta, room, vehicle.body) < margin:
             return f"a wall of the {room.length:g} x {room.width:g} m room"
         for number, obstacle in enumerate(self.obstacles):
-            if gap(body, obstacle) < 0.0:
+            if gap(body, obstacle) < margin:
                 return f"obstacle {number}, a {type(obstacle).__name__.lower()} at ({obstacle.x:g}, {obstacle.y:g})"
         for other in self.vehicles:
-            if other is not vehicle and gap(body, other.outline(other.pose)) < 0.0:
+            if other is not vehicle and gap(body, other.outline(other.pose)) < margin:
                 return f"another vehicle{other.name and ', '}{other.name}"
         return None
 
