@@ -17,6 +17,7 @@ _PLAIN: Final = {
     b" ": "space",
     b"=": "+",
     b"_": "-",
+    b"\x1a": "ctrl-z",
 }
 
 _PARAMETERS: Final = rb"[0-9;:<=>?]{0,16}"

@@ -179,6 +179,8 @@ class Terminal:
             self._try(robot.arm)
         elif key in _BUTTONS:
             self._try(lambda: robot.press(_BUTTONS[key]))
+        elif key == "ctrl-z":
+            robot.tell("Ctrl-Z does nothing here: a robot that is suspended cannot stop; q quits")
         else:
             self._teleop.key(key, robot.now)
 

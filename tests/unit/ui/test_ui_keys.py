@@ -16,6 +16,7 @@ from txt1.ui.keys import Keys
         (b"\x1bOA\x1bOB\x1bOC\x1bOD", ["up", "down", "right", "left"]),
         (b"\x1b[1;5C", ["right"]),
         (b" cmq?wasd+-", ["space", "c", "m", "q", "?", "w", "a", "s", "d", "+", "-"]),
+        (b"\x1a", ["ctrl-z"]),
         (b"WM=", ["w", "m", "+"]),
         (b"\x1b[5~\x1b[15~\x1bOP", []),
         ("äöü€🤖".encode(), []),

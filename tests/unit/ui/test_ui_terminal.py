@@ -215,6 +215,12 @@ def test_a_refusal_is_shown_once(terminal: Terminal, robot: Mock) -> None:
     robot.tell.assert_called_once_with("manual mode")
 
 
+def test_ctrl_z_is_answered_and_suspends_nothing(terminal: Terminal, robot: Mock) -> None:
+    beat(terminal, "ctrl-z")
+    robot.tell.assert_called_once()
+    assert "q quits" in robot.tell.call_args.args[0]
+
+
 async def test_the_quit_key_ends_the_wait_and_drives_no_more(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "w", "q", "w")
     robot.command.assert_not_called()
