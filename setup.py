@@ -14,7 +14,7 @@ MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
     "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
-    "control": ["limits", "runaway"],
+    "control": ["limits", "loops", "pid", "runaway"],
     "tasks": ["controller", "display", "encoder", "odometry", "serial", "state"],
     "learning": ["light", "policy", "task", "thesis", "trial"],
 }

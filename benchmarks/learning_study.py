@@ -23,13 +23,14 @@ import numpy as np
 
 from txt1.cli.trials import on_robot
 from txt1.config import Config, load
+from txt1.config.schema import LearningConfig
 from txt1.learning.agent import Agent
-from txt1.learning.agents import NAMES, thesis_settings
+from txt1.learning.agents import LEARNERS
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.qtable import TABLE_5_3
 from txt1.learning.seeding import AGENT, stream
-from txt1.learning.thesis import Settings, ThesisAgent
+from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import COMMANDS, TICK, Episode
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y
@@ -48,7 +49,7 @@ def trial(number: int, agent: str, config: Config, seed: int, episodes: int, per
     learner: Agent | str = agent
     if agent == STORED:
         learner = ThesisAgent(
-            stream(seed, number, AGENT), COMMANDS, Settings(policy="greedy", training=0, learn_on=False)
+            stream(seed, number, AGENT), COMMANDS, LearningConfig(policy="greedy", training=0, learn_on=False)
         )
         learner.q = np.array(TABLE_5_3)
     return on_robot(learner, config, seed, number, episodes, commands=commands).episodes
@@ -99,7 +100,7 @@ Noted = tuple[float, int | None, int, bool]
 class Watched(ThesisAgent):
     """The thesis's learner, and the decisions of each episode."""
 
-    def __init__(self, rng: np.random.Generator, settings: Settings) -> None:
+    def __init__(self, rng: np.random.Generator, settings: LearningConfig) -> None:
         self.logs: list[list[Noted]] = []
         super().__init__(rng, COMMANDS, settings)
 
@@ -124,7 +125,7 @@ class Watched(ThesisAgent):
 
 def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
     """A trial's episodes, and the decisions of those after the 7th."""
-    agent = Watched(stream(seed, number, AGENT), thesis_settings(config))
+    agent = Watched(stream(seed, number, AGENT), config.learning)
     outcome = on_robot(agent, config, seed, number, episodes, keep_paths=range(1, episodes + 1))
     decisions = []
     for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):
@@ -188,7 +189,7 @@ def where(decisions: Sequence[Decision]) -> dict[str, Any]:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the study and print its figures as JSON."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.learning_study", description=__doc__.split("\n")[0])
-    parser.add_argument("--agent", choices=(*NAMES, STORED), default="sweeps")
+    parser.add_argument("--agent", choices=(*LEARNERS.names(), STORED), default="sweeps")
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--first", type=int, default=1, help="number of the first trial")
     parser.add_argument("--episodes", type=int, default=31)

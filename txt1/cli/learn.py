@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -17,7 +18,7 @@ from txt1.cli.trials import conduct
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
 from txt1.learning import experiment, plots
-from txt1.learning.agents import LEARNERS
+from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
 from txt1.learning.trial import Episode
@@ -50,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write what came of them; the exit code."""
     config = loaded(arguments).config
-    LEARNERS.require("--agent", arguments.agent)
+    make(arguments.agent, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
     speed = robot_speed(arguments, config)
     plan = Plan(
         arguments.agent, arguments.trials, arguments.episodes, config.seed, config, speed,

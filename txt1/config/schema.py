@@ -224,6 +224,8 @@ class LearningConfig(Section):
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning then."""
+    options: dict[str, Any] = {}
+    """Settings of the agent sweeps, or of one from another package, handed to it as they are."""
 
 
 class SensorConfig(Section):

@@ -15,13 +15,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, Final, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from txt1.config.schema import Config
 from txt1.errors import ConfigError
+
+T = TypeVar("T")
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
 
@@ -86,6 +88,23 @@ def load(
         return LoadedConfig(Config.model_validate(tree), origins)
     except ValidationError as error:
         raise ConfigError(_explain(error, origins)) from None
+
+
+def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
+    """Return a part's own settings, a dataclass with constraints, from free-form options.
+
+    Raises:
+        ConfigError: an option is unknown or wrong; `key` is where they are set, such as "hal_options".
+
+    """
+    name = key.rpartition(".")[2]
+    field: dict[str, Any] = {name: (kind, ...)}
+    model = create_model("Options", __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **field)
+    try:
+        value: T = getattr(model.model_validate({name: options}), name)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, {}, key.removesuffix(name))) from None
+    return value
 
 
 def flatten(config: Config) -> Iterator[tuple[str, Any]]:
@@ -246,10 +265,10 @@ def _is_free(path: Sequence[str]) -> bool:
     return get_origin(kind) is dict and get_args(kind)[1] is Any
 
 
-def _explain(error: ValidationError, origins: Mapping[str, str]) -> str:
+def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "") -> str:
     """One line for the first thing that is wrong: key, value, origin, remedy."""
     first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"])
+    key = prefix + ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     # a list or a mapping is long, and the message names the part of it that is wrong

@@ -1,7 +1,7 @@
 """The velocity loops: set-point and measured velocities in, motor and steering PWM out (thesis 4).
 
-The controller task, the learning environment and the simulation of many robots call these functions. They stay
-uncompiled: numba compiles `errors` and `at_rest` for many robots at once.
+The controller task and the learning environment call these functions; so does, compiled by numba, the simulation of
+many robots.
 """
 
 from __future__ import annotations

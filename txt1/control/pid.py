@@ -1,4 +1,4 @@
-"""The velocity-form PID controller (thesis 4.1), uncompiled: numba compiles the step for many robots at once."""
+"""The velocity-form PID controller (thesis 4.1)."""
 
 from __future__ import annotations
 

@@ -10,8 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.learning import sweeps
-from txt1.learning.light import SECTORS
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.seeding import TrialResult
 from txt1.learning.trial import Task
@@ -128,23 +126,22 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
 
 
 def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
-    """The Q-table as a heat map."""
-    if table.about.get("agent") == sweeps.SweepsAgent.name:
-        q = np.asarray(table.values).reshape(sweeps.BEARINGS, sweeps.YAW_RATES, -1)
-        best = q.argmax(axis=2).T
+    """The Q-table as a heat map; where it says what its `axes` are (label, cells, from, to), the best actions."""
+    if "axes" in table.about:
+        (across, columns, *x), (up, rows, *y) = table.about["axes"]
+        best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T
         axes, scale = _panel(figure, 0.7, 0.475, 4.2, 3.775), _panel(figure, 5.1, 0.475, 0.2, 3.775)
-        extent = (-180.0, 180.0, -sweeps.YAW_MAX, sweeps.YAW_MAX)
         colours = colormaps["viridis"].resampled(len(ACTIONS))
         image = axes.imshow(
-            best, aspect="auto", origin="lower", extent=extent, cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
+            best, aspect="auto", origin="lower", extent=(*x, *y), cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
         )
-        axes.set(xlabel="bearing of the light, degrees", ylabel="yaw rate, rad/s", title="best action")
+        axes.set(xlabel=across, ylabel=up, title="best action")
         figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
     axes, scale = _panel(figure, 0.97, 0.28, 4.04, 3.97), _panel(figure, 5.2, 0.28, 0.2, 3.97)
     image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn")
     axes.set_xticks(range(len(ACTIONS)), ACTIONS)
-    axes.set_yticks(range(len(SECTORS)), SECTORS)
+    axes.set_yticks(range(len(table.values)), table.about.get("states", range(len(table.values))))
     for (row, column), value in np.ndenumerate(table.values):
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
     axes.set_title("Q(s, a)")

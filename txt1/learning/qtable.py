@@ -108,6 +108,18 @@ class StoredTable:
     values: Table
     about: Mapping[str, Any] = field(default_factory=dict)
 
+    def shaped(self, states: int, actions: int) -> Table:
+        """Return the values, shape (states, actions).
+
+        Raises:
+            ValueError: they have another shape.
+
+        """
+        for needed, has, what in zip((states, actions), self.values.shape, ("states", "actions"), strict=True):
+            if needed != has:
+                raise ValueError(f"has {has} {what} where {needed} are needed")
+        return self.values
+
 
 def save(path: Path, table: StoredTable) -> None:
     """Write the table to a file; one that was there is replaced as a whole or, should this fail, left as it was.
@@ -140,16 +152,11 @@ def save(path: Path, table: StoredTable) -> None:
         ) from error
 
 
-def load(path: Path, states: int | None = None, actions: int | None = None) -> StoredTable:
-    """The table in a file, checked.
-
-    Args:
-        path: of the file.
-        states: number of states the table must have; None takes any.
-        actions: likewise of actions.
+def load(path: Path) -> StoredTable:
+    """Return the table in a file, checked.
 
     Raises:
-        QTableError: there is no such file, or it is not a whole, unaltered Q-table of the right shape.
+        QTableError: there is no such file, or it is not a whole, unaltered Q-table.
 
     """
     content = _parse(path)
@@ -167,11 +174,6 @@ def load(path: Path, states: int | None = None, actions: int | None = None) -> S
     said = content.pop("sha256", None)
     if said != _checksum(content):
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
-    for needed, has, what in ((states, values.shape[0], "states"), (actions, values.shape[1], "actions")):
-        if needed is not None and needed != has:
-            raise QTableError(
-                str(path), f"has {has} {what} where {needed} are needed", "give a table that this agent learned"
-            )
     return StoredTable(values, about)
 
 

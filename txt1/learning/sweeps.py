@@ -27,18 +27,21 @@ At every decision:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, cos, log, pi, sin
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.config import Config, checked
 from txt1.learning.agent import Decision
 from txt1.learning.light import LightFilter, spread_limit
 from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry
+from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
 
@@ -51,32 +54,39 @@ YAW_MAX: Final = 0.6
 ACTIONS: Final = 3
 
 
-class Settings(NamedTuple):
-    """The hyper-parameters.
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The hyper-parameters, which `learning.options` sets."""
 
-    Attributes:
-        period: time from one decision to the next, s.
-        memory: weight of the past in the direction's average, per sample of 16 ms: 0.97 remembers half a second.
-        gamma: discount factor, per decision: 0.97 looks three seconds ahead.
-        tries: decisions for which each action is tried at first, in one go.
-        moving: slower than this, m/s, nothing is learned about turning.
-        sweeps: at most, after each decision.
-        tolerance: sweeping ends when no value changes by more.
-        exponent: of the light's fall, for the watch over the sensors.
-
-    """
-
-    period: float = 0.1
-    memory: float = 0.97
-    gamma: float = 0.97
-    tries: int = 6
-    moving: float = 0.2
-    sweeps: int = 10
-    tolerance: float = 1e-3
-    exponent: float = 2.0
+    period: Positive = 0.1
+    """Time from one decision to the next, s."""
+    memory: Share = 0.97
+    """Weight of the past in the direction's average, per sample of 16 ms: 0.97 remembers half a second."""
+    gamma: Share = 0.97
+    """Discount factor, per decision: 0.97 looks three seconds ahead."""
+    tries: PositiveInt = 6
+    """Decisions for which each action is tried at first, in one go."""
+    moving: NotNegative = 0.2
+    """Slower than this, m/s, nothing is learned about turning."""
+    sweeps: PositiveInt = 10
+    """At most so many after each decision."""
+    tolerance: Positive = 1e-3
+    """Sweeping ends when no value changes by more."""
 
 
 SETTINGS: Final = Settings()
+
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
+    """Return a learner as configured, or one that drives by a stored table.
+
+    Raises:
+        ConfigError: the options are wrong.
+        ValueError: the table has another shape.
+
+    """
+    settings = checked(Settings, config.learning.options, "learning.options")
+    return SweepsAgent(rng, settings, float(config.sim.light.exponent), table)
 
 
 class TurnModel:
@@ -106,12 +116,20 @@ class SweepsAgent:
     Args:
         rng: of every random choice.
         settings: the hyper-parameters.
+        exponent: of the light's fall, for the watch over the sensors.
+        table: to drive by, learning no more.
 
     """
 
     name = "sweeps"
 
-    def __init__(self, rng: np.random.Generator, settings: Settings = SETTINGS) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        settings: Settings = SETTINGS,
+        exponent: float = 2.0,
+        table: StoredTable | None = None,
+    ) -> None:
         self.settings = settings
         self.q: Array = np.zeros((BEARINGS, YAW_RATES, ACTIONS))
         self.model = TurnModel()
@@ -121,19 +139,13 @@ class SweepsAgent:
         self._fitted = 0
         self.converged = True
         self._cells: tuple[Any, ...] = ()
-        self._watch = LightFilter(spread=spread_limit(settings.exponent))
-        self._frozen = False
+        self._watch = LightFilter(spread=spread_limit(exponent))
+        self._frozen = table is not None
+        if table is not None:
+            self.q = np.array(table.shaped(BEARINGS * YAW_RATES, ACTIONS)).reshape(self.q.shape)
+            self._untried = []
         self._before = self.memory()
         self.begin()
-
-    @classmethod
-    def driving(cls, rng: np.random.Generator, table: StoredTable, settings: Settings = SETTINGS) -> SweepsAgent:
-        """One that drives by a table and learns no more."""
-        driver = cls(rng, settings)
-        driver.q = np.array(table.values, float).reshape(BEARINGS, YAW_RATES, ACTIONS)
-        driver._untried = []
-        driver._frozen = True
-        return driver
 
     # -- what it senses ----------------------------------------------------------------------------------------
 
@@ -258,8 +270,9 @@ class SweepsAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
-        about = {"agent": self.name, "episodes": self.episode, "bearings": BEARINGS, "yaw_rates": YAW_RATES,
-                 "yaw_max": YAW_MAX, "actions": [f"action {a}" for a in range(ACTIONS)],
+        about = {"agent": self.name, "episodes": self.episode, "actions": [f"action {a}" for a in range(ACTIONS)],
+                 "axes": [["bearing of the light, degrees", BEARINGS, -180.0, 180.0],
+                          ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX]],
                  "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
         return StoredTable(self.q.reshape(-1, ACTIONS).copy(), about)
 

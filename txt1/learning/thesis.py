@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from mypy_extensions import mypyc_attr
 
+from txt1.config import Config
+from txt1.config.schema import LearningConfig
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
-from txt1.learning.light import FILTER_WEIGHT, LightFilter, corrected_direction, direction, reward, sector, spread_limit
+from txt1.learning.light import (
+    FILTER_WEIGHT,
+    SECTORS,
+    LightFilter,
+    corrected_direction,
+    direction,
+    reward,
+    sector,
+    spread_limit,
+)
 from txt1.learning.policy import (
     boltzmann_action,
     greedy_action,
@@ -19,13 +30,9 @@ from txt1.learning.policy import (
     temperature,
 )
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
+from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
-
-Remedy = Literal["none", "hold", "sensed"]
-Policy = Literal["boltzmann", "greedy", "random"]
-Rate = Literal["constant", "fading", "per_state"]
-Direction = Literal["summed", "corrected"]
 
 REACHED: Final = 0.15
 """Remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)."""
@@ -33,49 +40,25 @@ SENSED: Final = 0.18
 """Remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)."""
 
 
-class Settings(NamedTuple):
-    """The hyper-parameters.
+RATE_DECAY: Final = 0.9
+"""Factor on a fading learning rate, from one episode to the next."""
 
-    Attributes:
-        period: time from one decision to the next, s; the thesis learns at 2 Hz (5.4).
-        remedy: for the delay between command and motion (5.4). "hold", its first: wait until the command is reached,
-            read the state again, then let the period run. "sensed", its second and its choice: update the action the
-            robot is seen to carry out. "none": update the one that was commanded.
-        policy: how to choose (5.2.1).
-        alpha: learning rate (5.4); at the start, where it fades.
-        gamma: discount factor (5.4).
-        rate: "constant" as in the thesis; "fading" over episodes, or "per_state" by visits, as in its outlook.
-        rate_decay: of a fading rate, per episode.
-        temperature: T at the first episode (5.4).
-        decay: of T, per episode (5.4).
-        floor: lowest T (O).
-        filtered: whether the readings pass the filter (5.10).
-        direction: "summed" as in (5.3), or "corrected" for the compression of that sum, see `txt1.learning.light`.
-        exponent: of the light's fall, for the watch over the sensors.
-        training: episodes after which it stops to explore and to learn; None: never.
-        learn_on: go on learning after the training.
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
+    """Return a learner as configured, or one that drives by a stored table.
+
+    Raises:
+        ValueError: the table has another shape.
 
     """
-
-    period: float = 0.5
-    remedy: Remedy = "sensed"
-    policy: Policy = "boltzmann"
-    alpha: float = 0.3
-    gamma: float = 0.5
-    rate: Rate = "constant"
-    rate_decay: float = 0.9
-    temperature: float = 5.0
-    decay: float = 0.65
-    floor: float = 0.05
-    filtered: bool = True
-    direction: Direction = "summed"
-    exponent: float = 2.0
-    training: int | None = None
-    learn_on: bool = True
-
-
-SETTINGS: Final = Settings()
-"""The thesis's."""
+    settings, exponent = config.learning, float(config.sim.light.exponent)
+    if table is None:
+        return ThesisAgent(rng, COMMANDS, settings, exponent)
+    values = table.shaped(STATES, len(ACTIONS))
+    driving = settings.model_copy(update={"policy": "greedy", "training": 0, "learn_on": False})
+    driver = ThesisAgent(rng, COMMANDS, driving, exponent)
+    driver.q = np.array(values)
+    return driver
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -84,16 +67,22 @@ class ThesisAgent:
 
     Args:
         rng: of every random choice.
-        settings: the hyper-parameters.
         commands: (v, omega) of each action, m/s and rad/s; remedy 1 compares them with the sensed velocities.
+        settings: the hyper-parameters; by default the thesis's.
+        exponent: of the light's fall, for the watch over the sensors.
 
     """
 
     name: ClassVar[str] = "thesis"
 
     def __init__(
-        self, rng: np.random.Generator, commands: tuple[tuple[float, float], ...], settings: Settings = SETTINGS
+        self,
+        rng: np.random.Generator,
+        commands: tuple[tuple[float, float], ...],
+        settings: LearningConfig | None = None,
+        exponent: float = 2.0,
     ) -> None:
+        settings = LearningConfig() if settings is None else settings
         self.settings = settings
         self.q: Table = initial(rng)
         self.episode = 0
@@ -101,7 +90,7 @@ class ThesisAgent:
         self._rng = rng
         self._commands = commands
         self._direction = direction if settings.direction == "summed" else corrected_direction
-        self.filter = LightFilter(FILTER_WEIGHT, spread_limit(settings.exponent))
+        self.filter = LightFilter(FILTER_WEIGHT, spread_limit(exponent))
         self._sample: Readings | None = None  # where there is no filter
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
@@ -182,7 +171,7 @@ class ThesisAgent:
         one = self.settings
         if one.rate == "per_state":
             return state_learning_rate(int(self.visits[s]))
-        return learning_rate(self.episode, one.alpha, 1.0 if one.rate == "constant" else one.rate_decay)
+        return learning_rate(self.episode, one.alpha, 1.0 if one.rate == "constant" else RATE_DECAY)
 
     def choose(self, s: int | None) -> int:
         """Return the action for a state by the policy; any, where the state is not known."""
@@ -191,7 +180,11 @@ class ThesisAgent:
             return random_action(len(self.q[0]), self._rng)
         if one.policy == "greedy" or not self.training:
             return greedy_action(self.q[s], self._rng)
-        return boltzmann_action(self.q[s], temperature(self.episode, one.temperature, one.decay, one.floor), self._rng)
+        return boltzmann_action(
+            self.q[s],
+            temperature(self.episode, one.temperature, one.temperature_decay, one.temperature_floor),
+            self._rng,
+        )
 
     @property
     def training(self) -> bool:
@@ -219,7 +212,10 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
-        return StoredTable(self.q.copy(), {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS)})
+        return StoredTable(
+            self.q.copy(),
+            {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS), "states": list(SECTORS)},
+        )
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""

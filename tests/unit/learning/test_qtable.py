@@ -85,7 +85,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_what_was_saved_is_loaded_to_the_last_bit(tmp_path: Path, file: Path) -> None:
-    stored = load(file, 8, 3)
+    stored = load(file)
     assert np.array_equal(stored.values, np.array(TABLE_5_3))
     assert stored.about == {"agent": "thesis", "seed": 1, "episodes": 31, "grüße": [1.5, None]}
     values = np.random.default_rng(1).normal(size=(24, 5)) * 10.0 ** np.arange(-2, 3)
@@ -127,13 +127,13 @@ def test_saving_again_replaces_the_file(file: Path) -> None:
 
 def test_white_space_is_no_alteration(file: Path) -> None:
     file.write_text(json.dumps(json.loads(file.read_text())))
-    load(file, 8, 3)
+    load(file)
 
 
-def refused(path: Path, problem: str, states: int | None = 8, actions: int | None = 3) -> None:
+def refused(path: Path, problem: str) -> None:
     """Loading fails and says which file, what is wrong and what to do."""
     with pytest.raises(QTableError, match=problem) as caught:
-        load(path, states, actions)
+        load(path)
     assert str(caught.value).startswith(str(path))
     assert caught.value.problem
     assert caught.value.remedy
@@ -181,7 +181,8 @@ def test_a_value_that_is_no_finite_number_is_refused(file: Path, value: str) -> 
 def test_a_table_of_the_wrong_shape_is_refused(tmp_path: Path, shape: tuple[int, int], problem: str) -> None:
     path = tmp_path / "qtable.json"
     save(path, StoredTable(np.zeros(shape)))
-    refused(path, problem)
+    with pytest.raises(ValueError, match=problem):
+        load(path).shaped(8, 3)
     assert load(path).values.shape == shape
 
 
