@@ -6,10 +6,11 @@ import argparse
 import os
 import platform
 
-from benchmarks import decoder, learning_time, punctuality, recording, simulation_speed, statistics_cost
+from benchmarks import decoder, learning_time, punctuality, recording, robots, simulation_speed, statistics_cost
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
+    "robots": robots.main,
     "statistics_cost": statistics_cost.main,
     "punctuality": punctuality.main,
     "decoder": decoder.main,

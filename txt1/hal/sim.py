@@ -43,7 +43,6 @@ class SimHal:
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.world = vehicle.world
-        self._began = 0.0  # the vehicle's time when the run began
         self.outputs = NEUTRAL
         self.indicators = Indicators()
 
@@ -51,27 +50,26 @@ class SimHal:
         """Start with neutral outputs."""
         self.outputs = NEUTRAL
         self.vehicle.command(0, 0, 0)
-        self._began = self.vehicle.time
         self.world.expect(self.vehicle, clock_of(asyncio.get_running_loop()))
 
     async def close(self) -> None:
         """Leave the outputs neutral."""
-        self.write(NEUTRAL, self.vehicle.time - self._began)
+        self.write(NEUTRAL, self.vehicle.time)
 
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
-        counts, batteries, cut_off, pose = self.vehicle.sense(self._began + now)
+        counts, batteries, cut_off, pose = self.vehicle.sense(now)
         return Inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""
-        self.vehicle.advance_to(self._began + now)
+        self.vehicle.advance_to(now)
         self.outputs = outputs
         self.vehicle.command(outputs.motor, outputs.front, outputs.rear)
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn the ATX supply or the ESC on or off."""
-        self.vehicle.advance_to(self._began + now)
+        self.vehicle.advance_to(now)
         if switch is Switch.ATX:
             self.vehicle.atx_on = on
         else:
@@ -95,5 +93,5 @@ class SimHal:
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Put the robot down at a pose in the room, at rest."""
-        self.vehicle.advance_to(self._began + now)
+        self.vehicle.advance_to(now)
         self.vehicle.place(x, y, theta)

@@ -12,7 +12,7 @@ import select
 import selectors
 import sys
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sized
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextvars import Context
 from typing import Any, Final, Literal, TypeVar
@@ -102,7 +102,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         selector = _JumpingSelector()
         selector.loop = self
         super().__init__(selector)
-        self.jumps = Jumps(self.clock, self._ready, paced=speed is not None)
+        self.jumps = Jumps(self)
+
+    @property
+    def ready(self) -> Sized:
+        """What is to be called now."""
+        return self._ready
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:

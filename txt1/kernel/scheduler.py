@@ -83,8 +83,10 @@ class Scheduler:
     def __init__(self, on_fault: Callable[[str, BaseException], None]) -> None:
         self._loop = asyncio.get_running_loop()
         self._clock = clock_of(self._loop)
-        self._virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
-        self._virtual_clock = None if self._virtual is None else self._virtual.clock
+        virtual = self._loop if isinstance(self._loop, VirtualTimeLoop) else None
+        self._virtual_clock = None if virtual is None else virtual.clock
+        self._jumps = None if virtual is None else virtual.jumps
+        self._number = 0 if self._jumps is None else self._jumps.enter()
         self._on_fault = on_fault
         self._entries: list[_Entry] = []
         self._ranked: list[_Entry] = []  # by priority, then in the order they were added: an entry's index is in here
@@ -199,8 +201,7 @@ class Scheduler:
 
         """
         self._running = False
-        if self._timer is not None:
-            self._timer.cancel()
+        self._cancel()
         fault: TaskFault | None = None
         for entry in self._entries:
             try:
@@ -229,16 +230,22 @@ class Scheduler:
     def _wake(self) -> None:
         """See to it that whatever is due next is dispatched in time."""
         if self._running and not self._dispatching:
-            if self._timer is not None:
-                self._timer.cancel()
+            self._cancel()
             self._timer = self._loop.call_soon(self._dispatch)
+
+    def _cancel(self) -> None:
+        """Take back that the dispatch is called."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._jumps is not None:
+            self._jumps.forget(self._number)
 
     def _dispatch(self) -> None:
         """Run everything that is due, then set the timer for what is due next."""
         waiting, ready, ranked, origin_ns = self._waiting, self._ready, self._ranked, self._origin_ns
-        virtual, clock = self._virtual, self._virtual_clock
+        jumps, clock = self._jumps, self._virtual_clock
         replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
-        if virtual is None:
+        if jumps is None:
             self._spin_to_next_deadline()
         self._dispatching = True
         cycles = 0  # in this turn of the loop, or since virtual time has moved
@@ -261,9 +268,7 @@ class Scheduler:
                     late_ns = self._take_late(entry, now_ns)
                 else:
                     if due_ns > now_ns:
-                        if virtual is None or due_ns >= self._stop_ns:
-                            break
-                        if not virtual.jumps.to(due_ns + origin_ns, virtual.timers):
+                        if jumps is None or due_ns >= self._stop_ns or not jumps.to(due_ns + origin_ns):
                             break
                         now_ns = due_ns
                         cycles = 0
@@ -345,8 +350,10 @@ class Scheduler:
         due_ns = self._next_due_ns() + self._origin_ns
         self._timer = None
         if due_ns < NEVER:
-            margin_ns = self._margin_ns if self._virtual is None else 0
-            self._timer = self._loop.call_at((due_ns - margin_ns) / NS_PER_S, self._dispatch)
+            if self._jumps is not None:
+                self._jumps.call_at(due_ns, self._number, self._dispatch)
+            else:
+                self._timer = self._loop.call_at((due_ns - self._margin_ns) / NS_PER_S, self._dispatch)
 
     def _spin_to_next_deadline(self) -> None:
         """Wait out the margin by which the timer was set early, and learn how large it has to be.

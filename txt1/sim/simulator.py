@@ -79,6 +79,8 @@ class Vehicle:
         """The floor's drag stays the same until then, s."""
         self.free = (0.0, 0.0, 0.0, 0.0)
         """The least and largest x and y between which nothing is in reach."""
+        self.crowded = False
+        """Whether an obstacle or another vehicle may be in reach wherever it is."""
         drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
         self._drag_rng = np.random.default_rng(drag_seed)
         self._battery_rng = np.random.default_rng(battery_seed)
@@ -153,10 +155,18 @@ class Vehicle:
 
     def advance_to(self, time: float) -> None:
         """Let the vehicle move until `time`, s since its robot's run began; an instant in the past changes nothing."""
-        if self.accompanied:
-            self.world.advance(self, time)
-        else:
-            self.move_to(time)
+        if time > self.time:
+            if self.accompanied:
+                self.world.advance(self, time)
+            else:
+                self.move_to(time)
+
+    def rewind(self) -> None:
+        """Let its time be 0 again, where another run begins."""
+        self._settle_due -= self.time
+        self._voltage_noise_ends -= self.time
+        self._drag_count = 0
+        self.time = self.piece_ends = 0.0
 
     def move_to(self, time: float) -> None:
         """Move until `time`, whatever other vehicles do."""
@@ -167,6 +177,12 @@ class Vehicle:
                 self._settle_batteries()
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
+            if after is self.motion and not self.crowded:  # at rest, the motors off
+                self._drawn += (until - self.time) * (
+                    self.batteries.idle_load if self.atx_on else self.batteries.standby_load
+                )
+                self.time = until
+                continue
             x_min, x_max, y_min, y_max = self.free
             if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
                 after = self.world.contact(self, after, until)

@@ -108,14 +108,21 @@ class World:
     # -- time --------------------------------------------------------------------------------------------------
 
     def expect(self, vehicle: Vehicle, clock: Clock) -> None:
-        """Be ready for a run of a vehicle's robot on this event loop's clock; it begins with its next motion."""
+        """Be ready for a run of a vehicle's robot on this event loop's clock; it begins with its first motion."""
+        if self._origin_ns < 0:
+            self._origin_ns = clock.now_ns()
         self._clock = clock
-        vehicle.running, vehicle.accompanied = False, True
+        vehicle.rewind()
+        vehicle.running = False
+        self._gather()
+        vehicle.accompanied = True
 
     def advance(self, vehicle: Vehicle, time: float) -> None:
         """Let all vehicles move on, one of them to `time`, s of its own."""
         if not vehicle.running:
-            self._begin(vehicle, time)
+            vehicle.began = (self._clock.now_ns() - self._origin_ns) / NS_PER_S - time
+            vehicle.running = True
+            self._gather()
         now, ends = vehicle.began + time, self._ends
         while ends[0][0] <= now:
             index = ends[0][1]
@@ -124,12 +131,8 @@ class World:
             heapreplace(ends, (each.began + each.piece_ends, index))
         vehicle.move_to(time)
 
-    def _begin(self, vehicle: Vehicle, time: float) -> None:
-        """From now on a vehicle, whose time it is, moves whenever another one does."""
-        now_ns = self._clock.now_ns()
-        if self._origin_ns < 0:
-            self._origin_ns = now_ns
-        vehicle.began, vehicle.running = (now_ns - self._origin_ns) / NS_PER_S - time, True
+    def _gather(self) -> None:
+        """Take note of who moves whenever another one does."""
         running = [(index, each.vehicle) for index, each in enumerate(self._all) if each.vehicle.running]
         self._ends = [(each.began + each.piece_ends, index) for index, each in running]
         heapify(self._ends)
@@ -207,15 +210,11 @@ class World:
 
     def _set_free(self, here: _Whereabouts) -> None:
         """Tell a vehicle where its centre may be with nothing in reach, whatever its heading."""
-        x, y = 0.5 * self.room.length - here.reach, 0.5 * self.room.width - here.reach
-        here.vehicle.free = (
-            NOWHERE
-            if here.others or here.obstacles
-            else (
-                max(-x, here.x - here.roam), min(x, here.x + here.roam),
-                max(-y, here.y - here.roam), min(y, here.y + here.roam),
-            )
-        )  # fmt: skip
+        vehicle, room, roam = here.vehicle, self.room, here.roam
+        vehicle.crowded = bool(here.others or here.obstacles)
+        x, y = 0.5 * room.length - here.reach, 0.5 * room.width - here.reach
+        free = max(-x, here.x - roam), min(x, here.x + roam), max(-y, here.y - roam), min(y, here.y + roam)
+        vehicle.free = NOWHERE if vehicle.crowded else free
 
 
 def halted(before: Motion, after: Motion) -> Motion:
