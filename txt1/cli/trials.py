@@ -9,9 +9,10 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,7 @@ from txt1.config import Config
 from txt1.errors import NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
-from txt1.learning.experiment import Plan, Watch, prepare, recordings, save_result
+from txt1.learning.experiment import Plan, Watch, load_results, prepare, recordings, save_result
 from txt1.learning.seeding import AGENT, SENSORS, TrialResult, new_trial, recorded_plan, result_of, robot_config, stream
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import COMMANDS, Episode
@@ -44,30 +45,26 @@ def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Tri
 
     """
     done = prepare(plan, out, resume)
-    results = {one.trial: one for one in done if one.complete}
-    for result in results.values():
+    kept = [one for one in done if one.complete or not plan.simulated]
+    for result in kept:
         for episode in result.episodes:
             watch(result.trial, episode)
-    missing = [number for number in range(1, plan.trials + 1) if number not in results]
-    begun = {} if plan.simulated else {one.trial: one for one in done if not one.complete}
+    missing = sorted(set(range(1, plan.trials + 1)) - {one.trial for one in kept if one.complete})
+    begun = {one.trial: one for one in kept if not one.complete}
     logs = recordings(plan, missing, begun, resume)
-
-    def keep(result: TrialResult) -> None:
-        results[result.trial] = result
-
     ended: Ended = None
     with _signals() as came:
         try:
             if plan.jobs > 1 and plan.simulated and len(missing) > 1:
-                _side_by_side(plan, missing, logs, out, watch, keep, came)
+                _side_by_side(plan, missing, logs, out, watch, came)
             else:
-                _one_by_one(plan, missing, logs, begun, out, watch, keep, came)
+                _one_by_one(plan, missing, logs, begun, out, watch, came)
         except Txt1Error as error:
             ended = error
-    complete = len(results) >= plan.trials and all(one.complete for one in results.values())
-    if came and not complete:
+    results = load_results(out)
+    if came and not (len(results) >= plan.trials and all(one.complete for one in results)):
         ended = came[0]
-    return [results[number] for number in sorted(results)], ended
+    return results, ended
 
 
 @contextmanager
@@ -94,28 +91,25 @@ def _deaf() -> Iterator[None]:
 
 def _one_by_one(
     plan: Plan, numbers: Sequence[int], logs: dict[int, Path], begun: dict[int, TrialResult], out: Path, watch: Watch,
-    keep: Callable[[TrialResult], None], came: list[signal.Signals],
+    came: list[signal.Signals],
 ) -> None:  # fmt: skip
     """Do the trials in this process."""
-
-    def save(result: TrialResult) -> None:
-        save_result(out, result)
-        keep(result)
-
     for number in numbers:
-        if came:
-            return
-        before = begun.get(number)
-        for episode in before.episodes if before else []:
-            watch(number, episode)
-        app = App(plan.speed)
-        on_robot(
-            plan.agent, plan.config, plan.seed, number, plan.episodes, app=app, arm=plan.arm,
-            done=lambda episode, number=number: watch(number, episode),  # type: ignore[misc]
-            keep_paths=plan.keep_paths(), before=before, keep=save, log=logs.get(number),
-        )  # fmt: skip
-        if app.code:
-            came.append(signal.Signals(app.code - 128))
+        if not came:
+            app = App(plan.speed)
+            _trial(plan, number, logs, out, partial(watch, number), app=app, before=begun.get(number))
+            if app.code:
+                came.append(signal.Signals(app.code - 128))
+
+
+def _trial(
+    plan: Plan, number: int, logs: dict[int, Path], out: Path, watch: Callable[[Episode], None], **more: Any
+) -> None:
+    """Do one trial, and write it to its file."""
+    on_robot(
+        plan.agent, plan.config, plan.seed, number, plan.episodes, arm=plan.arm, done=watch,
+        keep_paths=plan.keep_paths(), keep=partial(save_result, out), log=logs.get(number), **more,
+    )  # fmt: skip
 
 
 _stop: Any = None
@@ -136,21 +130,15 @@ def _enter(stop: Any, news: Any) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _work(plan: Plan, number: int, log: Path | None, out: Path) -> TrialResult | None:
-    """Do one trial in a process of its own; None when it was not begun."""
-    if _stop.is_set():
-        return None
-    return on_robot(
-        plan.agent, plan.config, plan.seed, number, plan.episodes, keep_paths=plan.keep_paths(),
-        done=lambda episode: _news.put((number, episode)), stopped=_stop.is_set,
-        keep=lambda result: save_result(out, result), log=log,
-    )  # fmt: skip
+def _work(plan: Plan, number: int, logs: dict[int, Path], out: Path) -> None:
+    """Do one trial in a process of its own, unless all are to stop."""
+    if not _stop.is_set():
+        _trial(plan, number, logs, out, lambda episode: _news.put((number, episode)), stopped=_stop.is_set)
 
 
 def _side_by_side(
-    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch,
-    keep: Callable[[TrialResult], None], came: Sequence[signal.Signals],
-) -> None:  # fmt: skip
+    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch, came: Sequence[signal.Signals]
+) -> None:
     """Do the trials in several processes."""
     context = multiprocessing.get_context("spawn")
     with _deaf():  # here the process is born that tidies up after the others
@@ -166,9 +154,7 @@ def _side_by_side(
 
     with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
         with _deaf():
-            futures: list[Future[TrialResult | None]] = [
-                pool.submit(_work, plan, number, logs.get(number), out) for number in numbers
-            ]
+            futures = [pool.submit(_work, plan, number, logs, out) for number in numbers]
         try:
             while wait(futures, timeout=0.0).not_done:
                 if came or any(future.done() and future.exception() for future in futures):
@@ -179,9 +165,6 @@ def _side_by_side(
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        for future in futures:
-            if future.exception() is None and (result := future.result()) is not None:
-                keep(result)
         try:
             for future in futures:
                 future.result()

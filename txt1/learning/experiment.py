@@ -128,7 +128,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     identity = plan.identity()
     try:
         (out / "trials").mkdir(parents=True, exist_ok=True)
-        trials = sorted((out / "trials").glob("*.json"))
+        trials = any((out / "trials").glob("*.json"))
         before = json.loads(mark.read_text(encoding="utf-8")) if mark.exists() else None
         if before is not None and not _is_ours(before):
             raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
@@ -155,7 +155,12 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
                 f"--resume: {out} was begun with {key.removeprefix('config.')}={was.get(key)}, not {now.get(key)}; "
                 "repeat that, or give another directory"
             )
-    return [load_result(path) for path in trials]
+    return load_results(out)
+
+
+def load_results(out: Path) -> list[TrialResult]:
+    """Return the trials in a directory, in their order; raises QTableError for one that is damaged."""
+    return [load_result(path) for path in sorted((out / "trials").glob("*.json"))]
 
 
 def _is_ours(before: Any) -> bool:
