@@ -37,6 +37,8 @@ from txt1.robot import Robot
 Capture = pytest.CaptureFixture[str]
 CONFIG = load().config
 OVER = -1
+OUTSIDE = ("/light", "/learning/step", "/sensors", "/driver")
+"""Topics of those who command the robot, which a verification has not."""
 
 
 @pytest.fixture
@@ -149,7 +151,7 @@ def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: P
     path = recorded(tmp_path / "run.mcap", "--learn", agent)
     verdict = verify(path)
     assert verdict.difference is None
-    outside = sum(len(messages(path, topic)) for topic in ("/light", "/learning/step", "/sensors"))
+    outside = sum(len(messages(path, topic)) for topic in OUTSIDE)
     assert verdict.compared == len(stream(path)) - outside
 
 
