@@ -35,7 +35,6 @@ async def drawn(duration: float) -> dict[str, Any]:
     """The controller's statistics after `duration` seconds with the screens drawn; the robot is armed and idle."""
     async with Robot.open(hal="sim", seed=1) as robot:
         await robot.load_gains()
-        robot.runtime.watched = True  # someone looks, as in `txt1 run`
         ended: asyncio.Future[Any] = robot.runtime.scheduler.ended
         robot.runtime.scheduler.end_at(robot.now + duration)
         began, cpu_s = robot.now, _cpu_s(resource.RUSAGE_SELF)

@@ -29,7 +29,7 @@ from txt1.protocol.frame import encode
 from txt1.protocol.layout import Role
 from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
 from txt1.runtime import Runtime
-from txt1.tasks.fields import Snapshot
+from txt1.telemetry.snapshot import Snapshot
 
 BOARD_LINE: Final = 2
 """Marks the random values of the line at the board's end."""
@@ -172,9 +172,9 @@ class Board:
     # -- for who looks at it -----------------------------------------------------------------------------------
 
     @property
-    def snapshot(self) -> Snapshot | None:
-        """All of the board's state at the display task's last tick."""
-        return self.runtime.state.snapshot
+    def snapshot(self) -> Snapshot:
+        """Everything that the board tells, by topic, as it is now."""
+        return self.runtime.snapshot()
 
     @property
     def now(self) -> float:

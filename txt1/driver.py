@@ -10,26 +10,10 @@ from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
 from txt1.plugins import Registry
 from txt1.protocol.messages import Velocity
 from txt1.runtime import Runtime
-from txt1.telemetry.messages import define
-from txt1.telemetry.topics import Rule, Topic, declare
+from txt1.tasks.fields import DRIVER
 
 REFRESH: Final = 0.05
 """Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""
-
-DRIVER: Final = declare(
-    Topic(
-        "/driver", Driver, "s",
-        define(
-            "txt1_msgs/Driver",
-            "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times",
-        ),
-        Rule.CHANGE, "the source of commands that drives, and how many times each was refused",
-        make=lambda driver: {
-            "name": driver.name, "since": driver.since,
-            "refused": list(driver.refused), "times": list(driver.refused.values()),
-        },
-    )
-)  # fmt: skip
 
 SOURCES: Final = Registry("source of commands", "txt1.sources", {})
 """Sources from other packages: ``async def steer(robot: Robot) -> None``, run beside the robot by `run --source NAME`.

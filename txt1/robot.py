@@ -38,7 +38,8 @@ from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Sensor
 from txt1.sensors.polling import Polled
 from txt1.sim.world import World
-from txt1.tasks.fields import Battery, Snapshot
+from txt1.tasks.fields import Battery
+from txt1.telemetry.snapshot import Snapshot
 
 DRIVER_PRIORITY: Final = 3
 
@@ -252,9 +253,9 @@ class Robot:
         return self._runtime.faults()
 
     @property
-    def snapshot(self) -> Snapshot | None:
-        """All of the robot's state at the display task's last tick."""
-        return self._runtime.state.snapshot
+    def snapshot(self) -> Snapshot:
+        """Everything that the robot tells, by topic, as it is now."""
+        return self._runtime.snapshot()
 
     def odometry_stream(self) -> AsyncIterator[EncoderOdometry]:
         """Every odometry message from now on, 20 a second; ends with the run."""

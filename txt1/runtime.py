@@ -26,10 +26,23 @@ from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
-from txt1.tasks import battery, button, controller, diagnostics, display, encoder, inputs, mode, odometry, serial
-from txt1.tasks.fields import Snapshot, TaskReport
+from txt1.tasks import (
+    battery,
+    button,
+    controller,
+    diagnostics,
+    display,
+    encoder,
+    fields,
+    inputs,
+    mode,
+    odometry,
+    serial,
+)
+from txt1.tasks.fields import TaskReport
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
+from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 
 OnFault = Callable[[str, BaseException], None]
 
@@ -73,8 +86,6 @@ class Runtime:
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
-        self.watched = False
-        """Whether somebody looks at the statistics in the snapshots; summing them up costs."""
         self._source = ""  # the user's or the driver's task that is at work
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._sensing = sensing
@@ -106,12 +117,15 @@ class Runtime:
         if can.pose:
             bus.offer(encoder.POSE, lambda: state.pose)
             bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
-        bus.offer(mode.MODE, lambda: (gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel))
+        bus.offer(
+            mode.MODE, lambda: mode.Mode(gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel)
+        )
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(diagnostics.FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
         bus.offer(diagnostics.TASKS, self._task_counts)
-        bus.offer(display.SNAPSHOT, self._snapshot)
+        bus.offer(SNAPSHOT, self._recorded_snapshot)
+        self._offer_to_snapshots()
         tap_line = getattr(hal, "tap_line", None)
         if tap_line is not None:
             tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
@@ -123,10 +137,34 @@ class Runtime:
             self._counts, self._counted_at = diagnostics.task_counts(self.statistics(), not self._virtual), now
         return self._counts
 
-    def _snapshot(self) -> Snapshot | None:
-        """The snapshot; in virtual time without the tasks' times, which are the processor's and never the same."""
-        snapshot = self.state.snapshot
-        return snapshot._replace(tasks=()) if self._virtual and snapshot is not None else snapshot
+    def _offer_to_snapshots(self) -> None:
+        """Offer what snapshots tell beside that."""
+        state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
+        size, body = (sim.room.length, sim.room.width), (self.config.geometry.length, self.config.geometry.width)
+        surroundings = fields.Surroundings(body=body)
+        if can.simulated:
+            surroundings = fields.Surroundings(size if all(map(isfinite, size)) else None, sim.room.light, body)
+        bus.offer(fields.CAPABILITIES, lambda: can)
+        bus.offer(fields.BOARD, lambda: state.board)
+        bus.offer(fields.COMMAND, lambda: state.command)
+        bus.offer(fields.GAIN_TABLE, lambda: state.gains)
+        bus.offer(fields.SERVOS, lambda: state.servos)
+        bus.offer(
+            fields.TRAFFIC, lambda: fields.Traffic(state.received, state.transmitted, self.now - state.odometry_time)
+        )
+        bus.offer(fields.BACKLIGHT, lambda: state.backlight)
+        bus.offer(fields.SURROUNDINGS, lambda: surroundings)
+        bus.offer(fields.TASK_REPORTS, self._task_reports)
+        bus.offer(fields.EVENTS, lambda: tuple(state.events))
+
+    def snapshot(self) -> Snapshot:
+        """Everything that the robot tells, as it is now."""
+        return Snapshot.take(self.bus, self.now, self.name)
+
+    def _recorded_snapshot(self) -> Snapshot:
+        """The same; in virtual time without the tasks' times, which are the processor's and never the same."""
+        snapshot = self.snapshot()
+        return snapshot.replaced({fields.TASK_REPORTS: None}) if self._virtual else snapshot
 
     # -- life --------------------------------------------------------------------------------------------------
 
@@ -148,8 +186,6 @@ class Runtime:
         await self._hardware("opened", self.hal.open())
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         geometry = config.geometry
-        simulated = hal.capabilities.simulated
-        room = (config.sim.room.length, config.sim.room.width)
         # in the order in which tasks of equal priority run
         self._add(
             "controller", controller.PRIORITY, controller.PERIOD,
@@ -167,11 +203,7 @@ class Runtime:
         self._add("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
         self._add(
             "display", display.PRIORITY, display.PERIOD,
-            partial(
-                display.display, state=state, hal=hal, name=self.name, gate=gate, reports=self._task_reports,
-                room=room if simulated and all(map(isfinite, room)) else None,
-                light=config.sim.room.light if simulated else None,
-            ),
+            partial(display.display, state=state, hal=hal),
         )  # fmt: skip
         self._add("odometry", odometry.PRIORITY, odometry.PERIOD, partial(odometry.odometry, state=state, send=send))
         self._add(
@@ -405,11 +437,11 @@ class Runtime:
     # -- inside ------------------------------------------------------------------------------------------------
 
     def _task_reports(self) -> tuple[TaskReport, ...]:
-        """The statistics for the screens, one task's brought up to date at a time; none while nobody looks."""
-        if self.watched:
-            name = list(self._periods)[self._next_report % len(self._periods)]
-            self._next_report += 1
-            self._reports[name] = self._task_report(name)
+        """The statistics; one task's is brought up to date at a time, as summing them up costs."""
+        names = list(self._periods)
+        due = [name for name in names if name not in self._reports] or [names[self._next_report % len(names)]]
+        self._next_report += 1
+        self._reports.update((name, self._task_report(name)) for name in due)
         return tuple(self._reports.values())
 
     def _task_report(self, name: str) -> TaskReport:

@@ -13,9 +13,13 @@ from blockbuster import BlockBuster
 from txt1.cli import execute
 from txt1.errors import RecordingError
 from txt1.hal.base import Button
-from txt1.record.film import Film
-from txt1.record.replay import KEYS, Player
-from txt1.ui.screens import render
+from txt1.record.snapshots import Snapshots
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
+from txt1.tasks.fields import EVENTS
+from txt1.tasks.mode import MODE
+from txt1.ui.replay import Player
+from txt1.ui.screens import SCREENS, render
 from txt1.ui.viewer import Viewer
 
 
@@ -26,7 +30,7 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
         function.can_block_in("txt1/hal/registry.py", {"create", "names"})
         function.can_block_in("txt1/sensors/registry.py", {"create"})
         function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/record/replay.py", {"play"})
+        function.can_block_in("txt1/ui/replay.py", {"play"})
 
 
 @pytest.fixture(scope="module")
@@ -49,33 +53,35 @@ class Clock:
 
 def player(path: Path, **options: Any) -> tuple[Player, Clock]:
     clock = Clock()
-    return Player(Film(path), **{"speed": 1.0, "loop": False, "clock": clock} | options), clock
+    return Player(Snapshots(path), **{"speed": 1.0, "loop": False, "clock": clock} | options), clock
 
 
-def test_the_film_shows_what_the_robot_did(circle: Path) -> None:
-    film = Film(circle)
-    assert (film.start, round(film.end, 2)) == (0.0, 19.98)
-    before, during = film.at(0.5), film.at(10.04)
-    assert (before.armed, before.odometry.v) == (False, 0.0)
-    assert (during.armed, during.time) == (True, 10.0)
-    assert during.odometry.v == pytest.approx(0.4, abs=0.05)
-    assert (during.control.v, during.control.omega) == (0.4, 0.4)
-    assert during.control.outputs.motor > 500 and during.control.gains.kp > 0.0
-    assert during.pose is not None and during.pose != during.odometry[:3]
-    assert during.encoders.right is not None and during.encoders.right > during.encoders.left > 0
-    assert [event.text for event in during.events] == ["armed"]
-    for screen in range(6):
-        render(during._replace(panel=during.panel._replace(screen=screen)), Viewer(), 100, 30)
+def test_it_shows_what_the_robot_did(circle: Path) -> None:
+    recorded = Snapshots(circle)
+    assert (recorded.start, round(recorded.end, 2)) == (0.0, 19.98)
+    before, during = recorded.at(0.5), recorded.at(10.04)
+    assert (before[MODE].armed, before[ODOMETRY].v) == (False, 0.0)
+    assert (during[MODE].armed, during.time) == (True, 10.0)
+    assert during[ODOMETRY].v == pytest.approx(0.4, abs=0.05)
+    control = during[SETPOINT]
+    assert (control.v, control.omega) == (0.4, 0.4)
+    assert control.outputs.motor > 500 and control.gains.kp > 0.0
+    assert during[POSE] != during[ODOMETRY][:3]
+    ticks = during[ENCODERS]
+    assert ticks.right is not None and ticks.left is not None and ticks.right > ticks.left > 0
+    assert [event.text for event in during[EVENTS]] == ["armed"]
+    for screen in range(len(SCREENS)):
+        panel = during[MODE].panel._replace(screen=screen)
+        render(during.replaced({MODE: during[MODE]._replace(panel=panel)}), Viewer(), 100, 30)
 
 
 def test_it_plays_at_its_speed_and_stays_at_the_end(circle: Path) -> None:
     play, clock = player(circle, speed=4.0)
     clock.now += 2.0
     assert play.position == pytest.approx(8.0)
-    assert play.snapshot is not None and play.snapshot.time == pytest.approx(8.0)
-    assert play.snapshot is play.snapshot  # the terminal draws what is new
+    assert play.snapshot.time == pytest.approx(8.0)
     clock.now += 60.0
-    assert play.position == play.film.end and play.ended
+    assert play.position == play.recording.end and play.ended
 
 
 def test_space_pauses_and_goes_on(circle: Path) -> None:
@@ -84,7 +90,7 @@ def test_space_pauses_and_goes_on(circle: Path) -> None:
     play.stop()
     clock.now += 50.0
     assert play.position == pytest.approx(3.0)
-    assert play.snapshot is not None and play.snapshot.hal == "paused x1"
+    assert play.snapshot.name == "paused x1"
     play.stop()
     clock.now += 1.0
     assert play.position == pytest.approx(4.0)
@@ -99,7 +105,7 @@ def test_a_and_d_wind_but_not_beyond_the_ends(circle: Path) -> None:
     assert play.position == 0.0
     for _ in range(9):
         play.key("d")
-    assert play.position == play.film.end
+    assert play.position == play.recording.end
     play.key("w")
     clock.now += 0.5
     assert play.position == pytest.approx(0.5)
@@ -108,7 +114,7 @@ def test_a_and_d_wind_but_not_beyond_the_ends(circle: Path) -> None:
 def test_m_loops(circle: Path) -> None:
     play, clock = player(circle)
     play.arm()
-    clock.now += play.film.end + 2.0
+    clock.now += play.recording.end + 2.0
     assert play.position == pytest.approx(2.0) and not play.ended
 
 
@@ -123,12 +129,11 @@ def test_plus_and_minus_change_the_speed_from_here_on(circle: Path) -> None:
     assert play.speed == 1.0 / 64.0
 
 
-def test_the_joystick_changes_the_screen_of_a_film(circle: Path) -> None:
+def test_the_joystick_changes_the_screen_of_a_recording(circle: Path) -> None:
     play, _ = player(circle)
-    assert play.snapshot is not None and play.snapshot.panel.screen == 0
+    assert play.snapshot[MODE].panel.screen == 0
     play.press(Button.RIGHT)
-    assert play.snapshot.panel.screen == 1
-    assert play.snapshot.events[-1].text == KEYS
+    assert play.snapshot[MODE].panel.screen == 1
 
 
 def test_without_a_terminal_it_is_played_as_lines(circle: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -138,10 +143,10 @@ def test_without_a_terminal_it_is_played_as_lines(circle: Path, capfd: pytest.Ca
     assert "armed" in lines[0]
 
 
-def test_what_has_no_pictures_says_so(circle: Path, tmp_path: Path) -> None:
+def test_what_has_no_snapshots_says_so(circle: Path, tmp_path: Path) -> None:
     (tmp_path / "short.mcap").write_bytes(circle.read_bytes()[:9000])
-    with pytest.raises(RecordingError, match="no pictures in it"):
-        Film(tmp_path / "short.mcap")
+    with pytest.raises(RecordingError, match="no snapshots in it"):
+        Snapshots(tmp_path / "short.mcap")
 
 
 def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(

@@ -37,6 +37,10 @@ from txt1.protocol.messages import (
     Velocity,
 )
 from txt1.robot import Robot
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
+from txt1.tasks.fields import BACKLIGHT, CAPABILITIES, COMMAND, GAIN_TABLE
+from txt1.tasks.mode import MODE
 
 TICK = 0.02
 SMALL_GAINS = "control.angular=[{v_max: 1.5, kp: 4, ki: 130, kd: 0.005}]"
@@ -628,17 +632,14 @@ async def test_what_the_wire_carries_agrees_on_both_screens_and_the_rest_is_unkn
         await together.robot.drive(0.5, 0.4, 3.0)
         await together.robot.drive(0.0, 0.0, 3.0)
         host, board = together.robot.snapshot, together.board.snapshot
-        assert host is not None and board is not None
-        assert host.odometry == pytest.approx(board.odometry, abs=0.0006)
-        assert host.odometry.x > 1.0
-        assert (host.battery.battery1, host.battery.battery2) == pytest.approx(
-            (board.battery.battery1, board.battery.battery2), abs=0.01
-        )
-        assert host.battery.state == board.battery.state
-        assert host.command is not None and board.command is not None
-        assert host.command[:2] == board.command[:2] == (0.0, 0.0)
-        assert host.gains.linear == board.gains.linear and host.gains.loaded
-        assert host.link.alive and board.link.alive
-        can = host.capabilities
+        assert host[ODOMETRY] == pytest.approx(board[ODOMETRY], abs=0.0006)
+        assert host[ODOMETRY].x > 1.0
+        ours, theirs = host[BATTERIES[0]], board[BATTERIES[0]]
+        assert (ours.battery1, ours.battery2) == pytest.approx((theirs.battery1, theirs.battery2), abs=0.01)
+        assert ours.state == theirs.state
+        assert host[COMMAND][:2] == board[COMMAND][:2] == (0.0, 0.0)
+        assert host[GAIN_TABLE].linear == board[GAIN_TABLE].linear and host[GAIN_TABLE].loaded
+        assert host[MODE].link.alive and board[MODE].link.alive
+        can = host[CAPABILITIES]
         assert not (can.ticks or can.pwm or can.buttons or can.pose)
-        assert (host.encoders.right, host.pose, host.backlight) == (None, None, None)
+        assert {host.get(topic) for topic in (ENCODERS, POSE, BACKLIGHT)} == {None}

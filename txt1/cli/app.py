@@ -181,7 +181,6 @@ class App:
             await _first_of(*ends)
             return
         if view == "screens" and self.speed != "max" and _draws():
-            runtime.watched = True
             async with terminal() as screens:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
                 operator = asyncio.ensure_future(screens.wait())

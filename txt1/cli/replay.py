@@ -24,10 +24,10 @@ def main(arguments: argparse.Namespace) -> int:
     """Show a recording on the screens, or run it again and say where it first differs."""
     need("txt1 replay", "record", *MODULES)
     if not arguments.verify:
-        from txt1.record.film import Film
-        from txt1.record.replay import play
+        from txt1.record.snapshots import Snapshots
+        from txt1.ui.replay import play
 
-        run(play(Film(arguments.file), arguments.speed, arguments.start, arguments.loop))
+        run(play(Snapshots(arguments.file), arguments.speed, arguments.start, arguments.loop))
         return OK
     from txt1.record.verify import verify
 

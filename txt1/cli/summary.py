@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from txt1.driver import DRIVER
 from txt1.kernel.statistics import TaskStatistics
 from txt1.runtime import Runtime
+from txt1.tasks.fields import DRIVER
 from txt1.telemetry.snapshot import plain
 
 

@@ -33,10 +33,11 @@ from txt1.record.reading import Decoding, Item, Reading, flat
 from txt1.record.recorder import Recorder
 from txt1.runtime import OnFault, Runtime
 from txt1.sensors.base import SENSORS
-from txt1.tasks import diagnostics, display
+from txt1.tasks import diagnostics
 from txt1.tasks.controller import PERIOD, SETPOINT
 from txt1.tasks.inputs import COMMAND, INPUT, STEP, Input
 from txt1.tasks.state import LOG
+from txt1.telemetry.snapshot import SNAPSHOT
 from txt1.telemetry.topics import Topic
 
 EARLY: Final = 0.4 / NS_PER_S
@@ -171,8 +172,8 @@ class _Comparison:
         self.difference: Difference | None = None
 
     def compare_with(self, runtime: Runtime) -> None:
-        """Compare what this one's tasks tell, but for what is measured on the real clock."""
-        measured: set[Topic[Any]] = {SENSORS} | ({diagnostics.TASKS, display.SNAPSHOT, STEP} if self._real else set())
+        """Compare what this one's tasks tell, but for what is measured on the real clock and what sensors say."""
+        measured: set[Topic[Any]] = {SENSORS, SNAPSHOT, *((diagnostics.TASKS, STEP) if self._real else ())}
         self._own = {topic.name for topic in {*runtime.bus.offered, INPUT, COMMAND, LOG, LINK} - measured}
 
     def write(self, block: Block) -> int:

@@ -8,7 +8,7 @@ from typing import Final
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import SCREENS, Panel
+from txt1.tasks.fields import Panel
 from txt1.tasks.state import State
 
 PRIORITY: Final = 1
@@ -44,9 +44,9 @@ def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
     """
     match pressed:
         case Button.LEFT:
-            return panel._replace(screen=(panel.screen - 1) % len(SCREENS))
+            return panel._replace(screen=panel.screen - 1)
         case Button.RIGHT:
-            return panel._replace(screen=(panel.screen + 1) % len(SCREENS))
+            return panel._replace(screen=panel.screen + 1)
         case Button.UP:
             return panel._replace(scroll=max(panel.scroll - 1, 0))
         case Button.DOWN:

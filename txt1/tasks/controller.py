@@ -41,6 +41,7 @@ PWM: Final = declare(Topic(
     ),
     Rule.CYCLE, "the five channels", {"header": {"frame_id": "base_footprint"}},
     ("motor", "front", "rear", "pwm4", "pwm5"), lambda control: control.outputs[:5],
+    in_snapshots=False,
 ))  # fmt: skip
 GAINS: Final = declare(Topic[tuple[Gains, Gains]](
     "/gains", tuple, "counts per mm/s, per mrad/s",
@@ -51,7 +52,7 @@ GAINS: Final = declare(Topic[tuple[Gains, Gains]](
     ),
     Rule.CYCLE, "the gains in force", {"header": {"frame_id": "base_footprint"}},
     tuple(f"{loop}_{gain}" for loop in ("linear", "angular") for gain in ("kp", "ki", "kd")),
-    lambda gains: gains[0] + gains[1],
+    lambda gains: gains[0] + gains[1], in_snapshots=False,
 ))  # fmt: skip
 
 _OFF: Final = Gains()

@@ -65,7 +65,7 @@ def _times(task: TaskCount) -> dict[str, str]:
 
 TASKS: Final = declare(Topic[TaskCounts](
     "/diagnostics", dict, "s", "diagnostic_msgs/DiagnosticArray", Rule.SECOND, "the tasks' cycles, misses and times",
-    make=_tasks,
+    make=_tasks, in_snapshots=False,
 ))  # fmt: skip
 FAULTS: Final = declare(Topic[dict[str, int]](
     "/faults", dict, "", "diagnostic_msgs/DiagnosticArray", Rule.SECOND, "everything counted as a fault",

@@ -39,7 +39,7 @@ _TRANSFORM: Final = tuple(
 )
 TRANSFORM: Final = declare(Topic(
     "/tf", Odometry, "m", "tf2_msgs/TFMessage", Rule.CYCLE, "the odometry once more, for tools that want transforms",
-    {"transforms": [_ROBOT]}, _TRANSFORM, lambda odometry: in_the_plane(*odometry[:3]),
+    {"transforms": [_ROBOT]}, _TRANSFORM, lambda odometry: in_the_plane(*odometry[:3]), in_snapshots=False,
 ))  # fmt: skip
 ENCODERS: Final = declare(Topic[Encoders](
     "/encoders", Encoders, "ticks of a cycle",
@@ -55,7 +55,7 @@ POSE: Final = declare(Topic[Pose](
 ROOM: Final = declare(Topic[Pose](
     "/tf_room", tuple, "m", "tf2_msgs/TFMessage", Rule.SECOND, "where the odometry began in the room, as it seems now",
     {"transforms": [{"header": {"frame_id": "room"}, "child_frame_id": "odom"}]}, _TRANSFORM,
-    lambda pose: in_the_plane(*pose),
+    lambda pose: in_the_plane(*pose), in_snapshots=False,
 ))  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What the tasks share, as values: the fields of `txt1.tasks.state.State`, and all of them at one instant.
+"""What the tasks share, as values: the fields of `txt1.tasks.state.State`, and topics of those that a snapshot tells.
 
 Every value is immutable and replaced whole, so a reader never sees half of an update.
 """
@@ -6,13 +6,17 @@ Every value is immutable and replaced whole, so a reader never sees half of an u
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
+from txt1.control.commander import Driver
 from txt1.control.pid import Gains
 from txt1.control.schedule import Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
-from txt1.model.odometry import Odometry
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
+
+T = TypeVar("T")
 
 
 class Command(NamedTuple):
@@ -124,7 +128,7 @@ class Encoders(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """What the joystick has set: which screen, how far the gains are scrolled, manual mode."""
+    """What the joystick has set: the screen, counted round and round, how far the gains are scrolled, manual mode."""
 
     screen: int = 0
     scroll: int = 0
@@ -136,10 +140,6 @@ class Event(NamedTuple):
 
     time: float
     text: str
-
-
-SCREENS: Final = ("STATUS", "PWM", "ENCODERS", "PID GAINS", "MAP", "TASKS")
-"""The screens in the order of the joystick: the LCD's four, and two that it could not show."""
 
 
 class TaskReport(NamedTuple):
@@ -154,50 +154,47 @@ class TaskReport(NamedTuple):
     run_time: Percentiles
 
 
-class Snapshot(NamedTuple):
-    """Everything the screens show, at one instant.
+class Traffic(NamedTuple):
+    """Messages received from the host and transmitted to it, and the age of the odometry in s."""
 
-    Attributes:
-        time: s of the run.
-        hal: name of the HAL.
-        capabilities: what it can do; what it cannot is shown as a dash.
-        armed: the safety gate is open.
-        stopped: the emergency stop is latched.
-        reason: why the gate is closed, empty when it is open.
-        faults: counters of the safety gate and the tasks, by name.
-        board: the link to the board; None for a HAL without one.
-        odometry_age: of the odometry, s.
-        room: length and width of the room in m, and the light's position (x, y); None when unknown.
+    received: int = 0
+    transmitted: int = 0
+    odometry_age: float = 0.0
 
-    The others are the state's fields of the same name.
 
-    """
+class Surroundings(NamedTuple):
+    """Length and width of the room and of the robot's body in m, and the light's position (x, y); None if unknown."""
 
-    time: float
-    hal: str
-    capabilities: Capabilities
-    armed: bool
-    stopped: bool
-    reason: str
-    faults: dict[str, int]
-    command: Command | None
-    gains: GainTable
-    power: Power
-    servos: tuple[int, int]
-    received: int
-    transmitted: int
-    encoders: Encoders
-    odometry: Odometry
-    pose: tuple[float, float, float] | None
-    board: BoardLink | None
-    odometry_age: float
-    link: LinkState
-    control: Control
-    battery: Battery
-    panel: Panel
-    backlight: float | None
-    buzzer: bool
-    room: tuple[float, float] | None
-    light: tuple[float, float] | None
-    tasks: tuple[TaskReport, ...]
-    events: tuple[Event, ...]
+    room: tuple[float, float] | None = None
+    light: tuple[float, float] | None = None
+    body: tuple[float, float] = (0.510, 0.385)
+
+
+def _told(name: str, kind: type[T], about: str) -> Topic[T]:
+    return declare(Topic(name, kind, "", "std_msgs/String", Rule.SNAPSHOT, about))
+
+
+CAPABILITIES: Final = _told("/capabilities", Capabilities, "what the hardware layer can do")
+BOARD: Final = _told("/board", BoardLink, "the link to the board, where there is one")
+COMMAND: Final = _told("/command", Command, "the latest velocity command")
+GAIN_TABLE: Final = _told("/gain_table", GainTable, "the gains that were loaded")
+SERVOS: Final[Topic[tuple[int, int]]] = _told("/servos", tuple, "counts of the two free servos")
+TRAFFIC: Final = _told("/traffic", Traffic, "messages to and from the host, and how old the odometry is")
+BACKLIGHT: Final = _told("/backlight", float, "brightness of the board's display, 0 to 1")
+SURROUNDINGS: Final = _told("/surroundings", Surroundings, "the simulated room, its light, and the robot's size")
+TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
+EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
+DRIVER: Final = declare(
+    Topic(
+        "/driver", Driver, "s",
+        define(
+            "txt1_msgs/Driver",
+            "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times",
+        ),
+        Rule.CHANGE, "the source of commands that drives, and how many times each was refused",
+        make=lambda driver: {
+            "name": driver.name, "since": driver.since,
+            "refused": list(driver.refused), "times": list(driver.refused.values()),
+        },
+    )
+)  # fmt: skip

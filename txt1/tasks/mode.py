@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from txt1.control.limits import Fault, Gate
 from txt1.kernel.ticks import Ticks
@@ -19,8 +19,16 @@ VELOCITY_MIN: Final = 1
 COMBINED_MIN: Final = 2
 """Combined odometry is selected when more such messages than this came in a second (the original firmware)."""
 
-Mode = tuple[bool, bool, str, LinkState, Power, Panel]
-"""Armed, stopped, why the gate is closed; link, power switches and panel."""
+
+class Mode(NamedTuple):
+    """The safety gate (armed, stopped, why it is closed), link, power switches and panel."""
+
+    armed: bool = False
+    stopped: bool = False
+    reason: str = ""
+    link: LinkState = LinkState()
+    power: Power = Power()
+    panel: Panel = Panel()
 
 
 def _mode_message(value: Mode) -> dict[str, object]:
@@ -31,12 +39,12 @@ def _mode_message(value: Mode) -> dict[str, object]:
     }  # fmt: skip
 
 
-MODE: Final = declare(Topic[Mode](
-    "/mode", tuple, "",
+MODE: Final = declare(Topic(
+    "/mode", Mode, "",
     define(
         "txt1_msgs/Mode",
         "std_msgs/Header header\nbool armed\nbool stopped\nbool manual\nbool link_alive\nbool combined\nbool atx\n"
-        "bool esc\nuint8 screen\nstring reason",
+        "bool esc\nint32 screen\nstring reason",
     ),
     Rule.CHANGE, "armed, manual, link, power switches", make=_mode_message,
 ))  # fmt: skip

@@ -23,7 +23,6 @@ from txt1.tasks.fields import (
     ManualPwm,
     Panel,
     Power,
-    Snapshot,
 )
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -49,7 +48,6 @@ WRITERS: Final = {
     "panel": "button",
     "backlight": "button",
     "transmitted": "odometry",
-    "snapshot": "display",
 }
 """The one task that writes each field."""
 
@@ -92,7 +90,6 @@ class State:
         self.panel = Panel()
         self.backlight: float | None = None
         self.transmitted = 0
-        self.snapshot: Snapshot | None = None
         self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
         self.bus = Bus() if bus is None else bus

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hi
 
 from txt1.control.schedule import GainSet, Schedule
 from txt1.telemetry.bus import Bus
-from txt1.telemetry.topics import Topic
+from txt1.telemetry.topics import Rule, Topic, declare
 
 VERSION: Final = 1
 
@@ -43,7 +43,8 @@ class Snapshot:
     def take(cls, bus: Bus, time: float, name: str, topics: Iterable[str] | None = None) -> Snapshot:
         """What a bus has to tell now, of all its sampled topics or of those of these names."""
         chosen = None if topics is None else frozenset(topics)
-        told = ((t.name, bus.read(t)) for t in bus.offered if chosen is None or t.name in chosen)
+        asked = (t for t in bus.offered if t.in_snapshots and (chosen is None or t.name in chosen))
+        told = ((topic.name, bus.read(topic)) for topic in asked)
         return cls(time, name, {name: value for name, value in told if value is not None})
 
     def __getitem__(self, topic: Topic[T]) -> T:
@@ -75,9 +76,11 @@ class Snapshot:
         found: T | None = self._values[name]
         return default if found is None else found
 
-    def replaced(self, values: Mapping[Topic[Any], Any], time: float | None = None) -> Snapshot:
-        """This one with other values of some topics; None for none."""
-        other = Snapshot(self.time if time is None else time, self.name, self._values)
+    def replaced(
+        self, values: Mapping[Topic[Any], Any], time: float | None = None, name: str | None = None
+    ) -> Snapshot:
+        """This one with other values of some topics, None for none, and perhaps another time and name."""
+        other = Snapshot(self.time if time is None else time, self.name if name is None else name, self._values)
         other._plain = self._plain
         other._values.update((topic.name, value) for topic, value in values.items())
         return other
@@ -121,6 +124,11 @@ class Snapshot:
         snapshot._plain = dict(line["topics"])
         return snapshot
 
+
+SNAPSHOT: Final = declare(Topic(
+    "/snapshot", Snapshot, "", "std_msgs/String", Rule.SECOND, "everything the robot tells, as one line of JSON",
+    make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
+))  # fmt: skip
 
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 

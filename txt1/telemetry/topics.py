@@ -31,6 +31,7 @@ class Rule(StrEnum):
     CHANGE = "when it changes, looked at every controller cycle"
     SECOND = "once a second, when it is another than before"
     EVENT = "as it comes"
+    SNAPSHOT = "in snapshots only"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,7 @@ class Topic(Generic[T]):
         constants: the message's values that are always the same, nested like the message: frames, for example.
         paths: of the numbers in the message, such as "twist.linear.x", in the order in which they stand there.
         make: the numbers of a value, in the order of `paths`; without paths, the message's fields as a nested mapping.
+        in_snapshots: whether snapshots tell it, too: not what takes too long for that, or says the same once more.
 
     The message's first time stamp is filled in by whoever writes it.
 
@@ -61,6 +63,7 @@ class Topic(Generic[T]):
     constants: Mapping[str, Any] = field(default_factory=dict)
     paths: tuple[str, ...] = ()
     make: Callable[[T], tuple[float, ...] | Mapping[str, Any]] = lambda value: {"data": str(value)}
+    in_snapshots: bool = True
 
 
 TOPICS: Final[dict[str, Topic[Any]]] = {}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import select
+from collections.abc import Mapping
 from io import StringIO
 from typing import Any, Final
 
@@ -15,12 +16,11 @@ from rich.console import Console
 
 from txt1.beside import Connection
 from txt1.kernel.clock import RealClock, nanoseconds
-from txt1.tasks import frames
-from txt1.tasks.fields import Snapshot
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.keys import Keys
 from txt1.ui.screens import render
-from txt1.ui.viewer import Viewer
+from txt1.ui.viewer import DRIVING, Viewer
 
 DRAW_INTERVAL: Final = 0.1
 """s between frames, unless a key asks for one."""
@@ -70,20 +70,20 @@ def window() -> tuple[int, int]:
     return size.columns or 80, size.lines or 24
 
 
-def main(connection: Connection) -> None:
-    """Draw and report keys until the robot's process or the terminal goes away."""
+def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
+    """Draw and report keys until the robot's process or the terminal goes away; `keys` are those to be shown."""
     with tty.full_screen(tty.IN, tty.OUT):
-        run(connection)
+        run(connection, Viewer(keys or DRIVING))
 
 
-def run(connection: Connection) -> None:
+def run(connection: Connection, viewer: Viewer) -> None:
     """Draw and report keys until the terminal goes away.
 
     Raises:
         EOFError: the robot's process has gone.
 
     """
-    keys, viewer, painter = Keys(), Viewer(), Painter()
+    keys, painter = Keys(), Painter()
     line: bytes | None = None
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]
@@ -107,7 +107,7 @@ def run(connection: Connection) -> None:
             line = connection.newest() or line
         if pressed or painter.resized() or (now >= next_frame and line is not None):
             if line is not None:
-                snapshot, line = frames.decode(line), None
+                snapshot, line = Snapshot.decode(line), None
                 viewer.follow(snapshot)
             painter.paint(snapshot, viewer)
             next_frame = now + nanoseconds(DRAW_INTERVAL)

@@ -11,8 +11,11 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.fields import Snapshot
-from txt1.ui.map import draw_map
+from txt1.model.odometry import Odometry
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
+from txt1.tasks.fields import Encoders
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.map import framed
 from txt1.ui.text import DASH, DIM, LABEL, centred_bar, number
 from txt1.ui.viewer import Viewer
 
@@ -31,29 +34,27 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
     if width < WIDE:
         return _numbers(snapshot, width, rows)
     left = width // 2
-    lines = draw_map(snapshot, viewer, width - left - 2, rows - 2)
     layout = Layout()
     layout.split_row(
         Layout(_numbers(snapshot, left, rows), size=left),
-        Layout(Panel(Text("\n").join(lines), title="map", padding=0, border_style=DIM)),
+        Layout(framed(snapshot, viewer, width - left, rows)),
     )
     return layout
 
 
 def _numbers(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
     """Ticks, velocities and poses in two panels."""
-    odometry, encoders = snapshot.odometry, snapshot.encoders
-    ticks = (encoders.right, encoders.left) if snapshot.capabilities.ticks else (None, None)
+    odometry, ticks = snapshot.get(ODOMETRY, Odometry()), snapshot.get(ENCODERS, Encoders())
     length = max(11, width - 34)
     motion = _grid()
-    motion.add_row("ticks right", _count(ticks[0]), "per period")
-    motion.add_row("ticks left", _count(ticks[1]), "per period")
+    motion.add_row("ticks right", _count(ticks.right), "per period")
+    motion.add_row("ticks left", _count(ticks.left), "per period")
     motion.add_row()
     motion.add_row("v", number(odometry.v, 3), "m/s", centred_bar(odometry.v / V_MAX, length))
     motion.add_row("omega", number(odometry.omega, 3), "rad/s", centred_bar(odometry.omega / OMEGA_MAX, length))
     pose = _grid()
     pose.add_row("", Text("odometry", style=LABEL), "", Text("room", style=LABEL))
-    true = snapshot.pose or (None, None, None)
+    true = snapshot.get(POSE) or (None, None, None)
     pose.add_row("x", number(odometry.x, 3), "m", number(true[0], 3))
     pose.add_row("y", number(odometry.y, 3), "m", number(true[1], 3))
     heading = None if true[2] is None else degrees(true[2])

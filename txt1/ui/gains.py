@@ -9,26 +9,36 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.fields import Snapshot
+from txt1.hal.base import Capabilities
+from txt1.model.odometry import Odometry
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.encoder import ODOMETRY
+from txt1.tasks.fields import CAPABILITIES, GAIN_TABLE, GainTable
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.status import gain_cells
 from txt1.ui.text import DASH, DIM, GOOD, LABEL, WARNING, number
+from txt1.ui.viewer import Viewer
 
 FIXED_ROWS = 7
 """Rows of the screen that are not sets: the linear gains, the table's border and heading."""
 
+WIDE = 70
+"""Columns from which the table is spaced generously."""
+
 MARK = "►"
 
 
-def screen(snapshot: Snapshot, rows: int) -> RenderableType:
-    """PID GAINS for a body of so many rows."""
-    gains = snapshot.gains
-    linear = _table("")
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
+    """PID GAINS for a body of width x rows cells."""
+    gains = snapshot.get(GAIN_TABLE, GainTable())
+    linear = _table("", width)
     linear.add_row("", "linear", *gain_cells(gains.linear if gains.loaded else None))
     loaded = Text("loaded", style=GOOD) if gains.loaded else Text("not loaded", style=WARNING)
     sets = gains.angular.sets
-    shown = visible(len(sets), max(1, rows - FIXED_ROWS), snapshot.panel.scroll)
+    shown = visible(len(sets), max(1, rows - FIXED_ROWS), snapshot.get(MODE, Mode()).panel.scroll)
     current = in_force(snapshot)
-    angular = _table("v_max (m/s)")
+    angular = _table("v_max (m/s)", width)
     for index in shown:
         marked = index == current
         cells = (number(sets[index].v_max, 2), *gain_cells(sets[index].gains))
@@ -54,18 +64,20 @@ def in_force(snapshot: Snapshot) -> int | None:
 
     Several sets may have the same gains, so the measured speed picks first.
     """
-    sets = snapshot.gains.angular.sets
-    if not snapshot.capabilities.pwm or not snapshot.gains.loaded or not sets:
+    gains, control = snapshot.get(GAIN_TABLE, GainTable()), snapshot.get(SETPOINT)
+    sets = gains.angular.sets
+    if control is None or not snapshot.get(CAPABILITIES, Capabilities()).pwm or not gains.loaded or not sets:
         return None
-    expected = min(bisect_left([s.v_max for s in sets], snapshot.odometry.v), len(sets) - 1)
-    equal = [index for index, s in enumerate(sets) if s.gains == snapshot.control.gains]
+    expected = min(bisect_left([s.v_max for s in sets], snapshot.get(ODOMETRY, Odometry()).v), len(sets) - 1)
+    equal = [index for index, s in enumerate(sets) if s.gains == control.gains]
     return min(equal, key=lambda index: abs(index - expected), default=None)
 
 
-def _table(first: str) -> Table:
-    """Columns for the mark, v_max, Kp, Ki and Kd."""
-    table = Table(box=None, padding=(0, 2), pad_edge=False, header_style=LABEL)
+def _table(first: str, width: int) -> Table:
+    """Columns for the mark, v_max, Kp, Ki and Kd; closer together in a narrow window."""
+    wide = width >= WIDE
+    table = Table(box=None, padding=(0, 2 if wide else 1), pad_edge=False, header_style=LABEL)
     table.add_column("", width=1)
     for name in (first, "Kp", "Ki", "Kd"):
-        table.add_column(name, justify="right", no_wrap=True, min_width=11)
+        table.add_column(name, justify="right", no_wrap=True, min_width=11 if wide else 8)
     return table

@@ -12,14 +12,15 @@ from math import ceil, cos, degrees, floor, hypot, isfinite, log10, sin
 from operator import itemgetter
 from typing import Final, NamedTuple
 
+from rich.console import RenderableType
+from rich.panel import Panel
 from rich.text import Text
 
-from txt1.tasks.fields import Snapshot
+from txt1.tasks.encoder import POSE
+from txt1.tasks.fields import SURROUNDINGS, Surroundings
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM
 from txt1.ui.viewer import Viewer, pose_of
-
-BODY: Final = (0.510, 0.385)
-"""Length and width of the robot, m."""
 
 BODY_DOTS: Final = 9.0
 """The robot is drawn at least so many dots long, or its heading could not be seen."""
@@ -37,6 +38,17 @@ _STYLES: Final = (DIM, "white", "cyan", "bold bright_green")
 """Colour of a cell by the highest layer that has a dot in it."""
 
 AXES, WALL, PATH, ROBOT = range(len(_STYLES))
+
+
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
+    """MAP for a body of width x rows cells."""
+    return framed(snapshot, viewer, width, rows, "MAP")
+
+
+def framed(snapshot: Snapshot, viewer: Viewer, width: int, rows: int, title: str = "map") -> Panel:
+    """The map in a frame of width x rows cells."""
+    lines = draw_map(snapshot, viewer, width - 2, rows - 2)
+    return Panel(Text("\n").join(lines), title=title, padding=0, border_style=DIM)
 
 
 class Bounds(NamedTuple):
@@ -135,7 +147,8 @@ def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
 def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> list[Text]:
     """The map and, as its last row, the legend with the scale."""
     rows = max(1, rows - 1)
-    room = snapshot.room if snapshot.room is not None and all(map(isfinite, snapshot.room)) else None
+    about = snapshot.get(SURROUNDINGS, Surroundings())
+    room = about.room
     if room is None:
         bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
@@ -146,9 +159,9 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
     canvas.path(viewer.path, PATH)
     x, y, theta = pose_of(snapshot)
     if isfinite(x) and isfinite(y) and isfinite(theta):
-        _draw_robot(canvas, x, y, theta)
-    if snapshot.light is not None:
-        canvas.mark(snapshot.light, "✶", "bold bright_yellow")
+        _draw_robot(canvas, (x, y, theta), about.body)
+    if about.light is not None:
+        canvas.mark(about.light, "✶", "bold bright_yellow")
     return [*canvas.lines(), _legend(snapshot, canvas.scale)]
 
 
@@ -163,12 +176,13 @@ def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
     The grid keeps the picture still while the robot moves.
     """
     x, y, _ = pose_of(snapshot)
-    points = [*viewer.path, (x, y), *([snapshot.light] if snapshot.light else [])]
+    about = snapshot.get(SURROUNDINGS, Surroundings())
+    points = [*viewer.path, (x, y), *([about.light] if about.light else [])]
     xs = [x for x, _ in points if isfinite(x)] or [0.0]
     ys = [y for _, y in points if isfinite(y)] or [0.0]
     span = max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))
     grid = 10.0 ** floor(log10(span))
-    margin = 0.5 * BODY[0]
+    margin = 0.5 * about.body[0]
     return Bounds(
         floor((min(xs) - margin) / grid) * grid,
         floor((min(ys) - margin) / grid) * grid,
@@ -201,10 +215,11 @@ def _draw_axes(canvas: Canvas) -> None:
     canvas.line((0.0, -arm), (0.0, arm), AXES)
 
 
-def _draw_robot(canvas: Canvas, x: float, y: float, theta: float) -> None:
-    """The body's outline and a pointer out of its front."""
-    enlarge = max(1.0, BODY_DOTS * canvas.scale / BODY[0])
-    front, side = 0.5 * enlarge * BODY[0], 0.5 * enlarge * BODY[1]
+def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float]) -> None:
+    """The outline of a body of this length and width (m), and a pointer out of its front."""
+    x, y, theta = pose
+    enlarge = max(1.0, BODY_DOTS * canvas.scale / body[0])
+    front, side = 0.5 * enlarge * body[0], 0.5 * enlarge * body[1]
     c, s = cos(theta), sin(theta)
 
     def place(ahead: float, left: float) -> tuple[float, float]:
@@ -219,16 +234,17 @@ def _draw_robot(canvas: Canvas, x: float, y: float, theta: float) -> None:
 def _legend(snapshot: Snapshot, scale: float) -> Text:
     """Scale bar, symbols, and the pose in numbers."""
     length, cells = scale_bar(scale)
+    light = snapshot.get(SURROUNDINGS, Surroundings()).light
     x, y, theta = pose_of(snapshot)
-    legend = Text(no_wrap=True, overflow="crop")
+    legend = Text(no_wrap=True, overflow="ellipsis")
     legend.append(f"├{'─' * (cells - 2)}┤", "white").append(f" {length:g} m  ", "white")
-    if snapshot.light is not None:
+    if light is not None:
         legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
     legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
-    legend.append("room" if snapshot.pose is not None else "odometry", "cyan")
+    legend.append("room" if snapshot.get(POSE) is not None else "odometry", "cyan")
     legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
-    if snapshot.light is not None:
-        legend.append(f"  to light {hypot(x - snapshot.light[0], y - snapshot.light[1]):.2f} m", DIM)
+    if light is not None:
+        legend.append(f"  to light {hypot(x - light[0], y - light[1]):.2f} m", DIM)
     return legend
 
 

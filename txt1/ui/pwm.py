@@ -9,8 +9,13 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.fields import Snapshot
+from txt1.hal.base import Capabilities
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.fields import BACKLIGHT, CAPABILITIES, SERVOS, Control
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DASH, DIM, LABEL, bar, centred_bar
+from txt1.ui.viewer import Viewer
 
 COUNTS_MAX: Final = 24000
 """PWM counts at the end of the range: a pulse of 1 or 2 ms."""
@@ -19,7 +24,7 @@ _BESIDE_BAR: Final = 32
 """Columns of a row that are not bar."""
 
 
-def screen(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """PWM for a body of width x rows cells."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style=LABEL, justify="right", no_wrap=True)
@@ -32,23 +37,21 @@ def screen(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
         table.add_row(str(channel), name, DASH if counts is None else str(counts), _counts_bar(counts, length))
         if spaced:
             table.add_row()
-    light = snapshot.backlight
+    light = snapshot.get(BACKLIGHT)
     level = Text() if light is None else bar(light, length)
     table.add_row("6", "backlight", DASH if light is None else f"{100.0 * light:.0f} %", level)
     table.add_row()
-    mode = "manual" if snapshot.panel.manual else "controller"
-    table.add_row("", "mode", mode if snapshot.capabilities.pwm else DASH)
+    mode = "manual" if snapshot.get(MODE, Mode()).panel.manual else "controller"
+    table.add_row("", "mode", mode if snapshot.get(CAPABILITIES, Capabilities()).pwm else DASH)
     return Panel(table, title=f"PWM (counts, ±{COUNTS_MAX})", border_style=DIM, padding=(int(spaced), 1))
 
 
 def channels_of(snapshot: Snapshot) -> tuple[tuple[str, int | None], ...]:
     """Names and counts of the five output channels; None where this HAL does not tell."""
-    outputs, capabilities = snapshot.control.outputs, snapshot.capabilities
-    servos: tuple[int | None, int | None] = (None, None)
-    if capabilities.pwm:
-        servos = (outputs.pwm4, outputs.pwm5)
-    elif capabilities.servos:
-        servos = snapshot.servos
+    outputs = snapshot.get(SETPOINT, Control()).outputs
+    capabilities = snapshot.get(CAPABILITIES, Capabilities())
+    told = snapshot.get(SERVOS) if capabilities.servos else None
+    servos = (outputs.pwm4, outputs.pwm5) if capabilities.pwm else told or (None, None)
     return (
         ("motor", outputs.motor if capabilities.pwm else None),
         ("front", outputs.front if capabilities.pwm else None),

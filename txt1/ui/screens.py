@@ -1,6 +1,20 @@
-"""A snapshot as a full screen of text: header, state of the robot, one of the six screens, keys. Pure."""
+"""A snapshot as a full screen of text: header, state of the robot, one of the screens, keys.
+
+Screens go by name: ours from a table, other packages' through the entry-point group ``txt1.screens``::
+
+    [project.entry-points."txt1.screens"]
+    THERMOMETER = "mypackage.thermometer:screen"
+
+where ``screen(snapshot, viewer, width, rows)`` returns what `rich` is to print on so many cells. The joystick goes
+through all of them. They are imported in the drawing process only; one that fails says so in its place.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Final
 
 from rich.align import Align
 from rich.console import RenderableType
@@ -9,28 +23,39 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from txt1.tasks.fields import SCREENS, Snapshot
-from txt1.ui import encoders, gains, pwm, status, tasks
-from txt1.ui.map import draw_map
-from txt1.ui.text import DIM, clean, field_table, run_time
-from txt1.ui.viewer import Viewer
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.display import buzzer
+from txt1.tasks.fields import TRAFFIC, Battery, Traffic
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import status
+from txt1.ui.text import BAD, DIM, clean, field_table, run_time
+from txt1.ui.viewer import DRIVING, Viewer
 
 HEADER_ROWS = 2
 FOOTER_ROWS = 1
-BORDER = 2
-"""Rows, and columns, that a panel's border takes."""
+SCREENS: Final = {
+    "STATUS": "txt1.ui.status:screen",
+    "PWM": "txt1.ui.pwm:screen",
+    "ENCODERS": "txt1.ui.encoders:screen",
+    "PID GAINS": "txt1.ui.gains:screen",
+    "MAP": "txt1.ui.map:screen",
+    "SENSORS": "txt1.ui.sensors:screen",
+    "TASKS": "txt1.ui.tasks:screen",
+}
+"""Our screens in the order of the joystick: the LCD's four, and more that it could not show."""
 
-_KEYS = (
-    ("←→", "screen"),
-    ("↑↓", "gains"),
-    ("c", "manual"),
-    ("wasd", "drive"),
-    ("+-", "speed"),
-    ("SPACE", "stop"),
-    ("m", "arm"),
-    ("?", "help"),
-    ("q", "quit"),
-)
+GROUP: Final = "txt1.screens"
+
+Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
+"""Draws a snapshot for a body of so many columns and rows."""
+
+
+@cache
+def installed() -> dict[str, EntryPoint]:
+    """All screens by name, in the order of the joystick."""
+    ours = (EntryPoint(name, where, GROUP) for name, where in SCREENS.items())
+    return {point.name: point for point in (*ours, *sorted(entry_points(group=GROUP), key=lambda point: point.name))}
 
 
 def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> RenderableType:
@@ -39,54 +64,55 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
         return Align.center(waiting, vertical="middle", height=height)
     rows = max(1, height - HEADER_ROWS - FOOTER_ROWS)
+    name = current(snapshot)
     layout = Layout()
     layout.split_column(
-        Layout(_header(snapshot), size=1),
+        Layout(_header(snapshot, name, width), size=1),
         Layout(_state_line(snapshot), size=1),
-        Layout(_help() if viewer.help else _screen(snapshot, viewer, width, rows)),
-        Layout(_keys(), size=1),
+        Layout(_help(viewer) if viewer.help else _screen(name, snapshot, viewer, width, rows)),
+        Layout(_keys(viewer, width), size=1),
     )
     return layout
 
 
-def _screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """The current screen for a body of width x rows cells."""
-    match SCREENS[snapshot.panel.screen % len(SCREENS)]:
-        case "STATUS":
-            return status.screen(snapshot, viewer, width, rows)
-        case "PWM":
-            return pwm.screen(snapshot, width, rows)
-        case "ENCODERS":
-            return encoders.screen(snapshot, viewer, width, rows)
-        case "PID GAINS":
-            return gains.screen(snapshot, rows)
-        case "MAP":
-            lines = draw_map(snapshot, viewer, width - BORDER, rows - BORDER)
-            return Panel(Text("\n").join(lines), title="MAP", padding=0, border_style=DIM)
-        case _:
-            return tasks.screen(snapshot, width)
+def _screen(name: str, snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
+    """The screen of this name, or why it cannot be shown."""
+    try:
+        draw: Render = installed()[name].load()
+        return draw(snapshot, viewer, width, rows)
+    except Exception as error:  # a stranger's screen must not take the keys of the robot along
+        told = Text(f"this screen failed: {type(error).__name__}: {clean(str(error))}", style=BAD)
+        return Panel(told, title=name, border_style=DIM)
 
 
-def _header(snapshot: Snapshot) -> RenderableType:
-    """Name, HAL, time of the run, and the screens' names with the current one marked."""
+def current(snapshot: Snapshot) -> str:
+    """The name of the screen that the joystick has chosen."""
+    names = list(installed())
+    return names[snapshot.get(MODE, Mode()).panel.screen % len(names)]
+
+
+def _header(snapshot: Snapshot, current: str, width: int) -> RenderableType:
+    """Name, HAL, time of the run, and the screens' names, where they have room, with the current one marked."""
     left = Text(no_wrap=True, overflow="crop").append(" TXT-1 ", "bold reverse")
-    left.append(f" {clean(snapshot.hal)} {run_time(snapshot.time)}")
+    left.append(f" {clean(snapshot.name)} {run_time(snapshot.time)}")
     tabs = Text(no_wrap=True)
-    for index, name in enumerate(SCREENS):
-        current = index == snapshot.panel.screen % len(SCREENS)
-        tabs.append(f"[{name}]" if current else f" {name} ", "bold black on cyan" if current else DIM)
+    names = list(installed())
+    if left.cell_len + sum(len(name) + 2 for name in names) > width:
+        tabs.append(f"{names.index(current) + 1}/{len(names)} ", DIM)
+        names = [current]
+    for name in names:
+        tabs.append(f"[{name}]" if name == current else f" {name} ", "bold black on cyan" if name == current else DIM)
     return _edges(left, tabs)
 
 
 def _state_line(snapshot: Snapshot) -> RenderableType:
     """Armed or not, large; buzzer, link and the two LEDs, which toggle with each message."""
     indicators = Text(no_wrap=True)
-    if snapshot.buzzer:
+    alive, traffic = snapshot.get(MODE, Mode()).link.alive, snapshot.get(TRAFFIC, Traffic())
+    if buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state):
         indicators.append(" BUZZER ", "bold black on yellow")
-    indicators.append(
-        "  link alive" if snapshot.link.alive else "  link lost", "green" if snapshot.link.alive else "red"
-    )
-    indicators.append("  RX ").append(*_led(snapshot.received)).append("  TX ").append(*_led(snapshot.transmitted))
+    indicators.append("  link alive" if alive else "  link lost", "green" if alive else "red")
+    indicators.append("  RX ").append(*_led(traffic.received)).append("  TX ").append(*_led(traffic.transmitted))
     return _edges(status.state_of(snapshot), indicators)
 
 
@@ -104,16 +130,19 @@ def _edges(left: Text, right: Text) -> Table:
     return row
 
 
-def _keys() -> Text:
-    """The keys in one row."""
+def _keys(viewer: Viewer, width: int) -> Text:
+    """The keys in one row, as many as have room."""
     line = Text(no_wrap=True, overflow="crop")
-    for key, meaning in _KEYS:
-        line.append(key, "bold").append(f" {meaning} ", DIM)
+    for key, meaning in viewer.keys.items():
+        if line.cell_len + len(key) + len(meaning) + 1 <= width:
+            line.append(key, "bold").append(f" {meaning} ", DIM)
     return line
 
 
-def _help() -> RenderableType:
+def _help(viewer: Viewer) -> RenderableType:
     """What every key does."""
+    if viewer.keys != DRIVING:
+        return Panel(field_table(*viewer.keys.items()), title="HELP", border_style="cyan")
     return Panel(
         field_table(
             ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
@@ -122,7 +151,7 @@ def _help() -> RenderableType:
             ("a d", "steer left, right while driving; the wheel's side also in reverse"),
             ("", "a key counts for 0.7 s after its last press, then fades in 0.3 s"),
             ("+ -", "speed of w and s, 0.1 to 1.5 m/s"),
-            ("← →", "screen: " + ", ".join(SCREENS)),
+            ("← →", "screen: " + ", ".join(installed())),
             ("↑ ↓", "scroll the table of gains"),
             ("c", "joystick centre: controller or manual mode"),
             ("?", "this help, and back"),

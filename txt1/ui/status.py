@@ -8,16 +8,36 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from txt1.control.commander import Driver
 from txt1.control.pid import Gains
-from txt1.tasks.fields import BatteryState, Snapshot
-from txt1.ui.map import draw_map
+from txt1.hal.base import Capabilities
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.diagnostics import FAULTS
+from txt1.tasks.fields import (
+    BOARD,
+    CAPABILITIES,
+    COMMAND,
+    DRIVER,
+    EVENTS,
+    GAIN_TABLE,
+    TRAFFIC,
+    Battery,
+    BatteryState,
+    Control,
+    GainTable,
+    Traffic,
+)
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.map import framed
 from txt1.ui.text import BAD, DASH, DIM, GOOD, LABEL, WARNING, clean, field_table, minutes, number, on_off
 from txt1.ui.viewer import Viewer
 
 LEFT = 43
 """Columns of the left half in a window of 80."""
 
-LEFT_ROWS = 20
+LEFT_ROWS = 21
 EVENT_ROWS = 8
 """Rows kept for the events, border included, however many faults there are."""
 
@@ -31,11 +51,12 @@ _BATTERY_STYLES = {
 
 def state_of(snapshot: Snapshot) -> Text:
     """Armed, disarmed with its reason, or EMERGENCY STOP, so that it cannot be overlooked."""
-    if snapshot.stopped:
+    mode = snapshot.get(MODE, Mode())
+    if mode.stopped:
         return Text(" ■ EMERGENCY STOP ■ ", style="bold white on red")
-    if snapshot.armed:
+    if mode.armed:
         return Text(" ▶ ARMED ", style="bold black on green")
-    reason = f" ({clean(snapshot.reason)})" if snapshot.reason else ""
+    reason = f" ({clean(mode.reason)})" if mode.reason else ""
     # the whole reason is among the events
     return Text(f" ▌▌disarmed{reason} ", style="black on yellow", no_wrap=True, overflow="ellipsis")
 
@@ -49,9 +70,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
     state = Group(_robot(snapshot), _batteries(snapshot), _gains(snapshot))
     map_rows = rows - LEFT_ROWS - 1
     if map_rows >= 10:
-        lines = draw_map(snapshot, viewer, left_width - 2, map_rows - 2)
-        small_map = Panel(Text("\n").join(lines), title="map", padding=0, border_style=DIM)
-        left.split_column(Layout(state), Layout(small_map, size=map_rows))
+        left.split_column(Layout(state), Layout(framed(snapshot, viewer, left_width, map_rows), size=map_rows))
     else:
         left.update(state)
     faults, fault_rows = _faults(snapshot, rows - EVENT_ROWS)
@@ -61,18 +80,20 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
 
 def _robot(snapshot: Snapshot) -> Panel:
     """Mode of operation and commands."""
-    pwm, power = snapshot.capabilities.pwm, snapshot.power
-    mode = "manual" if snapshot.panel.manual else "controller"
+    can, control = snapshot.get(CAPABILITIES, Capabilities()), snapshot.get(SETPOINT, Control())
+    mode = snapshot.get(MODE, Mode())
+    power = mode.power
     switches = Text.assemble("ATX ", on_off(power.atx), "  ESC ", on_off(power.esc))
     return Panel(
         field_table(
             ("state", state_of(snapshot)),
             ("link", _link(snapshot)),
-            ("odometry", snapshot.control.source.value if pwm else DASH),
-            ("mode", mode if pwm else DASH),
+            ("odometry", control.source.value if can.pwm else DASH),
+            ("mode", DASH if not can.pwm else "manual" if mode.panel.manual else "controller"),
+            ("driver", _driver(snapshot)),
             ("command", _command(snapshot)),
-            ("set-point", _velocity(snapshot.control.v, snapshot.control.omega)),
-            ("power", switches if snapshot.capabilities.power else DASH),
+            ("set-point", _velocity(control.v, control.omega)),
+            ("power", switches if can.power else DASH),
         ),
         title="robot",
         border_style=DIM,
@@ -81,19 +102,27 @@ def _robot(snapshot: Snapshot) -> Panel:
 
 def _link(snapshot: Snapshot) -> Text:
     """Alive or lost; behind a line also how old the odometry is."""
-    if not snapshot.link.alive:
+    if not snapshot.get(MODE, Mode()).link.alive:
         return Text("lost", style=BAD)
     text = Text("alive", style=GOOD)
-    if snapshot.board is not None:
-        text.append(f", odometry {1000.0 * snapshot.odometry_age:.0f} ms old", DIM)
+    if snapshot.get(BOARD) is not None:
+        text.append(f", odometry {1000.0 * snapshot.get(TRAFFIC, Traffic()).odometry_age:.0f} ms old", DIM)
+    return text
+
+
+def _driver(snapshot: Snapshot) -> Text:
+    """The source of commands that has the wheel, and how often others were refused."""
+    driver = snapshot.get(DRIVER, Driver())
+    text = Text(clean(driver.name) or "nobody", no_wrap=True, overflow="ellipsis")
+    if driver.refused:
+        text.append(f", refused {', '.join(f'{clean(name)} {n}' for name, n in driver.refused.items())}", WARNING)
     return text
 
 
 def _command(snapshot: Snapshot) -> str:
     """The latest velocity command, whoever gave it; the set-point is what became of it."""
-    if snapshot.command is None:
-        return "none"
-    return _velocity(snapshot.command.v, snapshot.command.omega)
+    command = snapshot.get(COMMAND)
+    return "none" if command is None else _velocity(command.v, command.omega)
 
 
 def _velocity(v: float, omega: float) -> str:
@@ -103,7 +132,7 @@ def _velocity(v: float, omega: float) -> str:
 
 def _batteries(snapshot: Snapshot) -> Panel:
     """Voltages, state and what is left."""
-    battery = snapshot.battery
+    battery = snapshot.get(BATTERIES[0], Battery())
     state = DASH if battery.state is None else Text(battery.state.value, style=_BATTERY_STYLES[battery.state])
     return Panel(
         field_table(
@@ -124,9 +153,11 @@ def _gains(snapshot: Snapshot) -> Panel:
     for _ in range(3):
         table.add_column(justify="right", no_wrap=True)
     table.add_row("", *(Text(name, style=LABEL) for name in ("Kp", "Ki", "Kd")))
-    table.add_row("linear", *gain_cells(snapshot.gains.linear if snapshot.gains.loaded else None))
-    table.add_row("angular", *gain_cells(snapshot.control.gains if snapshot.capabilities.pwm else None))
-    title = "gains in force" if snapshot.gains.loaded else "gains (not loaded)"
+    gains, can = snapshot.get(GAIN_TABLE, GainTable()), snapshot.get(CAPABILITIES, Capabilities())
+    in_force = snapshot.get(SETPOINT, Control()).gains if can.pwm else None
+    table.add_row("linear", *gain_cells(gains.linear if gains.loaded else None))
+    table.add_row("angular", *gain_cells(in_force))
+    title = "gains in force" if gains.loaded else "gains (not loaded)"
     return Panel(table, title=title, border_style=DIM)
 
 
@@ -137,7 +168,7 @@ def gain_cells(gains: Gains | None) -> list[str]:
 
 def _faults(snapshot: Snapshot, rows: int) -> tuple[Panel, int]:
     """The counters that are not zero in at most `rows` rows, and how many rows it takes."""
-    counted = [(clean(name), count) for name, count in snapshot.faults.items() if count]
+    counted = [(clean(name), count) for name, count in snapshot.get(FAULTS, {}).items() if count]
     room = max(1, rows - 2)
     if len(counted) > room:
         hidden = counted[room - 1 :]
@@ -157,6 +188,6 @@ def _events(snapshot: Snapshot, rows: int) -> Panel:
     table = Table.grid(padding=(0, 1))
     table.add_column(justify="right", style=DIM, no_wrap=True)
     table.add_column(overflow="fold")
-    for event in reversed(snapshot.events[-max(1, rows) :]):
+    for event in reversed(snapshot.get(EVENTS, ())[-max(1, rows) :]):
         table.add_row(f"{event.time:.1f}", clean(event.text))
     return Panel(table, title="events (s)", border_style=DIM)

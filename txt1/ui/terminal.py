@@ -7,7 +7,7 @@ that process falls silent the command goes stale and the robot stops by the ordi
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import inf
 from types import TracebackType
 from typing import Final, Literal, Protocol, Self
@@ -16,12 +16,14 @@ from txt1.beside import BEAT, Beside, Request
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
 from txt1.kernel.ticks import Ticks
-from txt1.tasks import frames
-from txt1.tasks.fields import Snapshot
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop
 
 Reason = Literal["quit", "lost"]
+
+INTERVAL: Final = 0.1
+"""s between snapshots."""
 
 BACKLOG: Final = 0.5
 """s: keys older than that, found after this process was held up, no longer drive or arm."""
@@ -40,8 +42,8 @@ class Robot(Protocol):
     """What the terminal needs of a robot."""
 
     @property
-    def snapshot(self) -> Snapshot | None:
-        """Everything to be shown, newest; None before the first."""
+    def snapshot(self) -> Snapshot:
+        """Everything to be shown, as it is now."""
 
     @property
     def now(self) -> float:
@@ -83,6 +85,7 @@ class Terminal:
         speed: that w and s drive at first, m/s.
         turn: share of the largest yaw rate that a and d ask for.
         radius_min: R_min of the vehicle, m.
+        shown: the keys to show and their meaning; None: those of a robot.
 
     Raises:
         TerminalLost: on entering, if standard input or output is no terminal.
@@ -97,13 +100,16 @@ class Terminal:
         speed: float = 0.5,
         turn: float = 0.8,
         radius_min: float = 0.56,
+        shown: Mapping[str, str] | None = None,
     ) -> None:
         self._robot = robot
         self._keys = keys
         self._origin = -inf  # of the newest command, s of the run
         self._teleop = Teleop(speed, turn, radius_min)
-        self._shown: Snapshot | None = None
-        self._beside = Beside("txt1.ui.drawing:main", self.telemetry, self.request, beat=beat, lost=self._lost)
+        self._sent = -inf
+        self._beside = Beside(
+            "txt1.ui.drawing:main", self.telemetry, self.request, options={"keys": shown}, beat=beat, lost=self._lost
+        )
         self._quit = asyncio.Event()
 
     async def __aenter__(self) -> Self:
@@ -145,12 +151,12 @@ class Terminal:
         await self._beside.serve(ticks)
 
     def telemetry(self) -> bytes | None:
-        """The newest snapshot, unless it has been sent."""
-        snapshot = self._robot.snapshot
-        if snapshot is None or snapshot is self._shown:
+        """A snapshot, ten a second."""
+        now = self._robot.now
+        if now < self._sent + INTERVAL - 1e-6:
             return None
-        self._shown = snapshot
-        return frames.encode(snapshot)
+        self._sent = now
+        return self._robot.snapshot.encode()
 
     def request(self, request: Request) -> None:
         """Obey the keys, and renew the command."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import dist, isfinite
 from typing import Final
 
-from txt1.tasks.fields import Snapshot
+from txt1.model.odometry import Odometry
+from txt1.tasks.encoder import ODOMETRY, POSE
+from txt1.telemetry.snapshot import Snapshot
 
 PATH_MAX: Final = 4000
 """Points kept; when they are used up every other one goes, and the spacing doubles."""
@@ -21,11 +24,24 @@ REACH: Final = 2.0
 """... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart."""
 
 
+DRIVING: Final = {
+    "SPACE": "stop",
+    "q": "quit",
+    "?": "help",
+    "m": "arm",
+    "wasd": "drive",
+    "←→": "screen",
+    "↑↓": "gains",
+    "+-": "speed",
+    "c": "manual",
+}
+"""The keys of a robot."""
+
+
 def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
     """The pose (x, y, theta) to draw: in the room where it is known, else odometry's."""
-    if snapshot.pose is not None:
-        return snapshot.pose
-    return snapshot.odometry.x, snapshot.odometry.y, snapshot.odometry.theta
+    x, y, theta, _, _ = snapshot.get(ODOMETRY, Odometry())
+    return snapshot.get(POSE) or (x, y, theta)
 
 
 @dataclass
@@ -33,12 +49,14 @@ class Viewer:
     """The viewer's own state.
 
     Attributes:
+        keys: those of the last row and their meaning, the most important first.
         help: the list of keys covers the screen.
         path: points (x, y) the robot passed, m, oldest first; never more than PATH_MAX.
         spacing: least distance between points, m.
 
     """
 
+    keys: Mapping[str, str] = field(default_factory=DRIVING.copy)
     help: bool = False
     path: list[tuple[float, float]] = field(default_factory=list)
     spacing: float = SPACING

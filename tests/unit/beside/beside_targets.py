@@ -23,6 +23,21 @@ def drive(connection: Connection) -> None:
         connection.request("drive", v=0.5, omega=0.0)
 
 
+def ask(connection: Connection, topics: list[str] | None = None, asked: list[list[object]] | None = None) -> None:
+    """Asks for what it is told to, and then drives and reports what it sees."""
+    for name, fields in asked or []:
+        connection.request(name, **fields)  # type: ignore[arg-type]
+    connection.request("subscribe", topics=topics, rate=20.0)
+    for telemetry in connection:
+        connection.request("drive", v=0.5, omega=0.0)
+        connection.request("seen", line=telemetry)
+
+
+def drive_then_hang(connection: Connection) -> None:
+    connection.request("drive", v=0.5, omega=0.0)
+    time.sleep(60.0)
+
+
 def hang(connection: Connection) -> None:
     connection.request("drive", v=0.5, omega=0.0)
     time.sleep(60.0)

@@ -5,7 +5,7 @@ import pytest
 from txt1.hal.base import Button
 from txt1.tasks.battery import judge
 from txt1.tasks.button import press
-from txt1.tasks.fields import SCREENS, BatteryState, Panel
+from txt1.tasks.fields import BatteryState, Panel
 
 
 @pytest.mark.parametrize(
@@ -29,12 +29,12 @@ def test_the_better_pack_decides_the_state(one: float | None, two: float | None,
     assert judge(one, two) is state
 
 
-def test_the_screens_go_round_in_both_directions() -> None:
-    panel = Panel()
-    for _ in SCREENS:
-        panel = press(panel, Button.RIGHT, rows=14, has_pwm=True)
-    assert panel.screen == 0
-    assert press(panel, Button.LEFT, rows=14, has_pwm=True).screen == len(SCREENS) - 1
+def test_the_screens_are_counted_in_both_directions() -> None:
+    panel = press(Panel(), Button.RIGHT, rows=14, has_pwm=True)
+    assert panel.screen == 1
+    for _ in range(3):
+        panel = press(panel, Button.LEFT, rows=14, has_pwm=True)
+    assert panel.screen == -2
 
 
 def test_scrolling_stops_at_both_ends() -> None:

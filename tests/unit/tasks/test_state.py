@@ -4,7 +4,6 @@ import ast
 from pathlib import Path
 
 import txt1.tasks
-from txt1.tasks.fields import SCREENS
 from txt1.tasks.state import WRITERS, State
 
 TASKS = Path(txt1.tasks.__file__).parent
@@ -38,7 +37,3 @@ def test_nothing_outside_the_tasks_writes_to_the_state() -> None:
 def test_every_field_is_set_from_the_start() -> None:
     state = State()
     assert all(hasattr(state, field) for field in WRITERS)
-
-
-def test_the_lcds_four_screens_come_first() -> None:
-    assert SCREENS[:4] == ("STATUS", "PWM", "ENCODERS", "PID GAINS")

@@ -16,8 +16,7 @@ import pytest
 from ui_snapshots import full
 from ui_tty import Tty
 
-from txt1.tasks.fields import Snapshot
-from txt1.tasks.frames import encode
+from txt1.telemetry.snapshot import Snapshot
 
 ROOT = Path(__file__).parents[3]
 
@@ -46,7 +45,7 @@ class Drawing:
         return heartbeat
 
     def show(self, snapshot: Snapshot) -> None:
-        self.link.sendall(encode(snapshot))
+        self.link.sendall(snapshot.encode())
 
     def keys(self, wanted: int) -> list[str]:
         """The next so many keys that are reported."""

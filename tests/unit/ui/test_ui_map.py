@@ -7,7 +7,9 @@ from math import inf, nan
 import pytest
 from ui_snapshots import blind, full
 
-from txt1.tasks.fields import Snapshot
+from txt1.tasks.encoder import ODOMETRY, POSE
+from txt1.tasks.fields import SURROUNDINGS, Surroundings
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
 from txt1.ui.viewer import Viewer
 
@@ -26,20 +28,33 @@ def dots(lines: list[str]) -> set[tuple[int, int]]:
     }
 
 
+def at(
+    pose: tuple[float, float, float] | None = (0.0, 0.0, 0.0), time: float = 83.4, light: bool = False, **about: object
+) -> Snapshot:
+    """The full snapshot of a robot elsewhere."""
+    shown = full(time)[SURROUNDINGS]._replace(**about)
+    return full(time).replaced({POSE: pose, SURROUNDINGS: shown if light else shown._replace(light=None)})
+
+
+def odometry(**changes: float) -> Snapshot:
+    """The snapshot of a robot that knows nothing but its odometry."""
+    return blind().replaced({ODOMETRY: blind()[ODOMETRY]._replace(**changes)})
+
+
 def drawn(snapshot: Snapshot, columns: int = 78, rows: int = 19, viewer: Viewer | None = None) -> list[str]:
     return [line.plain for line in draw_map(snapshot, viewer or Viewer(), columns, rows)]
 
 
 @pytest.mark.parametrize("size", [(78, 19), (198, 45), (40, 40)])
 def test_a_square_room_is_square(size: tuple[int, int]) -> None:
-    snapshot = full()._replace(pose=(0.0, 0.0, 0.0), light=None)
+    snapshot = at()
     points = dots(drawn(snapshot, *size)[:-1])
     xs, ys = [x for x, _ in points], [y for _, y in points]
     assert abs((max(xs) - min(xs)) - (max(ys) - min(ys))) <= 1
 
 
 def test_the_walls_are_straight_and_closed() -> None:
-    lines = drawn(full()._replace(pose=(0.0, 0.0, 0.0), light=None))[:-1]
+    lines = drawn(at())[:-1]
     points = dots(lines)
     left, right = min(x for x, _ in points), max(x for x, _ in points)
     top, bottom = min(y for _, y in points), max(y for _, y in points)
@@ -58,7 +73,7 @@ def test_x_is_to_the_right_and_y_up() -> None:
 
 def test_the_robot_points_where_it_heads() -> None:
     def mean_x(theta: float) -> float:
-        nothing = full()._replace(room=None, light=None, pose=(1.0, 0.0, theta))
+        nothing = at((1.0, 0.0, theta), room=None)
         points = [(x, y) for x, y in dots(drawn(nothing)[:-1])]
         return sum(x for x, _ in points) / len(points)
 
@@ -66,14 +81,14 @@ def test_the_robot_points_where_it_heads() -> None:
 
 
 def test_the_light_stands_where_it_is() -> None:
-    lines = drawn(full()._replace(light=(2.0, 2.0)))
+    lines = drawn(full().replaced({SURROUNDINGS: Surroundings((5.0, 5.0), (2.0, 2.0))}))
     assert any("✶" in line[39:] for line in lines[:9])
 
 
 def test_without_a_room_the_view_holds_the_whole_path() -> None:
     viewer = Viewer()
     for i in range(200):
-        snapshot = blind(i * 0.1)._replace(odometry=blind().odometry._replace(x=0.05 * i, y=0.0, theta=0.0))
+        snapshot = odometry(x=0.05 * i, y=0.0, theta=0.0).replaced({}, time=0.1 * i)
         viewer.follow(snapshot)
     lines = drawn(snapshot, viewer=viewer)
     xs = [x for x, _ in dots(lines[:-1])]
@@ -83,17 +98,20 @@ def test_without_a_room_the_view_holds_the_whole_path() -> None:
 
 def test_the_pose_in_the_room_is_preferred() -> None:
     assert "room x" in drawn(full())[-1]
-    assert "odometry x" in drawn(full()._replace(pose=None))[-1]
+    assert "odometry x" in drawn(at(None))[-1]
 
 
-def test_an_endless_room_has_no_walls() -> None:
-    endless = full()._replace(room=(inf, inf), pose=(0.0, 0.0, 0.0), light=None)
-    assert dots(drawn(endless)[:-1]) == dots(drawn(endless._replace(room=None))[:-1])
+def test_the_robot_is_drawn_as_long_as_it_is() -> None:
+    def size(length: float) -> int:
+        robot = dots(drawn(at(room=(5.0, 5.0), body=(length, 0.4)), 200, 60)[:-1])
+        return len({x for x, y in robot if 60 < y < 180 and 100 < x < 300})
+
+    assert size(2.0) > 1.4 * size(1.0)
 
 
 def test_a_pose_that_is_no_number_does_not_stop_the_drawing() -> None:
-    assert len(drawn(full()._replace(pose=(nan, inf, 0.0)))) == 19
-    assert len(drawn(blind()._replace(odometry=full().odometry._replace(x=inf, theta=nan)))) == 19
+    assert len(drawn(at((nan, inf, 0.0)))) == 19
+    assert len(drawn(odometry(x=inf, theta=nan))) == 19
 
 
 @pytest.mark.parametrize("scale", [0.001, 0.0131, 0.07, 0.5, 3.0, 40.0])
@@ -111,7 +129,7 @@ def test_the_scale_lets_everything_fit() -> None:
 def test_the_path_is_bounded_and_survives_decimation() -> None:
     viewer = Viewer()
     for i in range(6_000):
-        viewer.follow(full()._replace(time=i * 0.1, pose=(0.03 * i, 0.0, 0.0)))
+        viewer.follow(at((0.03 * i, 0.0, 0.0), i * 0.1))
         assert len(viewer.path) <= 4000
     assert viewer.path[0] == (0.0, 0.0)
     assert viewer.path[-1][0] == pytest.approx(0.03 * 5_999, abs=2 * viewer.spacing)
@@ -120,23 +138,23 @@ def test_the_path_is_bounded_and_survives_decimation() -> None:
 def test_placing_the_robot_starts_a_new_path() -> None:
     viewer = Viewer()
     for i in range(50):
-        viewer.follow(full()._replace(time=i * 0.1, pose=(0.1 * i, 0.0, 0.0)))
+        viewer.follow(at((0.1 * i, 0.0, 0.0), i * 0.1))
     assert len(viewer.path) == 50
-    viewer.follow(full()._replace(time=5.0, pose=(4.9, 0.6, 0.0)))
+    viewer.follow(at((4.9, 0.6, 0.0), 5.0))
     assert viewer.path == [(4.9, 0.6)]
 
 
 def test_fast_motion_is_no_placing_and_a_new_run_is() -> None:
     viewer = Viewer()
-    viewer.follow(full()._replace(time=0.0, pose=(0.0, 0.0, 0.0)))
-    viewer.follow(full()._replace(time=2.0, pose=(1.5, 0.0, 0.0)))
+    viewer.follow(at((0.0, 0.0, 0.0), 0.0))
+    viewer.follow(at((1.5, 0.0, 0.0), 2.0))
     assert len(viewer.path) == 2
-    viewer.follow(full()._replace(time=0.5, pose=(1.5, 0.1, 0.0)))
+    viewer.follow(at((1.5, 0.1, 0.0), 0.5))
     assert viewer.path == [(1.5, 0.1)]
 
 
 def test_a_robot_that_stands_adds_no_points() -> None:
     viewer = Viewer()
     for i in range(50):
-        viewer.follow(full()._replace(time=i * 0.1, pose=(1.0, 1.0, 0.0)))
+        viewer.follow(at((1.0, 1.0, 0.0), i * 0.1))
     assert viewer.path == [(1.0, 1.0)]

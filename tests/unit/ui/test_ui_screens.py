@@ -7,26 +7,37 @@ from io import StringIO
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
-from ui_snapshots import blind, full
+from ui_snapshots import RATES, blind, full, mode
 
 from txt1.control.schedule import Schedule
-from txt1.tasks.fields import SCREENS, Event, GainTable, Panel, Snapshot
+from txt1.sensors.base import SENSORS
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.diagnostics import FAULTS
+from txt1.tasks.encoder import ODOMETRY
+from txt1.tasks.fields import EVENTS, GAIN_TABLE, TRAFFIC, Battery, Event, GainTable, LinkState, Panel, Traffic
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.gains import in_force, visible
-from txt1.ui.screens import render
+from txt1.ui.screens import SCREENS, render
 from txt1.ui.text import count, duration, minutes, number, run_time
 from txt1.ui.viewer import Viewer
+
+NAMES = list(SCREENS)
 
 SIZES = [(80, 24), (110, 30), (133, 40), (200, 50)]
 
 FIELDS = {
     "STATUS": """
-        ARMED alive encoder good 11.84 0.00 40 0.50 0.250 11.000 18.000 130.000 ATX ESC off bad_frames clipped
+        ARMED alive encoder keys refused program 7
+        warning 11.84 0.00 40 0.50 0.250 11.000 18.000 130.000 ATX ESC off bad_frames clipped
         number 19
     """,
     "PWM": "motor 1815 front -7351 rear 7351 pwm4 1200 pwm5 -1200 backlight 62 controller █",
     "ENCODERS": "right 31 left 29 0.512 omega odometry room theta",
     "PID GAINS": "linear 11.000 v_max -1.35 1.35 200.000 ► Kp Ki Kd loaded",
     "MAP": "room light path ✶ ├ m x y θ",
+    "SENSORS": "light front 812.5 rear 20 lx thermometer 21.5 °C 16.0ms 2.00s 5000 40 3 healthy sonar –",
     "TASKS": "controller 50Hz 123456 serial event 12µs 346µs 34.5ms prio rate cycles miss p50 p99 max",
 }
 
@@ -45,8 +56,8 @@ def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tu
     text = "\n".join(lines)
     assert len(lines) == size[1]
     assert all(cell_len(line) <= size[0] for line in lines)
-    assert f"[{SCREENS[screen]}]" in lines[0]
-    assert [field for field in FIELDS[SCREENS[screen]].split() if field not in text] == []
+    assert f"[{NAMES[screen]}]" in lines[0]
+    assert [field for field in FIELDS[NAMES[screen]].split() if field not in text] == []
     assert "…" not in text
     assert "quit" in lines[-1]
 
@@ -79,30 +90,31 @@ def test_no_set_is_marked_when_a_board_does_the_scheduling() -> None:
 
 
 def test_equal_gains_are_told_apart_by_the_speed() -> None:
-    sets = full().gains.angular.sets
+    sets = full()[GAIN_TABLE].angular.sets
     snapshot = full()
     for v, expected in ((-1.4, 0), (-1.2, 1), (-1.0, 2), (5.0, 13)):
-        control = snapshot.control._replace(gains=sets[expected].gains)
-        slow = snapshot._replace(control=control, odometry=snapshot.odometry._replace(v=v))
+        control = snapshot[SETPOINT]._replace(gains=sets[expected].gains)
+        slow = snapshot.replaced({SETPOINT: control, ODOMETRY: snapshot[ODOMETRY]._replace(v=v)})
         assert in_force(slow) == expected
 
 
 def test_the_state_line_cannot_be_misread() -> None:
     assert "ARMED" in printed(full(), Viewer(), 80, 24)[1]
-    stopped = full()._replace(armed=False, stopped=True, reason="emergency stop")
+    stopped = mode(full(), armed=False, stopped=True, reason="emergency stop")
     assert "EMERGENCY STOP" in printed(stopped, Viewer(), 80, 24)[1]
     assert "ARMED" not in printed(stopped, Viewer(), 80, 24)[1]
-    disarmed = full()._replace(armed=False, reason="link lost")
+    disarmed = mode(full(), armed=False, reason="link lost")
     assert "disarmed (link lost)" in printed(disarmed, Viewer(), 80, 24)[1]
-    long = full()._replace(armed=False, reason="a very long reason " * 5)
+    long = mode(full(), armed=False, reason="a very long reason " * 5)
     assert "link alive  RX" in printed(long, Viewer(), 80, 24)[1]
 
 
 def test_buzzer_and_leds_follow_the_robot() -> None:
-    snapshot = full()._replace(received=1, transmitted=2, buzzer=False)
+    snapshot = full().replaced({TRAFFIC: Traffic(1, 2), BATTERIES[0]: Battery(12.0)})
     assert "RX ●  TX ○" in printed(snapshot, Viewer(), 80, 24)[1]
     assert "BUZZER" not in printed(snapshot, Viewer(), 80, 24)[1]
-    assert "RX ○  TX ●" in printed(snapshot._replace(received=2, transmitted=3), Viewer(), 80, 24)[1]
+    assert "RX ○  TX ●" in printed(snapshot.replaced({TRAFFIC: Traffic(2, 3)}), Viewer(), 80, 24)[1]
+    assert "BUZZER" in printed(mode(snapshot, link=LinkState()), Viewer(), 80, 24)[1]
 
 
 @pytest.mark.parametrize("screen", range(len(SCREENS)))
@@ -120,11 +132,11 @@ def test_before_the_first_snapshot_it_waits_for_the_robot() -> None:
 
 
 def test_the_gains_scroll_and_the_last_row_stays_visible() -> None:
-    small = full(screen=3)._replace(panel=Panel(3, 2))
+    small = mode(full(), panel=Panel(3, 2))
     text = "\n".join(printed(small, Viewer(), 80, 16))
     assert "-1.15" not in text
     assert "-0.95" in text
-    far = full(screen=3)._replace(panel=Panel(3, 100))
+    far = mode(full(), panel=Panel(3, 100))
     text = "\n".join(printed(far, Viewer(), 80, 16))
     assert "1.35  " in text
     assert "-1.35" not in text
@@ -132,14 +144,15 @@ def test_the_gains_scroll_and_the_last_row_stays_visible() -> None:
 
 
 def test_without_gains_the_table_says_so() -> None:
-    empty = full(screen=3)._replace(gains=GainTable(angular=Schedule()))
+    empty = full(screen=3).replaced({GAIN_TABLE: GainTable(angular=Schedule())})
     text = "\n".join(printed(empty, Viewer(), 80, 24))
     assert "no sets" in text
     assert "not loaded" in text
 
 
 def test_an_event_cannot_command_the_terminal() -> None:
-    nasty = full()._replace(events=(Event(1.0, "a\x1b[2Jb\x07\nc\x9bd"),), reason="\x1b]0;x\x07", armed=False)
+    nasty = full().replaced({EVENTS: (Event(1.0, "a\x1b[2Jb\x07\nc\x9bd"),)})
+    nasty = mode(nasty, reason="\x1b]0;x\x07", armed=False)
     console = Console(file=StringIO(), width=80, height=24, color_system=None)
     with console.capture() as capture:
         console.print(render(nasty, Viewer(), 80, 24), end="")
@@ -149,10 +162,53 @@ def test_an_event_cannot_command_the_terminal() -> None:
 
 
 def test_many_faults_leave_room_for_the_events() -> None:
-    many = full()._replace(faults={f"fault_{i}": i for i in range(1, 40)})
+    many = full().replaced({FAULTS: {f"fault_{i}": i for i in range(1, 40)}})
     text = "\n".join(printed(many, Viewer(), 80, 24))
     assert "more" in text
     assert "number 19" in text
+
+
+@pytest.mark.parametrize("screen", range(len(SCREENS)))
+def test_a_snapshot_that_tells_nothing_still_gets_every_screen(screen: int) -> None:
+    text = "\n".join(printed(mode(Snapshot(1.0, "", {MODE.name: Mode()}), panel=Panel(screen)), Viewer(), 80, 24))
+    assert "failed" not in text and "disarmed" in text
+
+
+def test_the_joystick_goes_round_the_screens() -> None:
+    assert f"[{NAMES[-1]}]" in printed(full(screen=-1), Viewer(), 80, 24)[0]
+    assert f"[{NAMES[1]}]" in printed(full(screen=3 * len(NAMES) + 1), Viewer(), 80, 24)[0]
+
+
+def test_a_header_without_room_names_the_current_screen_and_how_many_there_are() -> None:
+    assert f"4/{len(NAMES)} [PID GAINS]" in printed(full(screen=3), Viewer(), 60, 20)[0]
+
+
+def test_a_narrow_window_loses_no_column_of_the_gains_and_no_name_of_a_task() -> None:
+    gains = "\n".join(printed(full(screen=3), Viewer(), 58, 20))
+    assert "Kd" in gains and "0.005" in gains and "…" not in gains
+    tasks = "\n".join(printed(full(screen=NAMES.index("TASKS")), Viewer(), 58, 20))
+    assert all(name in tasks for name in RATES) and "…" not in tasks
+
+
+def test_a_narrow_footer_keeps_the_keys_that_matter_whole() -> None:
+    assert printed(full(), Viewer(), 40, 20)[-1].rstrip() == "SPACE stop q quit ? help m arm ←→ screen"
+
+
+def test_other_keys_take_the_place_of_driving_in_footer_and_help() -> None:
+    viewer = Viewer({"SPACE": "pause"})
+    assert printed(full(), viewer, 80, 24)[-1].rstrip() == "SPACE pause"
+    viewer.help = True
+    text = "\n".join(printed(full(), viewer, 80, 24))
+    assert "pause" in text and "drive" not in text
+
+
+def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:
+    sensor = full()[SENSORS][0]
+    many = full(screen=NAMES.index("SENSORS")).replaced(
+        {SENSORS: tuple(sensor._replace(name=f"light{i}") for i in range(40))}
+    )
+    text = "\n".join(printed(many, Viewer(), 120, 24))
+    assert "light17" in text and "light39" not in text and "and 22 more" in text
 
 
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])

@@ -18,7 +18,7 @@ from ui_tty import Tty
 from txt1.beside import Request
 from txt1.errors import CommandRefused, TerminalLost
 from txt1.hal.base import Button
-from txt1.tasks.frames import decode
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.terminal import Terminal
 
 HERE = Path(__file__).parent
@@ -161,12 +161,14 @@ def beat(terminal: Terminal, *keys: str, age: float = 0.01) -> None:
     terminal.request(Request("keys", {"keys": keys}, age))
 
 
-def test_the_same_snapshot_is_not_sent_twice(terminal: Terminal, robot: Mock) -> None:
-    assert terminal.telemetry() is None
-    robot.snapshot = full(1.0)
-    line = terminal.telemetry()
-    assert line is not None and decode(line).time == 1.0
-    assert terminal.telemetry() is None
+def test_ten_snapshots_a_second_are_sent(terminal: Terminal, robot: Mock) -> None:
+    sent = []
+    for step in range(100):
+        robot.now = 0.05 * step
+        robot.snapshot = full(robot.now)
+        line = terminal.telemetry()
+        sent += [] if line is None else [Snapshot.decode(line).time]
+    assert len(sent) == 50 and sent[-1] == pytest.approx(4.9, abs=0.06)
 
 
 def test_a_command_is_renewed_by_heartbeats_and_by_nothing_else(terminal: Terminal, robot: Mock) -> None:

@@ -12,7 +12,7 @@ from ui_snapshots import full
 from txt1.errors import CommandRefused
 from txt1.hal.base import Button
 from txt1.kernel.loop import run
-from txt1.tasks.fields import Snapshot
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.terminal import Terminal
 
 
@@ -21,7 +21,10 @@ class FakeRobot:
         self._log = log.open("w", buffering=1)
         self.now = 0.0
         self.screen = 0
-        self.snapshot: Snapshot | None = None
+
+    @property
+    def snapshot(self) -> Snapshot:
+        return full(self.now, self.screen)
 
     def write(self, line: str) -> None:
         self._log.write(line + "\n")
@@ -52,7 +55,6 @@ class FakeRobot:
 
 async def live(robot: FakeRobot) -> None:
     while True:
-        robot.snapshot = full(robot.now, robot.screen % 6)
         await asyncio.sleep(0.05)
         robot.now += 0.05
 

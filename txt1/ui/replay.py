@@ -9,9 +9,13 @@ from collections.abc import Callable
 from typing import Final
 
 from txt1.hal.base import Button
-from txt1.record.film import Film
+from txt1.model.odometry import Odometry
+from txt1.record.snapshots import Snapshots
 from txt1.tasks.button import press
-from txt1.tasks.fields import Event, Panel, Snapshot
+from txt1.tasks.encoder import ODOMETRY
+from txt1.tasks.fields import GAIN_TABLE, GainTable, Panel
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.terminal import Terminal
 
 SEEK: Final = 5.0
@@ -20,54 +24,64 @@ SPEED_MIN: Final = 1.0 / 64.0
 SPEED_MAX: Final = 64.0
 STDOUT: Final = 1
 
-KEYS: Final = "replay: SPACE pause, a d back and forth 5 s, + - speed, m loop, w begin, q quit"
+KEYS: Final = {
+    "SPACE": "pause",
+    "q": "quit",
+    "?": "help",
+    "a d": "back, forth 5 s",
+    "+-": "speed",
+    "m": "loop",
+    "w": "begin",
+    "←→": "screen",
+    "↑↓": "gains",
+}
 
 
 class Player:
-    """Plays a film; to the terminal it is the robot.
+    """Plays a recording; to the terminal it is the robot.
 
     Args:
-        film: what is played.
+        recording: its snapshots.
         speed: as a multiple of real time.
         loop: begin anew at the end.
         clock: real time in s.
 
     """
 
-    def __init__(self, film: Film, speed: float, loop: bool, clock: Callable[[], float]) -> None:
-        self.film = film
+    def __init__(self, recording: Snapshots, speed: float, loop: bool, clock: Callable[[], float]) -> None:
+        self.recording = recording
         self.speed = speed
         self.loop = loop
         self.paused = False
         self._clock = clock
-        self._position = film.start
+        self._position = recording.start
         self._since = clock()
         self._panel = Panel()
-        self._shown: tuple[float, Panel, str] | None = None
-        self._snapshot: Snapshot | None = None
 
     @property
     def position(self) -> float:
-        """Where the film is, s of the run."""
+        """Where it is, s of the run."""
         now = self._clock()
         if not self.paused:
             self._position += (now - self._since) * self.speed
-            length = self.film.end - self.film.start
-            if self._position > self.film.end:
-                past = self._position - self.film.end
-                self._position = self.film.start + past % length if self.loop and length > 0.0 else self.film.end
+            length = self.recording.end - self.recording.start
+            if self._position > self.recording.end:
+                past = self._position - self.recording.end
+                self._position = (
+                    self.recording.start + past % length if self.loop and length > 0.0 else self.recording.end
+                )
         self._since = now
         return self._position
 
     @property
     def ended(self) -> bool:
         """Whether there is nothing more to come."""
-        return not self.loop and self.position >= self.film.end
+        return not self.loop and self.position >= self.recording.end
 
     def seek(self, time: float) -> None:
-        """Go to a time of the run, s, or as near as the film goes."""
+        """Go to a time of the run, s, or as near as the recording goes."""
         self._since = self._clock()
-        self._position = min(max(time, self.film.start), self.film.end)
+        self._position = min(max(time, self.recording.start), self.recording.end)
 
     def key(self, key: str) -> None:
         """Do what a key of the player's means."""
@@ -80,7 +94,7 @@ class Player:
             case "d":
                 self.seek(self.position + SEEK)
             case "w":
-                self.seek(self.film.start)
+                self.seek(self.recording.start)
             case "+" | "-":
                 self.seek(self.position)
                 self.speed = min(max(self.speed * (2.0 if key == "+" else 0.5), SPEED_MIN), SPEED_MAX)
@@ -90,25 +104,18 @@ class Player:
     # -- what the terminal needs of a robot --------------------------------------------------------------------
 
     @property
-    def snapshot(self) -> Snapshot | None:
-        """The picture that is due, the same object as long as it does not change."""
-        position = self.position
+    def snapshot(self) -> Snapshot:
+        """The snapshot that is due, with the panel as the keys have set it."""
+        snapshot = self.recording.at(self.position)
+        mode = snapshot.get(MODE, Mode())
+        panel = self._panel._replace(manual=mode.panel.manual)
         state = f"{'paused' if self.paused else 'replay'}{' loop' if self.loop else ''} x{self.speed:.3g}"
-        picture = self.film.at(position)
-        shown = picture.time, self._panel, state
-        if shown != self._shown:
-            self._shown = shown
-            self._snapshot = picture._replace(
-                hal=state,
-                panel=self._panel._replace(manual=picture.panel.manual),
-                events=(*picture.events, Event(picture.time, KEYS))[-20:],
-            )
-        return self._snapshot
+        return snapshot.replaced({MODE: mode._replace(panel=panel)}, name=state)
 
     @property
     def now(self) -> float:
-        """Where the film is, s of the run."""
-        return self.position
+        """Real time, s: what keys and snapshots follow."""
+        return self._clock()
 
     def stop(self) -> None:
         """SPACE."""
@@ -123,8 +130,7 @@ class Player:
 
     def press(self, button: Button) -> None:
         """The joystick changes the screen and scrolls the gains."""
-        snapshot = self._snapshot
-        rows = 0 if snapshot is None else len(snapshot.gains.angular.sets)
+        rows = len(self.recording.at(self.position).get(GAIN_TABLE, GainTable()).angular.sets)
         self._panel = press(self._panel, button, rows, has_pwm=False)
 
     def tell(self, text: str) -> None:
@@ -135,7 +141,7 @@ class _ReplayTerminal(Terminal):
     """The terminal, with the player's keys where driving was."""
 
     def __init__(self, player: Player) -> None:
-        super().__init__(player)
+        super().__init__(player, shown=KEYS)
         self._player = player
 
     def obey(self, key: str) -> None:
@@ -146,9 +152,9 @@ class _ReplayTerminal(Terminal):
             super().obey(key)
 
 
-async def play(film: Film, speed: float, start: float | None, loop: bool) -> None:
-    """Show a film on the screens until the user quits; without a terminal, as lines, one a second of the run."""
-    player = Player(film, speed, loop, asyncio.get_running_loop().time)
+async def play(recording: Snapshots, speed: float, start: float | None, loop: bool) -> None:
+    """Show a recording on the screens until the user quits; without a terminal, as lines, one a second of the run."""
+    player = Player(recording, speed, loop, asyncio.get_running_loop().time)
     if start is not None:
         player.seek(start)
     if sys.stdin.isatty() and sys.stdout.isatty():
@@ -161,7 +167,7 @@ async def play(film: Film, speed: float, start: float | None, loop: bool) -> Non
         position = player.position
         if int(position) != told:
             told = int(position)
-            os.write(STDOUT, f"{line(film.at(position))}\n".encode())
+            os.write(STDOUT, f"{line(recording.at(position))}\n".encode())
         if ended:
             return
         await asyncio.sleep(min(0.1, 0.2 / speed))
@@ -169,8 +175,9 @@ async def play(film: Film, speed: float, start: float | None, loop: bool) -> Non
 
 def line(snapshot: Snapshot) -> str:
     """A picture in one line."""
-    x, y, theta, v, omega = snapshot.odometry
-    state = "armed" if snapshot.armed else f"disarmed: {snapshot.reason}"
+    x, y, theta, v, omega = snapshot.get(ODOMETRY, Odometry())
+    mode = snapshot.get(MODE, Mode())
+    state = "armed" if mode.armed else f"disarmed: {mode.reason}"
     return (
         f"t={snapshot.time:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
         f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  {state}"

@@ -1,0 +1,222 @@
+"""Bridges by name: ours from a table, other packages' through the entry-point group ``txt1.bridges``.
+
+A bridge is a function that runs in a process of its own. A package announces it in its pyproject.toml::
+
+    [project.entry-points."txt1.bridges"]
+    mqtt = "mypackage.mqtt:main"
+
+and the function is called with its end of the line and its options::
+
+    def main(robot: txt1.beside.Connection, host: str = "localhost") -> None:
+        robot.request("subscribe", topics=["/odom"], rate=10.0)
+        for telemetry in robot:
+            publish(telemetry["topics"]["/odom"])
+            robot.request("drive", v=0.5, omega=0.0)
+
+Its module is imported in that process only. Whatever it asks for comes true under its name: its commands are those of
+a source called like the bridge, and what it asks wrongly is counted and told.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import inspect
+import json
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
+from importlib.metadata import entry_points
+from typing import Any, Final
+
+from txt1.beside import PERIOD, PRIORITY, Beside, Request, Restart
+from txt1.errors import CommandRefused, ConfigError, Txt1Error
+from txt1.hal.base import Button
+from txt1.robot import Robot
+from txt1.telemetry.snapshot import Snapshot, plain
+from txt1.telemetry.topics import TOPICS, Rule, Topic
+
+GROUP: Final = "txt1.bridges"
+
+OURS: Final[dict[str, str]] = {}
+"""Where the functions of our own bridges are: ``package.module:function``."""
+
+RESTART: Final = Restart(limit=3)
+SILENCE: Final = 5.0
+"""s without a heartbeat after which a bridge is ended as hung, and started again."""
+EVENTS_MAX: Final = 100
+"""Events kept for a bridge between two pieces of telemetry; the oldest go first."""
+
+
+def names() -> list[str]:
+    """The names of all bridges that are installed."""
+    return sorted({*OURS, *(point.name for point in entry_points(group=GROUP))})
+
+
+def target(name: str) -> str:
+    """Where the function of a bridge is.
+
+    Raises:
+        ConfigError: there is none of that name; the message lists those there are.
+
+    """
+    found = {point.name: point.value for point in entry_points(group=GROUP)} | OURS
+    if name in found:
+        return found[name]
+    near = difflib.get_close_matches(name, found, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise ConfigError(f"bridge: there is no bridge '{name}'; installed: {', '.join(names()) or 'none'}{hint}")
+
+
+@asynccontextmanager
+async def bridge(
+    robot: Robot,
+    name: str,
+    options: Mapping[str, object] | None = None,
+    requests: Mapping[str, Callable[..., object]] | None = None,
+    *,
+    restart: Restart = RESTART,
+    silence: float | None = SILENCE,
+) -> AsyncIterator[Beside]:
+    """A bridge at work beside a robot, until the block is left.
+
+    Args:
+        robot: that it is for.
+        name: of the bridge.
+        options: keyword arguments for its function.
+        requests: what it may ask for beyond driving and the joystick, as functions of the request's fields.
+        restart: what to do when it fails.
+        silence: s without a heartbeat after which it is ended; None: never.
+
+    Raises:
+        ConfigError: there is no bridge of that name, or it is at work already.
+
+    """
+    where = await asyncio.to_thread(target, name)  # reads files
+    desk = Desk(robot, name, requests or {})
+    beside = Beside(
+        where, desk.telemetry, desk.request,
+        options=options, restart=restart, silence=silence, tell=desk.tell, lost=desk.let_go,
+    )  # fmt: skip
+    try:
+        async with beside:
+            robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
+            yield beside
+    finally:
+        desk.close()
+
+
+class Desk:
+    """The robot's end for one bridge: it answers requests and hands out telemetry.
+
+    Args:
+        robot: that the bridge is for.
+        name: of the bridge and of its source of commands.
+        requests: more that it may ask for, as functions of the request's fields.
+
+    Attributes:
+        refused: requests that were not granted.
+
+    """
+
+    def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
+        self.refused = 0
+        self._robot, self._name = robot, name
+        self._source = robot.source(name)
+        self._age = 0.0
+        self._told = ""
+        self._topics: frozenset[str] | None = None
+        self._interval, self._due = 0.1, 0.0
+        self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
+        self._leave: Callable[[], None] = lambda: None
+        self._requests: dict[str, Callable[..., object]] = {
+            "subscribe": self._subscribe,
+            "drive": self._drive,
+            "request": self._source.request,
+            "release": self._source.release,
+            "arm": robot.arm,
+            "disarm": lambda reason="": robot.disarm(str(reason) or f"disarmed by bridge '{name}'"),
+            "stop": robot.stop,
+            "press": lambda button: robot.press(_button(button)),
+            "tell": lambda text: self.tell(f": {text}"),
+            **requests,
+        }
+
+    def telemetry(self) -> bytes | None:
+        """The topics that the bridge wants, at its rate; None until they are due."""
+        robot = self._robot
+        if robot.now < self._due:
+            return None
+        self._due = robot.now + self._interval
+        line = Snapshot.take(robot.runtime.bus, robot.now, robot.runtime.name, self._topics).encode()
+        if self._events:
+            line = line[:-2] + b',"events":' + json.dumps(list(self._events)).encode() + b"}\n"
+            self._events.clear()
+        return line
+
+    def request(self, request: Request) -> None:
+        """Do what is asked for, or count it as refused and tell why, once."""
+        if not request.name:
+            return
+        self._age = request.age
+        try:
+            do = self._requests.get(request.name)
+            if do is None:
+                raise ValueError(f"there is no request '{request.name}'; there are {', '.join(self._requests)}")
+            try:
+                inspect.signature(do).bind(**request.fields)
+            except TypeError as error:
+                raise ValueError(f"request '{request.name}': {error}") from None
+            do(**request.fields)
+        except (Txt1Error, ValueError) as error:
+            self.refused += 1
+            if str(error) != self._told:
+                self._told = str(error)
+                self.tell(f": {error}")
+
+    def tell(self, text: str) -> None:
+        """Add a line about the bridge to the event log."""
+        self._robot.tell(f"bridge '{self._name}'{text if text.startswith(':') else ' ' + text}")
+
+    def let_go(self) -> None:
+        """The bridge has gone: let go of the wheel."""
+        with suppress(CommandRefused):
+            self._source.release()
+
+    def close(self) -> None:
+        """Let go of the wheel, and listen no more."""
+        self.let_go()
+        self._leave()
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _drive(self, v: object, omega: object) -> None:
+        self._source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - self._age))
+
+    def _subscribe(self, topics: Sequence[str] | None = None, rate: object = 10.0) -> None:
+        hertz = _number("rate", rate)
+        if not 0.0 < hertz <= 1.0 / PERIOD:
+            raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / PERIOD:g}")
+        if topics is not None and not (isinstance(topics, list) and all(isinstance(name, str) for name in topics)):
+            raise ValueError(f"topics: {topics!r}; give a list of names, such as ['/odom']")
+        self._interval = 1.0 / hertz
+        self._topics = None if topics is None else frozenset(topics)
+        self._leave()
+        events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
+        self._leave = self._robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
+
+    def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
+        self._events.append({"topic": topic.name, "time": time, "value": plain(value)})
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name}: {value!r} is no number")
+    return float(value)
+
+
+def _button(name: object) -> Button:
+    for button in Button:
+        if str(button.name).lower() == name:
+            return button
+    raise ValueError(f"button: {name!r} is none; there are left, right, up, down, centre")

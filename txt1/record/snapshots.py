@@ -1,0 +1,135 @@
+"""The snapshots of a recording: the robot's state at any time of it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from math import atan2
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.control.pid import Gains
+from txt1.errors import RecordingError
+from txt1.hal.base import Outputs
+from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.model.odometry import Odometry
+from txt1.record.reading import Decoding, Reading
+from txt1.tasks.controller import GAINS, PWM, SETPOINT
+from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
+from txt1.tasks.fields import EVENTS, Control, Encoders, Event
+from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.state import LOG
+from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
+from txt1.telemetry.topics import Topic
+
+STEP_NS: Final = NS_PER_S // 10
+"""Between two snapshots."""
+
+EVENTS_MAX: Final = 20
+"""Lines of the event log that are shown, as in the robot."""
+
+_LATEST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, GAINS, ENCODERS, POSE))
+
+Values = dict[Topic[Any], Any]
+
+
+class Snapshots:
+    """The snapshots in a recording, one a second, with what changes fast brought up to date ten times a second.
+
+    Raises:
+        RecordingError: the file cannot be read, or there are no snapshots in it.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._steps: list[tuple[float, Values]] = []
+        self._recorded: list[tuple[float, str]] = []
+        reading, decoding = Reading(path), Decoding()
+        events: deque[Event] = deque(maxlen=EVENTS_MAX)
+        latest: dict[str, Any] = {}
+        mode: Any = None
+        epoch_ns, due_ns, shown_ns, wanted = 0, 0, 0, True
+
+        def keep() -> None:
+            self._steps.append(((shown_ns - epoch_ns) / NS_PER_S, _values(latest, mode, tuple(events))))
+
+        for item in reading:
+            time_ns = item.message.log_time
+            if not latest:
+                epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
+            now = (time_ns - epoch_ns) / NS_PER_S
+            if item.name == LOG.name:
+                events.append(Event(now, decoding.message(item).msg))
+            elif item.name == MODE.name:
+                mode = decoding.message(item)
+            elif item.name == SNAPSHOT.name:
+                self._recorded.append((now, decoding.message(item).data))
+            elif item.name == ODOMETRY.name:
+                # the first of a cycle's topics: what is known now is all of the cycle before
+                if item.name in latest and shown_ns >= due_ns:
+                    keep()
+                    due_ns = shown_ns + STEP_NS
+                wanted = time_ns >= due_ns
+                shown_ns = time_ns
+            if wanted and item.name in _LATEST:
+                latest[item.name] = decoding.message(item)
+        if ODOMETRY.name in latest:
+            keep()
+        if not self._recorded or not self._steps:
+            raise RecordingError(f"{path}: no snapshots in it for the screens; was it recorded by txt1, for a second?")
+
+    @property
+    def start(self) -> float:
+        """The time of the first, s of the run."""
+        return self._steps[0][0]
+
+    @property
+    def end(self) -> float:
+        """The time of the last."""
+        return self._steps[-1][0]
+
+    def at(self, time: float) -> Snapshot:
+        """The robot's state at a time of the run, s.
+
+        Raises:
+            RecordingError: the snapshot there is none.
+
+        """
+        now, values = self._steps[max(0, bisect_right(self._steps, time, key=lambda step: step[0]) - 1)]
+        _, line = self._recorded[max(0, bisect_right(self._recorded, now, key=lambda each: each[0]) - 1)]
+        try:
+            snapshot = Snapshot.decode(line)
+        except ValueError as error:
+            raise RecordingError(f"at {now:.1f} s: {error}; the version that made the recording shows it") from None
+        if MODE in values:  # the panel, link and power are in the snapshot
+            armed, stopped, reason = values[MODE]
+            values = values | {MODE: snapshot.get(MODE, Mode())._replace(armed=armed, stopped=stopped, reason=reason)}
+        return snapshot.replaced(values, now)
+
+
+def _values(latest: dict[str, Any], mode: Any, events: tuple[Event, ...]) -> Values:
+    """The topics whose messages are known, as the robot's values."""
+    odometry, setpoint, encoders = latest[ODOMETRY.name], latest.get(SETPOINT.name), latest.get(ENCODERS.name)
+    pose, pwm, gains = latest.get(POSE.name), latest.get(PWM.name), latest.get(GAINS.name)
+    place, twist = odometry.pose.pose, odometry.twist.twist
+    values: Values = {
+        ODOMETRY: Odometry(place.position.x, place.position.y, _heading(place), twist.linear.x, twist.angular.z),
+        EVENTS: events,
+    }
+    if setpoint is not None:
+        v, omega = setpoint.twist.linear.x, setpoint.twist.angular.z
+        channels = (0,) * 5 if pwm is None else (pwm.motor, pwm.front, pwm.rear, pwm.pwm4, pwm.pwm5)
+        in_force = () if gains is None else (gains.angular_kp, gains.angular_ki, gains.angular_kd)
+        values[SETPOINT] = Control(Outputs._make((*channels, v, omega)), v, omega, gains=Gains(*in_force))
+    if pose is not None:
+        values[POSE] = pose.pose.position.x, pose.pose.position.y, _heading(pose.pose)
+    if encoders is not None and encoders.valid:
+        values[ENCODERS] = Encoders(encoders.right, encoders.left)
+    if mode is not None:
+        values[MODE] = mode.armed, mode.stopped, mode.reason
+    return values
+
+
+def _heading(pose: Any) -> float:
+    """The heading of a pose that lies in the plane, rad."""
+    return 2.0 * atan2(pose.orientation.z, pose.orientation.w)
