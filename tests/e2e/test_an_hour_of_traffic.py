@@ -30,6 +30,7 @@ ODDS = 1 / 65536
 """Of a damaged frame to pass the checksum, if the damage is at random; see `txt1.protocol.frame.checksum`."""
 
 
+@pytest.mark.long
 async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
     sent, hit, delivered = array("q"), array("q"), array("q")  # hashes: these must not be what piles up
     damaged = 0

@@ -83,6 +83,7 @@ def test_waypoints_are_followed_by_odometry(hal: tuple[str, ...]) -> None:
     assert all(leg["rms"] < 0.15 for leg in metrics["legs"])
 
 
+@pytest.mark.long
 def test_the_battery_run_stops_at_the_safe_end_and_finds_the_discharge_line() -> None:
     """Of a pack that has given 38 minutes; docs/drive-tests.md has the whole of it."""
     metrics = measured("battery-run", "sim.battery.used_1=38").metrics
@@ -109,7 +110,13 @@ def test_a_wall_is_told_apart_from_the_end() -> None:
     assert driven.code == 3
 
 
-@pytest.mark.parametrize("name", ["linear-steps", "angular-steps", "circle-slow", "circle-fast"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "linear-steps",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("angular-steps", "circle-slow", "circle-fast")),
+    ],
+)
 def test_behind_the_wire_everything_comes_later_and_is_the_same_within_the_encoders_noise(name: str) -> None:
     sim, wire = measured(name).recording.without_truth(), measured(name, *SERIAL).recording
     for channel in ("v", "omega"):
@@ -139,6 +146,7 @@ def test_a_profile_of_ones_own_is_driven_measured_and_drawn(tmp_path: Path, caps
     assert (tmp_path / "c" / "figure.svg").exists()
 
 
+@pytest.mark.long
 def test_runs_with_and_without_truth_are_compared_by_their_encoders(tmp_path: Path) -> None:
     profile = load_profile("circle-fast")
     runs = []
@@ -182,7 +190,7 @@ def test_without_matplotlib_it_names_the_extra(monkeypatch: pytest.MonkeyPatch, 
     assert "pip install 'txt1[plots]'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_stops_the_robot_and_keeps_what_was_measured(tmp_path: Path, number: signal.Signals) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "txt1", "experiment", "linear-steps", "--speed", "20", "--out", str(tmp_path)],
@@ -200,7 +208,7 @@ def test_a_signal_stops_the_robot_and_keeps_what_was_measured(tmp_path: Path, nu
     assert (tmp_path / "figure.svg").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM])
 def test_a_signal_ends_tuning_and_writes_nothing(tmp_path: Path, number: signal.Signals) -> None:
     file = tmp_path / "gains.yaml"
     process = subprocess.Popen(
@@ -216,6 +224,7 @@ def test_a_signal_ends_tuning_and_writes_nothing(tmp_path: Path, number: signal.
     assert not file.exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("vehicle", [(), WEAK_AND_SLOW], ids=["nominal", "30 % less gain and twice the lag"])
 def test_tuned_gains_settle_sooner_on_every_step_with_no_more_overshoot(
     tmp_path: Path, capsys: Any, vehicle: tuple[str, ...]

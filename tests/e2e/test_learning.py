@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -263,7 +264,9 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "last 10 episodes" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.long) for one in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_an_interrupted_run_carries_on_to_the_very_result_of_an_uninterrupted_one(
     number: signal.Signals, tmp_path: Path
 ) -> None:
@@ -474,8 +477,17 @@ def wait_for(condition: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize(
+    ("jobs", "number"),
+    [
+        ("2", signal.SIGINT),
+        *(
+            pytest.param(jobs, number, marks=pytest.mark.long)
+            for jobs, number in product("12", (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+            if (jobs, number) != ("2", signal.SIGINT)
+        ),
+    ],
+)
 def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost(
     number: signal.Signals, jobs: str, tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:
@@ -494,6 +506,7 @@ def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost
     assert resumed(out) == uninterrupted
 
 
+@pytest.mark.long
 def test_trials_that_were_completed_survive_the_death_of_the_program_and_its_processes_end_with_it(
     tmp_path: Path, uninterrupted: list[list[Episode]]
 ) -> None:

@@ -74,8 +74,15 @@ def host_config(path: Path) -> Config:
     return load(None, [f"serial.port={path}"], None, {"hal": "serial"}).config
 
 
-@pytest.mark.parametrize("timeout, limit", [("0.25", 0.25), ("null", 2.0)], ids=["time-out", "link rule alone"])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+@pytest.mark.parametrize(
+    ("number", "timeout", "limit"),
+    [
+        pytest.param(signal.SIGKILL, "0.25", 0.25, id="killed-time-out"),
+        pytest.param(signal.SIGKILL, "null", 2.0, id="killed-link rule alone", marks=pytest.mark.long),
+        pytest.param(signal.SIGSTOP, "0.25", 0.25, id="stopped-time-out", marks=pytest.mark.long),
+        pytest.param(signal.SIGSTOP, "null", 2.0, id="stopped-link rule alone", marks=pytest.mark.long),
+    ],
+)
 def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
     number: signal.Signals, timeout: str, limit: float, tmp_path: Path
 ) -> None:
@@ -111,7 +118,7 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
     run(body())
 
 
-@pytest.mark.parametrize("way", ["killed", "unplugged"])
+@pytest.mark.parametrize("way", [pytest.param("killed", marks=pytest.mark.long), "unplugged"])
 def test_a_host_whose_board_vanishes_notices_stays_up_and_finds_it_again(way: str, tmp_path: Path) -> None:
     path = tmp_path / "board"
 
@@ -144,6 +151,7 @@ def test_a_host_whose_board_vanishes_notices_stays_up_and_finds_it_again(way: st
     run(body())
 
 
+@pytest.mark.long
 def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -> None:
     path = tmp_path / "board"
 

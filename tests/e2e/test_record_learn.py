@@ -175,6 +175,7 @@ def trials(directory: Path) -> list[Path]:
     return [directory / "run-trial-0001.mcap", directory / "run-trial-0002.mcap"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("clean_processes")
 def test_each_trial_is_recorded_to_a_file_of_its_own_and_repeats(tmp_path: Path) -> None:
     for jobs in ("1", "2"):

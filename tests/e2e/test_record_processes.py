@@ -42,6 +42,7 @@ def wall_start(path: Path) -> float:
     return datetime.fromisoformat(reading.metadata["txt1"]["wall_start"]).timestamp()
 
 
+@pytest.mark.long
 def test_ten_killed_runs_lose_at_most_a_second_each_and_are_recovered(tmp_path: Path) -> None:
     rng = random.Random(5)
     lost = []

@@ -178,8 +178,20 @@ LATE = 0.03
 """s that a busy machine may be late with what this asserts of real time."""
 
 
-@pytest.mark.parametrize("settings", LINES.values(), ids=LINES.keys())
-@pytest.mark.parametrize("transport", ["memory", "pty", "tcp"])
+SHORT = ("pty-one byte at a time", "tcp-20 % of the frames dropped")
+"""Of the lines in real time: the others take long."""
+
+
+@pytest.mark.parametrize(
+    ("transport", "settings"),
+    [
+        pytest.param(transport, settings, id=name, marks=[] if short else pytest.mark.long)
+        for transport in ("memory", "pty", "tcp")
+        for line, settings in LINES.items()
+        for name in [f"{transport}-{line}"]
+        for short in [transport == "memory" or name in SHORT]
+    ],
+)
 def test_the_robot_drives_over_any_line(
     transport: str, settings: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,6 +262,7 @@ async def test_no_set_point_goes_out_before_the_board_has_been_heard_for_a_secon
         assert max(abs(m) for m in outputs(together.board)) < 24000
 
 
+@pytest.mark.long
 async def test_at_20_percent_lost_frames_no_time_out_is_false_in_ten_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch, "serial.fault.drop=0.2", "seed=1") as together:
         await together.robot.drive(0.5, 0.3, 600.0)

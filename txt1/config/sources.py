@@ -176,6 +176,12 @@ def _from_override(text: str) -> Iterator[Setting]:
 def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
     """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
     try:
+        depth = 0  # what is too deep is not read to its end, which would take long
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            opens, closes = (isinstance(event, kind) for kind in (yaml.CollectionStartEvent, yaml.CollectionEndEvent))
+            depth += opens - closes
+            if depth > DEPTH_MAX:
+                raise RecursionError
         value = yaml.safe_load(text)
         _check_depth(value)
     except yaml.YAMLError as error:

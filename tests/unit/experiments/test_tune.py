@@ -55,6 +55,7 @@ def test_the_model_ends_at_the_set_points() -> None:
     assert yaw[-50:].mean() == pytest.approx(0.4, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_weaker_motor_gets_higher_gains() -> None:
     weaker = PLANT._replace(speed_gain=0.5 * PLANT.speed_gain)
     assert linear_gains(weaker, GEOMETRY, LINEAR_GAINS, 8000).kp > linear_gains(PLANT, GEOMETRY, LINEAR_GAINS, 8000).kp

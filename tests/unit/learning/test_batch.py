@@ -56,6 +56,7 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     return worst
 
 
+@pytest.mark.long
 def test_the_batch_moves_as_the_running_robot_does_to_1e_9() -> None:
     assert held_against_the_runtime() < 1e-9
 

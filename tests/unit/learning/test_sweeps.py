@@ -89,6 +89,7 @@ def test_a_void_episode_leaves_no_trace() -> None:
     assert {**one.memory(), "rng": 0} == {**before, "rng": 0}
 
 
+@pytest.mark.long
 def test_it_is_near_the_optimum_after_seven_episodes_in_any_order_of_the_actions() -> None:
     """A few trials of seed 77, which tuning used; benchmarks/learning_study.py has the figures of held-back seeds."""
     trials = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import cos, exp, pi, sin
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64
 
 @settings(deadline=None, max_examples=60)
 @given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
+@pytest.mark.long
 def test_a_vehicle_moves_in_the_fleet_as_alone(p: Parameters, seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)
     before = some_vehicles(rng, p)
