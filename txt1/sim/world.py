@@ -169,7 +169,8 @@ class World:
     def _collide(self, here: _Whereabouts, there: _Whereabouts, after: Motion, until: float) -> Motion:
         """The vehicle's motion at `until`; if it runs into the other one, both are halted."""
         vehicle, other = here.vehicle, there.vehicle
-        ahead = other.began - vehicle.began if other.running else until - other.time  # my time less the other's
+        # my time less the other's; who does not move yet has been looked at as late as I have
+        ahead = other.began - vehicle.began if other.running else vehicle.time - other.time
         its_until = until - ahead
         its_after = self._blocked(there, other.motion_at(its_until))
         left = gap(vehicle.outline(after), other.outline(its_after))
