@@ -38,7 +38,7 @@ from txt1.learning.trial import Episode, Phase
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
-from txt1.sim.light import Fault, LightSensors, PointLight, noise_for_jitter
+from txt1.sim.light import LightSensors, PointLight, SensorFault, noise_for_jitter
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config
@@ -214,10 +214,13 @@ async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "what"), [(Fault.NAN, "no reading"), (Fault.DEAD, "dead or covered"), (Fault.FROZEN, "frozen")]
+    ("fault", "what"),
+    [(SensorFault.NAN, "no reading"), (SensorFault.DEAD, "dead or covered"), (SensorFault.FROZEN, "frozen")],
 )
 @pytest.mark.parametrize("agent", ["thesis", "sweeps"])
-async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent: str, fault: Fault, what: str) -> None:
+async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(
+    agent: str, fault: SensorFault, what: str
+) -> None:
     with pytest.raises(TaskFault, match=f"light sensor FR.*{what}") as error:
         async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
             assert await robot.load_gains()
@@ -225,7 +228,7 @@ async def test_a_broken_sensor_stops_the_robot_with_an_error_that_names_it(agent
             task = await task_on(robot, agent=agent)
             await until(lambda: task.trial.phase is Phase.DRIVE)
             await asyncio.sleep(1.0)
-            sensors.faults = [Fault.NONE, fault, Fault.NONE, Fault.NONE]
+            sensors.faults = [SensorFault.NONE, fault, SensorFault.NONE, SensorFault.NONE]
             async with asyncio.timeout(3.0):
                 await task.ended.wait()
     assert isinstance(error.value.__cause__, LightFault)
@@ -554,7 +557,7 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
 
     def fail(trial: int, one: Episode) -> None:
         if len(began) == 1 and one.number == 2:
-            began[0].faults = [Fault.NAN] * 4
+            began[0].faults = [SensorFault.NAN] * 4
 
     began: list[LightSensors] = []
     monkeypatch.setattr("txt1.sensors.light.LightSensors", Fitful)

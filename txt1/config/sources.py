@@ -121,7 +121,7 @@ def _leaves(tree: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[st
 
 
 def origin_of(key: str, origins: Mapping[str, str]) -> str:
-    """Where the value of a dotted key came from; a section set as a whole is the origin of all that is in it."""
+    """Return the origin of a dotted key's value; a section set as a whole is the origin of all that is in it."""
     parts = key.split(".")
     for length in range(len(parts), 0, -1):
         origin = origins.get(".".join(parts[:length]))

@@ -25,7 +25,7 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
 
 class Fault(StrEnum):
-    """What the gate and the tasks count."""
+    """Faults that the gate and the tasks count."""
 
     NOT_FINITE = "command_not_finite"
     SPEED = "speed_clipped"
@@ -49,7 +49,7 @@ class Fault(StrEnum):
 
 
 class Outputs(NamedTuple):
-    """What the actuators are to do; made by the safety gate and by nothing else.
+    """Outputs to the actuators, made by the safety gate and by nothing else.
 
     A HAL with the capability `pwm` obeys the counts, any other one the set-point.
 
@@ -223,7 +223,7 @@ class Gate:
     def outputs(
         self, motor: float, front: float, rear: float, servos: tuple[int, int], v: float, omega: float
     ) -> Outputs:
-        """What the actuators get, for counts and a set-point that somebody wants.
+        """Return the outputs for counts and a set-point that are asked for.
 
         Neutral when the gate is closed or a value is not finite. Call `passes` first: it tells whether the command
         behind the values is fresh.

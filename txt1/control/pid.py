@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 
 class Gains(NamedTuple):
@@ -16,7 +16,7 @@ class Gains(NamedTuple):
 Past = tuple[float, float, float]
 """A controller's state: its output u(k-1), PWM counts, and the errors e(k-1) and e(k-2)."""
 
-CLEAR: Final[Past] = (0.0, 0.0, 0.0)
+CLEAR: Past = (0.0, 0.0, 0.0)
 """The state at power-up."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 PERSISTS: Final = 0.1
-"""What the geometry forbids has to last so long to be believed, s."""
+"""Time for which readings that the geometry forbids must last to be believed, s."""
 NOISE_COUNTS: Final = 3
 """Counts per period that a wheel at rest may show."""
 DISAGREEMENT: Final = 0.5

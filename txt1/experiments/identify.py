@@ -48,7 +48,7 @@ class Hold(NamedTuple):
 
 
 def require_pwm_and_ticks(hal: Hal) -> None:
-    """Nothing happens when a vehicle can be identified over this HAL.
+    """Refuse a HAL over which a vehicle cannot be identified.
 
     Raises:
         HalError: it takes no PWM, or gives no encoder counts to judge by.
@@ -62,7 +62,7 @@ def require_pwm_and_ticks(hal: Hal) -> None:
 
 
 async def try_out(robot: Robot) -> list[Hold]:
-    """What the vehicle does with outputs set by hand; it needs a dozen metres of free floor."""
+    """Return the motion at outputs set by hand; the vehicle needs a dozen metres of free floor."""
     readings: list[tuple[float, float]] = []
 
     async def measure(ticks: Ticks) -> None:

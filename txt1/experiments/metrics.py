@@ -1,4 +1,4 @@
-"""What an experiment shows, in numbers.
+"""Figures of an experiment: steps, stops, droops, circles, legs.
 
 Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the encoders: one count of
 theirs is 16 mm/s and 64 mrad/s in a 20 ms tick, so single readings tell little. The encoders' means are taken from the
@@ -172,7 +172,7 @@ def _step(recording: Recording, channel: Channel, first: int, last: int, before:
 
 
 def settled_after(deviation: Array, band: float, times: Array) -> float:
-    """When a deviation from the steady value has come into its band to stay, as `times`; infinite: it does not.
+    """Return the time (as `times`) from which a deviation stays within its band; infinite when it does not.
 
     Between two samples it moves in a straight line.
     """
@@ -221,8 +221,8 @@ def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
     return found
 
 
-class Difference(NamedTuple):
-    """How far the responses of two runs of one profile lie apart.
+class Deviation(NamedTuple):
+    """The distance between the responses of two runs of one profile.
 
     Attributes:
         channel: what responded.
@@ -238,7 +238,7 @@ class Difference(NamedTuple):
     largest: float
 
 
-def difference(recording: Recording, other: Recording, channel: Channel) -> Difference | None:
+def difference(recording: Recording, other: Recording, channel: Channel) -> Deviation | None:
     """The difference of two runs' responses; None when their set-points never changed.
 
     Behind a line everything comes later, and never by the same: a set-point waits for the next message, odometry as
@@ -261,7 +261,7 @@ def difference(recording: Recording, other: Recording, channel: Channel) -> Diff
     if not delays:
         return None
     all_ = np.concatenate(apart)
-    return Difference(channel, (min(delays), max(delays)), float(np.sqrt((all_**2).mean())), float(np.abs(all_).max()))
+    return Deviation(channel, (min(delays), max(delays)), float(np.sqrt((all_**2).mean())), float(np.abs(all_).max()))
 
 
 def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
@@ -271,7 +271,7 @@ def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
 
 
 class Droop(NamedTuple):
-    """What a change of the yaw rate does to the speed.
+    """The loss of speed at a change of the yaw rate.
 
     Attributes:
         time: s of the run.
@@ -361,7 +361,7 @@ def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
 
 
 class LegMetrics(NamedTuple):
-    """How far off a leg the robot drove, once it was round the corner.
+    """The robot's distance from a leg, once it was round the corner.
 
     Attributes:
         start: of the leg, m.
@@ -387,7 +387,7 @@ def cross_track(recording: Recording, leg: Leg) -> Array:
 
 
 def on_leg(recording: Recording, legs: Sequence[Leg], number: int) -> NDBool:
-    """Which samples are on a leg and round the corner before it, shape (samples,)."""
+    """Return whether each sample is on a leg and round the corner before it, shape (samples,)."""
     leg, time = legs[number], recording["time"]
     ends = legs[number + 1].time if number + 1 < len(legs) else inf
     x, y = recording.path()

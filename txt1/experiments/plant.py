@@ -1,4 +1,4 @@
-"""What tuning believes of a vehicle: found in a recorded drive, and small enough to try gains on."""
+"""A small model of the vehicle, identified in a drive, on which tuning tries gains."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from txt1.experiments.recording import Array
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
 UNEVENNESS: Final = 0.03
-"""Of the floor, as a share of the speed, anew at every tick; assumed. Without it the encoders would fall into patterns
-that no real drive shows."""
+"""Unevenness of the floor, as a share of the speed, anew at every tick; assumed. Without it the encoders would show
+patterns that no real drive shows."""
 
 PERIOD: Final = 0.02
 """s between two steps of the loops and two readings of the encoders."""

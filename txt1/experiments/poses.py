@@ -104,7 +104,7 @@ def ratio(found: Sequence[Trip]) -> float:
 
 
 def sentence(found: Sequence[Trip]) -> str:
-    """What these trips came to."""
+    """Return the figures of these trips."""
     inside = sum(trip.optimum is not None for trip in found)
     return (
         f"{sum(trip.arrived for trip in found)} of {len(found)} arrived within 5 cm and 5 degrees and touched no wall; "

@@ -1,4 +1,4 @@
-"""What an experiment drives: steps of velocities, or waypoints, from a YAML file."""
+"""The profile of an experiment: steps of velocities, or waypoints, from a YAML file."""
 
 from __future__ import annotations
 
@@ -9,22 +9,15 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from txt1.config.schema import Section
 from txt1.errors import ConfigError
+from txt1.units import Positive
 
 PROFILES: Final = Path(__file__).parent / "profiles"
-"""Where the thesis's experiments are."""
+"""Folder of the thesis's experiments."""
 EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega: 0.3, seconds: 10}]}"
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-
-
-class Section(BaseModel):
-    """A part of a profile: immutable, and strict about its keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, ser_json_inf_nan="strings")
 
 
 class Step(Section):
@@ -32,7 +25,7 @@ class Step(Section):
 
     v: Annotated[float, Field(ge=-1.5, le=1.5)]
     """m/s."""
-    omega: Finite
+    omega: float
     """rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted."""
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
     """s."""
@@ -41,16 +34,18 @@ class Step(Section):
 class Waypoints(Section):
     """Places to drive to in turn."""
 
-    points: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=2)]
+    model_config = ConfigDict(ser_json_inf_nan="strings")
+
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
     """x and y, m."""
-    laps: Annotated[float, Field(gt=0.0)] = 1.0
-    """How often; .inf: until the batteries are empty."""
+    laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0
+    """Number of times round; .inf: until the batteries are empty."""
     speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
     """m/s, the fastest."""
     look_ahead: Positive = 1.0
     """m."""
     pose: Literal["odometry", "true"] = "odometry"
-    """What the robot goes by; "true" knows a simulation only."""
+    """The pose that the robot goes by; "true" is known in simulation only."""
 
     @model_validator(mode="after")
     def _legs(self) -> Waypoints:
@@ -63,16 +58,18 @@ class Waypoints(Section):
 class Profile(Section):
     """An experiment."""
 
+    model_config = ConfigDict(ser_json_inf_nan="strings")
+
     title: str
-    """Of its figure."""
+    """Title of its figure."""
     figure: Literal["velocities", "path", "waypoints", "battery"]
     """The figure's layout: 4.3 and 4.4, 4.5 and 4.6, waypoints with their errors, or 3.13."""
     sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
     """s between two samples."""
     steps: tuple[Step, ...] = ()
-    """What to command, in turn."""
+    """Velocities to command, in turn."""
     waypoints: Waypoints | None = None
-    """Where to drive."""
+    """Places to drive to."""
 
     @model_validator(mode="after")
     def _either(self) -> Profile:

@@ -1,4 +1,4 @@
-"""What was measured in an experiment, sample by sample, and its file."""
+"""The measurements of an experiment, sample by sample, and their file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from txt1.errors import ConfigError
 Array = NDArray[np.float64]
 
 
-class Sample(NamedTuple):
+class Measurement(NamedTuple):
     """One instant.
 
     Attributes:
@@ -62,23 +62,23 @@ class Sample(NamedTuple):
 
 
 class Recording:
-    """The samples of a run as columns, named as in `Sample`.
+    """The samples of a run as columns, named as in `Measurement`.
 
     Args:
         samples: in order of time.
 
     """
 
-    def __init__(self, samples: Iterable[Sample]) -> None:
+    def __init__(self, samples: Iterable[Measurement]) -> None:
         rows = [tuple(sample) for sample in samples]
-        self._columns = np.array(rows, float).reshape(len(rows), len(Sample._fields)).T
+        self._columns = np.array(rows, float).reshape(len(rows), len(Measurement._fields)).T
 
     def __len__(self) -> int:
         return self._columns.shape[1]
 
     def __getitem__(self, name: str) -> Array:
         """The column of that name, shape (samples,)."""
-        column: Array = self._columns[Sample._fields.index(name)]
+        column: Array = self._columns[Measurement._fields.index(name)]
         return column
 
     @property
@@ -116,8 +116,8 @@ def save(recording: Recording, folder: Path) -> None:
     """Write the samples to a folder as comma-separated values, a column per quantity, SI units."""
     with (folder / FILE).open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(Sample._fields)
-        columns = [recording[name] for name in Sample._fields]
+        writer.writerow(Measurement._fields)
+        columns = [recording[name] for name in Measurement._fields]
         writer.writerows([f"{value:.6g}" for value in row] for row in zip(*columns, strict=True))
 
 
@@ -132,9 +132,9 @@ def load(folder: Path) -> Recording:
     try:
         with file.open(newline="") as lines:
             reader = csv.reader(lines)
-            if tuple(next(reader, ())) != Sample._fields:
+            if tuple(next(reader, ())) != Measurement._fields:
                 raise ConfigError(f"{file}: its columns are not those of a run; give a folder that --out has made")
-            return Recording(Sample(*map(float, row)) for row in reader)
+            return Recording(Measurement(*map(float, row)) for row in reader)
     except OSError as error:
         raise ConfigError(f"{file}: {error.strerror}; give a folder that an experiment's --out made") from None
     except (ValueError, TypeError) as error:

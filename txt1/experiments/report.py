@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from txt1.experiments.metrics import QUANTUM, Channel, Difference, difference, paths_apart
+from txt1.experiments.metrics import QUANTUM, Channel, Deviation, difference, paths_apart
 from txt1.experiments.run_folder import Run
 
 Row = list[str]
@@ -67,7 +67,7 @@ def tables(runs: Sequence[Run]) -> list[Titled]:
 
 
 def apart(runs: Sequence[Run]) -> list[Titled]:
-    """How far the responses and the paths of runs lie apart from those of the first."""
+    """Return the distance of each run's responses and path from those of the first."""
     first, found = runs[0], list[Titled]()
     responses = [
         [other.label, *difference_cells(each)]
@@ -83,8 +83,8 @@ def apart(runs: Sequence[Run]) -> list[Titled]:
     return found
 
 
-def differences(first: Run, other: Run) -> list[Difference]:
-    """How far the responses of two runs lie apart; nothing for waypoints, where the set-points differ, too."""
+def differences(first: Run, other: Run) -> list[Deviation]:
+    """Return the distance of two runs' responses; nothing for waypoints, where the set-points differ, too."""
     if first.profile.waypoints is not None:
         return []
     channels: tuple[Channel, ...] = ("v", "omega")
@@ -92,8 +92,8 @@ def differences(first: Run, other: Run) -> list[Difference]:
     return [each for each in found if each is not None]
 
 
-def difference_cells(each: Difference) -> Row:
-    """What it is of, the delay, the difference and an encoder count."""
+def difference_cells(each: Deviation) -> Row:
+    """Return the channel, the delay, the difference and an encoder count."""
     least, most = (1000.0 * delay for delay in each.delay)
     return [
         "v" if each.channel == "v" else "ω",

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from txt1.control.limits import limit_velocity
 from txt1.errors import NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step, Waypoints
-from txt1.experiments.recording import Recording, Sample
+from txt1.experiments.recording import Measurement, Recording
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
@@ -41,7 +41,7 @@ class Leg(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an experiment came to.
+    """The result of an experiment.
 
     Attributes:
         recording: what was measured.
@@ -89,7 +89,7 @@ class Experiment:
         self._progressed = progressed
         self._robot = robot
         self._safe_end = safe_end
-        self._samples: list[Sample] = []
+        self._samples: list[Measurement] = []
         self._legs: list[Leg] = []
         self._begin = 0.0
         self._warned: float | None = None
@@ -132,7 +132,7 @@ class Experiment:
             robot.program.release()
 
     def outcome(self) -> Outcome:
-        """What was measured so far."""
+        """Return the measurements so far."""
         name = "" if self._source is None else self._source.name
         return Outcome(Recording(self._samples), tuple(self._legs), self._stopped_by, self._warned, name)
 
@@ -224,7 +224,7 @@ class Experiment:
                 before = now, pose
             volts = [volt for volt in (battery.battery1, battery.battery2) if volt is not None]
             self._samples.append(
-                Sample(
+                Measurement(
                     now - self._begin, set_v, set_omega, v, omega, x, y, theta,
                     robot.runtime.state.odometry_time - self._begin, way, turn,
                     true_v, true_omega, *(pose or (nan, nan, nan)),

@@ -25,15 +25,15 @@ CRUISE: Final = 0.5
 V_MAX: Final = 1.5
 """m/s, the fastest the controller accepts (thesis 4.2)."""
 SEEDS: Final = range(16)
-"""Of the trials of the speed."""
+"""Seeds of the trials of the speed."""
 TURN_SEEDS: Final = range(32)
-"""Of the trials of the yaw rate, where the encoders' counts are worth more of a step."""
+"""Seeds of the trials of the yaw rate: more, as an encoder count is a larger share of a step there."""
 TRIAL: Final = 4.0
 """s of a trial of the speed."""
 TURN_TRIAL: Final = 2.5
 """s of a trial of the yaw rate."""
 LESS: Final = 0.9
-"""Of the overshoot so far is allowed in the model, so that there is no more on the vehicle."""
+"""Share of the present overshoot that is allowed in the model, so that the vehicle shows no more than before."""
 NO_OVERSHOOT: Final = 0.001
 """Share of a step of the speed: what the noise of so many trials makes of a response that does not overshoot."""
 TURN_NO_OVERSHOOT: Final = 0.002
@@ -60,7 +60,7 @@ TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
 """K_I times the yaw rate per count, 1/s: how fast the loop closes."""
 
 CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * len(TURN_RATES) + 2 * 9 * len(FINER)
-"""How many gains are tried altogether."""
+"""Number of gains that are tried altogether."""
 
 
 class Proposal(NamedTuple):
@@ -77,7 +77,7 @@ class Proposal(NamedTuple):
 
 
 class Quality(NamedTuple):
-    """How a response looks.
+    """The quality of a response.
 
     Attributes:
         settling: s.
@@ -196,7 +196,7 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def _quality(responses: Sequence[Array], before: float, after: float) -> Quality:
-    """Of the mean of several trials, as the drive tests are judged (see `txt1.experiments.metrics`)."""
+    """Return the quality of the mean of several trials, judged as in `txt1.experiments.metrics`."""
     shares = (np.array(responses) - before) / (after - before)
     times: Array = np.arange(shares.shape[1], dtype=np.float64) * PERIOD
     means = smooth(shares.mean(axis=0), times)

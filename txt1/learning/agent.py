@@ -1,4 +1,4 @@
-"""What every learner has in common: it sees light and odometry, and says which action to take."""
+"""The interface of every learner: it sees light and odometry, and says which action to take."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from txt1.model.odometry import Odometry
 
 
 class Decision(NamedTuple):
-    """What a learner knew when it last decided, or when the episode ended.
+    """The grounds of a learner's last decision, or its state when the episode ended.
 
     Attributes:
         state: row of its table; None where the sensors tell no direction.
@@ -60,13 +60,13 @@ class Agent(Protocol):
         """The episode is over: the robot has reached the light, or left the boundary."""
 
     def decision(self, odometry: Odometry) -> Decision:
-        """What the last `act` or `end` rested on, for who looks on."""
+        """Return the grounds of the last `act` or `end`, for recordings and screens."""
 
     def void(self) -> None:
         """The episode does not count: forget what was learned in it."""
 
     def table(self) -> StoredTable:
-        """What has been learned, as it goes into a file."""
+        """Return the table learned so far, as it goes into a file."""
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later, JSON values only; `recall` takes it."""

@@ -30,7 +30,7 @@ from txt1.sim.vehicle import Dynamics, dynamics
 TICK_MS: Final = 20
 """One vehicle step, ms: the controller's period. The light is sampled with it."""
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
-"""Of the past in the filter: (5.10) at 20 ms in place of 16."""
+"""Weight of the past in the filter: (5.10) at 20 ms in place of 16."""
 
 # rows of the robots' state: those of `txt1.sim.fleet` first, then the encoders', the loops' and the light's
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 7, 9, 11, 13, 16, 19, 21

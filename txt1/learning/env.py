@@ -85,7 +85,7 @@ class Car:
 
     @property
     def odometry(self) -> Odometry:
-        """What the encoders say."""
+        """Pose and velocities by the encoders."""
         return self._wheels.odometry
 
     def pose(self, now: float) -> tuple[float, float, float]:

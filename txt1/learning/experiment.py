@@ -40,7 +40,7 @@ COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "s
 
 
 class Plan(NamedTuple):
-    """What is to be done.
+    """The trials to be done.
 
     Attributes:
         agent: name of the learner.
@@ -76,7 +76,7 @@ class Plan(NamedTuple):
         return {1, min(10, self.episodes), self.episodes}
 
     def identity(self) -> dict[str, Any]:
-        """What must be the same for one run to carry on where another ended; the number of trials may grow."""
+        """Return all that must be equal for one run to carry on where another ended; the number of trials may grow."""
         config = self.config.model_dump(mode="json", exclude={"seed"})
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 

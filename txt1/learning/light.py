@@ -1,4 +1,4 @@
-"""What a learner makes of four light readings: filter, direction, sector, reward (thesis 5.3, 5.5.2).
+"""Filter, direction, sector and reward, from four light readings (thesis 5.3, 5.5.2).
 
 Directions are in the vehicle's frame, rad, counter-clockwise positive: 0 straight ahead, pi/2 to the left.
 

@@ -1,4 +1,4 @@
-"""What the episodes of many trials amount to, beside the optimum and the thesis's figure."""
+"""Figures of many trials: times, success, and their ratio to the optimum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How to choose an action from a row of Q-values, and how exploration and learning fade (thesis 5.2.1, 5.4).
+"""Policies that choose an action from a row of Q-values; schedules of exploration and learning (thesis 5.2.1, 5.4).
 
 All randomness comes from the generator that is passed in.
 """

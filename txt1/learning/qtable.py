@@ -45,7 +45,7 @@ TABLE_5_3: Final = (
     (-0.5585, -0.0546, 1.1205),
     (-0.3775, 0.0077, 0.8443),
 )
-"""What the thesis's robot had learned after 30 episodes (table 5.3); rows by state, columns by action."""
+"""The table of the thesis's robot after 30 episodes (table 5.3); rows by state, columns by action."""
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1

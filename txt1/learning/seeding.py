@@ -24,7 +24,7 @@ MARGIN = 1.0
 
 @dataclass
 class TrialResult:
-    """What came of a trial.
+    """The result of a trial.
 
     Attributes:
         trial: its number, from 1.
@@ -85,12 +85,12 @@ def new_trial(
 
 
 def recorded_plan(name: str, seed: int, number: int, episodes: int) -> dict[str, object]:
-    """What the recording of a trial says that it is."""
+    """Return the description of a trial that its recording holds."""
     return {"learn": name, "seed": seed, "trial": number, "episodes": episodes}
 
 
 def result_of(trial: Trial, number: int, episodes: int) -> TrialResult:
-    """What came of a trial."""
+    """Return the result of a trial."""
     done = trial.episodes
     complete = len(done) == episodes
     agent = trial.agent

@@ -90,7 +90,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
 
 
 class TurnModel:
-    """How the yaw rate goes on: w' = c(a) + k(a) w, by least squares over everything seen so far."""
+    """The model of turning: w' = c(a) + k(a) w, by least squares over everything seen so far."""
 
     def __init__(self) -> None:
         # per action the sums of 1, w, w^2, w', w w'; the prior pair says that nothing changes the yaw rate
@@ -179,7 +179,7 @@ class SweepsAgent:
         return self._watch.settled
 
     def bearing(self, odometry: Odometry) -> float:
-        """Where the light is, rad."""
+        """Return the direction of the light, rad."""
         return wrap_angle(atan2(self._north, self._east) - odometry.theta)
 
     # -- one episode ----------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ TO_START: Final = 0.4
 """m/s, the fastest on the way to a start."""
 
 
-class Step(NamedTuple):
+class LearningStep(NamedTuple):
     """A decision of the learner, or the end of an episode.
 
     Attributes:
@@ -49,12 +49,12 @@ class Step(NamedTuple):
 
 
 STEP: Final = declare(Topic(
-    "/learning/step", Step, "",
+    "/learning/step", LearningStep, "",
     define(
         "txt1_msgs/LearningStep",
         "std_msgs/Header header\nint32 episode\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values",
     ),
-    Rule.EVENT, "each decision of the learner, and the end of each episode: action -1", make=Step._asdict,
+    Rule.EVENT, "each decision of the learner, and the end of each episode: action -1", make=LearningStep._asdict,
 ))  # fmt: skip
 
 
@@ -172,7 +172,9 @@ class LearningTask:
         state, reward, values = trial.agent.decision(self._robot.odometry)
         runtime = self._robot.runtime
         episode, row = len(trial.episodes) + 1, -1 if state is None else state
-        runtime.bus.publish(STEP, Step(episode, row, action, nan if reward is None else reward, values), runtime.now)
+        runtime.bus.publish(
+            STEP, LearningStep(episode, row, action, nan if reward is None else reward, values), runtime.now
+        )
 
     def _let_go(self) -> None:
         """Drive no farther towards the start."""
@@ -218,7 +220,7 @@ class LearningTask:
 
 
 def task_of(config: Config) -> Task:
-    """What is to be learned, as configured."""
+    """Return the task, as configured."""
     one = config.learning
     return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
 

@@ -34,7 +34,7 @@ OVER: Final = -1
 
 
 class Task(NamedTuple):
-    """What is to be learned.
+    """The task to be learned.
 
     Attributes:
         light: where it is in the room, x and y in m.
@@ -55,7 +55,7 @@ class Task(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Where an episode begins: bearing of the robot from the light, and its heading, rad."""
+    """The start of an episode: bearing of the robot from the light, and its heading, rad."""
 
     bearing: float
     heading: float
@@ -72,7 +72,7 @@ class Start(NamedTuple):
 
 
 class Episode(NamedTuple):
-    """How an episode went: one line of learning.csv.
+    """The course of an episode: one line of learning.csv.
 
     Attributes:
         number: from 1.
@@ -91,7 +91,7 @@ class Episode(NamedTuple):
 
 
 class Phase(StrEnum):
-    """What the robot does at present."""
+    """The part of an episode that the robot is in."""
 
     MOVE = "moves to the next start"
     REST = "rests on the start"

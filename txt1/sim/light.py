@@ -37,14 +37,14 @@ class PointLight(NamedTuple):
     exponent: float = 2.0
 
 
-class Limits(NamedTuple):
+class Range(NamedTuple):
     """The readings a sensor can give, lux: what lies outside reads as the nearer end."""
 
     low: float = LUX_MIN
     high: float = LUX_MAX
 
 
-class Fault(StrEnum):
+class SensorFault(StrEnum):
     """What is wrong with a sensor."""
 
     NONE = "none"
@@ -53,10 +53,10 @@ class Fault(StrEnum):
     FROZEN = "frozen"  # it repeats the reading it had
 
 
-SENSOR_LIMITS: Final = Limits()
+SENSOR_LIMITS: Final = Range()
 """1 to 1000 lux (thesis 5.3)."""
 
-SOUND: Final = (Fault.NONE, Fault.NONE, Fault.NONE, Fault.NONE)
+SOUND: Final = (SensorFault.NONE, SensorFault.NONE, SensorFault.NONE, SensorFault.NONE)
 """Four sensors in order."""
 
 
@@ -164,19 +164,19 @@ class LightSensors:
     """
 
     def __init__(
-        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Limits = SENSOR_LIMITS
+        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Range = SENSOR_LIMITS
     ) -> None:
         self.light = light
         self.noise = noise
         self.limits = limits
         self._rng = rng
         self._draws: list[float] = []
-        self._faults: tuple[Fault, ...] = SOUND
+        self._faults: tuple[SensorFault, ...] = SOUND
         self._broken = False
         self._last: Readings | None = None
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[SensorFault, ...]:
         """What is broken, sensor by sensor, in the order FL FR RL RR."""
         return self._faults
 
@@ -184,7 +184,7 @@ class LightSensors:
     def faults(self, faults: Sequence[str]) -> None:
         if len(faults) != len(SENSORS):
             raise ValueError(f"one fault for each of {', '.join(SENSORS)} is needed, not {len(faults)}")
-        self._faults = tuple(Fault(fault) for fault in faults)
+        self._faults = tuple(SensorFault(fault) for fault in faults)
         self._broken = self._faults != SOUND
 
     def read(self, x: float, y: float, theta: float) -> Readings:
@@ -214,10 +214,10 @@ class LightSensors:
     def _break(self, readings: Readings) -> Readings:
         """The readings as the faults leave them."""
         last = self._last or readings
-        broken = {Fault.DEAD: 0.0, Fault.NAN: float("nan")}
+        broken = {SensorFault.DEAD: 0.0, SensorFault.NAN: float("nan")}
         return Readings(
             *(
-                before if fault is Fault.FROZEN else broken.get(fault, now)
+                before if fault is SensorFault.FROZEN else broken.get(fault, now)
                 for now, before, fault in zip(readings, last, self._faults, strict=True)
             )
         )

@@ -22,7 +22,7 @@ from txt1.learning.light import (
     spread_limit,
 )
 from txt1.model.light import SENSORS, Readings
-from txt1.sim.light import Fault, LightSensors, PointLight, illuminances, noise_for_jitter
+from txt1.sim.light import LightSensors, PointLight, SensorFault, illuminances, noise_for_jitter
 
 LUX = st.floats(1.0, 1000.0)
 
@@ -228,14 +228,14 @@ def test_a_bad_sample_is_refused_and_leaves_the_filter_as_it_was(bad: float, whi
 # -- sensors that cannot be believed -------------------------------------------------------------------------------
 
 
-def watched(fault: Fault, which: int, seconds: float = 4.0, seed: int = 1, noise: float | None = None) -> float:
+def watched(fault: SensorFault, which: int, seconds: float = 4.0, seed: int = 1, noise: float | None = None) -> float:
     """Seconds from the break of a sensor until the filter refuses it, driving a lap around near the start."""
     seen = LightSensors(PointLight(), noise_for_jitter() if noise is None else noise, np.random.default_rng(seed))
     sense, broken_at = LightFilter(), 1.0
     for k in range(round((broken_at + seconds) / 0.016)):
         turn = 0.3 / 0.56 * k * 0.016
         if k * 0.016 >= broken_at:
-            seen.faults = tuple(fault if n == which else Fault.NONE for n in range(4))
+            seen.faults = tuple(fault if n == which else SensorFault.NONE for n in range(4))
         try:
             sense.step(seen.read(-1.25 + 0.56 * sin(turn), 0.56 * (1 - cos(turn)), turn))
         except LightFault as refused:
@@ -247,23 +247,23 @@ def watched(fault: Fault, which: int, seconds: float = 4.0, seed: int = 1, noise
 @pytest.mark.parametrize("which", range(4))
 @pytest.mark.parametrize("seed", range(5))
 def test_a_sensor_that_dies_while_driving_is_refused_within_six_tenths_of_a_second(which: int, seed: int) -> None:
-    assert 0.0 < watched(Fault.DEAD, which, seed=seed) < 0.6
+    assert 0.0 < watched(SensorFault.DEAD, which, seed=seed) < 0.6
 
 
 @pytest.mark.parametrize("which", range(4))
 def test_a_sensor_without_a_number_is_refused_at_once(which: int) -> None:
-    assert watched(Fault.NAN, which) < 0.016
+    assert watched(SensorFault.NAN, which) < 0.016
 
 
 @pytest.mark.parametrize("which", range(4))
 @pytest.mark.parametrize("noise", [None, 0.0])
 def test_a_frozen_sensor_is_refused_within_two_seconds(which: int, noise: float | None) -> None:
-    assert watched(Fault.FROZEN, which, noise=noise) <= 2 * FROZEN_SAMPLES * 0.016
+    assert watched(SensorFault.FROZEN, which, noise=noise) <= 2 * FROZEN_SAMPLES * 0.016
 
 
 def test_a_sensor_dead_from_the_start_gives_no_direction_and_is_refused_when_the_filter_has_settled() -> None:
     seen = LightSensors(PointLight(), noise_for_jitter(), np.random.default_rng(3))
-    seen.faults = (Fault.NONE, Fault.NONE, Fault.DEAD, Fault.NONE)
+    seen.faults = (SensorFault.NONE, SensorFault.NONE, SensorFault.DEAD, SensorFault.NONE)
     sense = LightFilter()
     for _ in range(SETTLING_SAMPLES):
         readings = filtered(sense, seen.read(-1.25, 0.0, 0.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from txt1.learning.light import LightFilter, corrected_direction, direction
 from txt1.model.light import POSITIONS, SENSOR_X, SENSOR_Y, SENSORS, Readings
-from txt1.sim.light import SENSOR_LIMITS, Fault, LightSensors, Limits, PointLight, illuminances, noise_for_jitter
+from txt1.sim.light import SENSOR_LIMITS, LightSensors, PointLight, Range, SensorFault, illuminances, noise_for_jitter
 
 LIGHT = PointLight()
 COORDINATE = st.floats(-8.0, 8.0)
@@ -19,7 +19,7 @@ HEADING = st.floats(-pi, pi)
 
 
 def sensors(
-    noise: float = 0.0, seed: int = 1, light: PointLight = LIGHT, limits: Limits = SENSOR_LIMITS
+    noise: float = 0.0, seed: int = 1, light: PointLight = LIGHT, limits: Range = SENSOR_LIMITS
 ) -> LightSensors:
     return LightSensors(light, noise, np.random.default_rng(seed), limits)
 
@@ -70,7 +70,7 @@ def test_between_walls_at_8_m_no_sensor_falls_silent_and_none_saturates_before_t
     assert min(illuminances(8.0, 8.0, pi / 4, LIGHT)) > 1.0
     assert max(illuminances(-0.63, 0.0, np.arctan2(SENSOR_Y, SENSOR_X), LIGHT)) < 1000.0
     assert sensors(light=PointLight(exponent=4.0)).read(5.0, 0.0, 0.0) == (1.0, 1.0, 1.0, 1.0), "dark for 1 / d^4"
-    free = sensors(light=PointLight(exponent=4.0), limits=Limits(0.0, 1e9)).read(5.0, 0.0, 0.0)
+    free = sensors(light=PointLight(exponent=4.0), limits=Range(0.0, 1e9)).read(5.0, 0.0, 0.0)
     assert free == illuminances(5.0, 0.0, 0.0, PointLight(exponent=4.0))
 
 
@@ -79,7 +79,7 @@ def test_between_walls_at_8_m_no_sensor_falls_silent_and_none_saturates_before_t
 
 def test_the_derived_noise_makes_the_direction_jitter_by_45_degrees() -> None:
     assert noise_for_jitter() == pytest.approx(0.3024, abs=1e-4)
-    seen = sensors(noise_for_jitter(), seed=7, limits=Limits(1e-9, 1e9))
+    seen = sensors(noise_for_jitter(), seed=7, limits=Range(1e-9, 1e9))
     errors = [abs(direction(seen.read(-1.25, 0.0, 0.0))) for _ in range(40_000)]
     # 95 % within +-45 degrees; the share of 40 000 samples has a standard deviation of 0.11 %
     assert np.mean(np.array(errors) <= pi / 4) == pytest.approx(0.95, abs=0.004)
@@ -179,30 +179,30 @@ def test_the_corrected_direction_is_off_by_a_few_degrees_nearby(distance: float,
 def test_a_broken_sensor_reads_what_its_fault_says_and_the_others_go_on() -> None:
     seen = sensors()
     before = seen.read(-1.25, 0.0, 0.0)
-    seen.faults = (Fault.DEAD, Fault.NAN, Fault.FROZEN, Fault.NONE)
+    seen.faults = (SensorFault.DEAD, SensorFault.NAN, SensorFault.FROZEN, SensorFault.NONE)
     for _ in range(3):
         after = seen.read(-1.0, 0.2, 0.1)
         assert after.front_left == 0.0
         assert isnan(after.front_right)
         assert after.rear_left == before.rear_left
         assert after.rear_right == sensors().read(-1.0, 0.2, 0.1).rear_right
-    seen.faults = (Fault.NONE,) * 4
+    seen.faults = (SensorFault.NONE,) * 4
     assert seen.read(-1.25, 0.0, 0.0) == before
 
 
 def test_faults_come_in_fours_and_by_name() -> None:
     seen = sensors()
     seen.faults = ("none", "dead", "none", "none")  # type: ignore[assignment]
-    assert seen.faults[1] is Fault.DEAD
+    assert seen.faults[1] is SensorFault.DEAD
     with pytest.raises(ValueError, match="FL, FR, RL, RR"):
-        seen.faults = (Fault.DEAD,)
+        seen.faults = (SensorFault.DEAD,)
     with pytest.raises(ValueError, match="'broken'"):
         seen.faults = ("broken", "none", "none", "none")  # type: ignore[assignment]
 
 
 def test_a_sensor_breaking_leaves_the_noise_of_the_others_as_it_was() -> None:
     sound, broken = sensors(0.3, 6), sensors(0.3, 6)
-    broken.faults = (Fault.NONE, Fault.DEAD, Fault.NONE, Fault.NONE)
+    broken.faults = (SensorFault.NONE, SensorFault.DEAD, SensorFault.NONE, SensorFault.NONE)
     for _ in range(100):
         one, other = sound.read(-1.25, 0.0, 0.0), broken.read(-1.25, 0.0, 0.0)
         assert (one[0], one[2], one[3]) == (other[0], other[2], other[3])
