@@ -7,13 +7,14 @@ import pytest
 
 from tests.e2e.conftest import ENDLESS, Sample
 from txt1.control.commander import Driver
-from txt1.driver import DRIVER, CommandSource
+from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step
 from txt1.experiments.runner import Experiment
 from txt1.kernel import Ticks
 from txt1.navigation import follow, go_to
 from txt1.robot import Robot
+from txt1.tasks.fields import DRIVER
 
 TICK = 0.02
 ENTERS = 0.02 + TICK
