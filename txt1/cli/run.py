@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
-from txt1.cli.options import add_log, add_robot, add_view, existing, loaded, positive, velocity
+from txt1.cli.options import add_log, add_robot, add_view, bridge_options, existing, loaded, positive, velocity
 from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
@@ -36,6 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log(parser)
     add_view(parser)
     parser.add_argument("--view-control", action="store_true", help="let the live view's teleop panel drive")
+    parser.add_argument(
+        "--bridge", type=bridge_options, action="append", default=[], metavar="NAME[:KEY=VALUE,...]",
+        help="run this bridge beside the robot (entry points txt1.bridges); may be given again",
+    )  # fmt: skip
     script = parser.add_mutually_exclusive_group()
     script.add_argument(
         "--drive", type=velocity, metavar="V,OMEGA", help="command this velocity throughout: m/s, rad/s"
@@ -76,12 +81,16 @@ async def _operate(
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
-    async with app.robot(config, log=arguments.log, about=told, view=view) as robot:
+    async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
         teleop, radius_min = config.teleop, config.geometry.radius_min
         if view is not None:
             view.drive(robot.source("web").command, radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
+        for name, options in arguments.bridge:
+            from txt1.bridges.registry import bridge
+
+            await bridges.enter_async_context(bridge(robot, name, options))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
         getting_ready = asyncio.ensure_future(start.go_on())
         try:

@@ -6,7 +6,7 @@ from math import degrees
 
 from rich.text import Text
 
-from txt1.tasks.state import ODOMETRY
+from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.viewer import Viewer
 
