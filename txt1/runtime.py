@@ -26,6 +26,7 @@ from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
+from txt1.sim.obstacles import outline
 from txt1.tasks import (
     battery,
     button,
@@ -143,7 +144,11 @@ class Runtime:
         size, body = (sim.room.length, sim.room.width), (self.config.geometry.length, self.config.geometry.width)
         surroundings = fields.Surroundings(body=body)
         if can.simulated:
-            surroundings = fields.Surroundings(size if all(map(isfinite, size)) else None, sim.room.light, body)
+            room, obstacles = size if all(map(isfinite, size)) else None, tuple(map(outline, sim.obstacles))
+            surroundings = fields.Surroundings(room, sim.room.light, body, obstacles)
+        others = getattr(self.hal, "others", None)
+        if others is not None:
+            bus.offer(fields.VEHICLES, lambda: others() or None)
         bus.offer(fields.CAPABILITIES, lambda: can)
         bus.offer(fields.BOARD, lambda: state.board)
         bus.offer(fields.COMMAND, lambda: state.command)

@@ -56,6 +56,10 @@ class SimHal:
         """Leave the outputs neutral."""
         self.write(NEUTRAL, self.vehicle.time)
 
+    def others(self) -> tuple[tuple[float, float, float], ...]:
+        """The poses of the other vehicles in the world, m and rad."""
+        return tuple(each.pose for each in self.world.vehicles if each is not self.vehicle)
+
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
         counts, batteries, cut_off, pose = self.vehicle.sense(now)

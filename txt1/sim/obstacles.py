@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, sin
+from math import cos, hypot, pi, sin
 
 from txt1.sim.parameters import Box, Post
 
 Obstacle = Box | Post
+Outline = tuple[tuple[float, float], ...]
+"""Corners (x, y) in m, the last one joined to the first."""
+
+
+def outline(obstacle: Obstacle) -> Outline:
+    """The edge of an obstacle on the floor; a post's is a polygon."""
+    if isinstance(obstacle, Post):
+        angles = [k * pi / 8.0 for k in range(16)]
+        return tuple((obstacle.x + obstacle.radius * cos(a), obstacle.y + obstacle.radius * sin(a)) for a in angles)
+    c, s = 0.5 * cos(obstacle.theta), 0.5 * sin(obstacle.theta)
+    sides = [(obstacle.length * a, obstacle.width * b) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    return tuple((obstacle.x + a * c - b * s, obstacle.y + a * s + b * c) for a, b in sides)
 
 
 def distance(obstacle: Obstacle, x: float, y: float) -> float:

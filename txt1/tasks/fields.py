@@ -13,6 +13,7 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
+from txt1.sim.obstacles import Outline
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -163,11 +164,15 @@ class Traffic(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Length and width of the room and of the robot's body in m, and the light's position (x, y); None if unknown."""
+    """Length and width of the room and of the robot's body in m, the light's position (x, y), and what stands there.
+
+    None is what nobody knows.
+    """
 
     room: tuple[float, float] | None = None
     light: tuple[float, float] | None = None
     body: tuple[float, float] = (0.510, 0.385)
+    obstacles: tuple[Outline, ...] = ()
 
 
 def _told(name: str, kind: type[T], about: str) -> Topic[T]:
@@ -181,7 +186,14 @@ GAIN_TABLE: Final = _told("/gain_table", GainTable, "the gains that were loaded"
 SERVOS: Final[Topic[tuple[int, int]]] = _told("/servos", tuple, "counts of the two free servos")
 TRAFFIC: Final = _told("/traffic", Traffic, "messages to and from the host, and how old the odometry is")
 BACKLIGHT: Final = _told("/backlight", float, "brightness of the board's display, 0 to 1")
-SURROUNDINGS: Final = _told("/surroundings", Surroundings, "the simulated room, its light, and the robot's size")
+SURROUNDINGS: Final = _told(
+    "/surroundings", Surroundings, "the simulated room with light and obstacles, the robot's size"
+)
+VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
+    "/vehicles",
+    tuple[tuple[float, float, float], ...],
+    "the other robots' poses: m, rad",
+)
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
 DRIVER: Final = declare(

@@ -1,4 +1,4 @@
-"""The MAP screen: room, light, path and robot on a canvas of braille dots.
+"""The MAP screen: room, obstacles, light, path and robots on a canvas of braille dots.
 
 A braille character has two by four dots and a terminal's cell is about twice as high as it is wide, so the
 dots are square: one scale, in metres per dot, serves both axes and a circle is round.
@@ -17,7 +17,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import SURROUNDINGS, Surroundings
+from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM
 from txt1.ui.viewer import Viewer, pose_of
@@ -34,10 +34,10 @@ _BITS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _BLANK: Final = 0x2800
 """The braille character without a dot."""
 
-_STYLES: Final = (DIM, "white", "cyan", "bold bright_green")
+_STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
 """Colour of a cell by the highest layer that has a dot in it."""
 
-AXES, WALL, PATH, ROBOT = range(len(_STYLES))
+AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
@@ -156,10 +156,14 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         canvas = Canvas(walls(*room), columns, rows)
         _draw_room(canvas, walls(*room))
     _draw_axes(canvas)
+    for obstacle in about.obstacles:
+        _draw_outline(canvas, obstacle, WALL)
+    for pose in snapshot.get(VEHICLES, ()):
+        _draw_robot(canvas, pose, about.body, OTHER)
     canvas.path(viewer.path, PATH)
     x, y, theta = pose_of(snapshot)
     if isfinite(x) and isfinite(y) and isfinite(theta):
-        _draw_robot(canvas, (x, y, theta), about.body)
+        _draw_robot(canvas, (x, y, theta), about.body, ROBOT)
     if about.light is not None:
         canvas.mark(about.light, "✶", "bold bright_yellow")
     return [*canvas.lines(), _legend(snapshot, canvas.scale)]
@@ -204,8 +208,13 @@ def _draw_room(canvas: Canvas, room: Bounds) -> None:
         (room.right, room.top),
         (room.left, room.top),
     ]
+    _draw_outline(canvas, corners, WALL)
+
+
+def _draw_outline(canvas: Canvas, corners: Sequence[tuple[float, float]], layer: int) -> None:
+    """Lines from corner to corner, and from the last one to the first."""
     for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        canvas.line(start, end, WALL)
+        canvas.line(start, end, layer)
 
 
 def _draw_axes(canvas: Canvas) -> None:
@@ -215,7 +224,7 @@ def _draw_axes(canvas: Canvas) -> None:
     canvas.line((0.0, -arm), (0.0, arm), AXES)
 
 
-def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float]) -> None:
+def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float], layer: int) -> None:
     """The outline of a body of this length and width (m), and a pointer out of its front."""
     x, y, theta = pose
     enlarge = max(1.0, BODY_DOTS * canvas.scale / body[0])
@@ -226,9 +235,8 @@ def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[fl
         return x + ahead * c - left * s, y + ahead * s + left * c
 
     outline = [place(front, side), place(-front, side), place(-front, -side), place(front, -side)]
-    for start, end in zip(outline, [*outline[1:], outline[0]], strict=True):
-        canvas.line(start, end, ROBOT)
-    canvas.line(place(0.0, 0.0), place(2.0 * front, 0.0), ROBOT)
+    _draw_outline(canvas, outline, layer)
+    canvas.line(place(0.0, 0.0), place(2.0 * front, 0.0), layer)
 
 
 def _legend(snapshot: Snapshot, scale: float) -> Text:

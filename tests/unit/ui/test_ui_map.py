@@ -7,8 +7,10 @@ from math import inf, nan
 import pytest
 from ui_snapshots import blind, full
 
+from txt1.sim.obstacles import outline
+from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
-from txt1.tasks.fields import SURROUNDINGS, Surroundings
+from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
 from txt1.ui.viewer import Viewer
@@ -158,3 +160,14 @@ def test_a_robot_that_stands_adds_no_points() -> None:
     for i in range(50):
         viewer.follow(at((1.0, 1.0, 0.0), i * 0.1))
     assert viewer.path == [(1.0, 1.0)]
+
+
+def test_obstacles_and_the_other_robots_are_drawn_and_come_through_the_snapshots_text() -> None:
+    bare = full().replaced({SURROUNDINGS: Surroundings((5.0, 5.0))})
+    post = outline(Post(-1.5, 1.5, 0.3))
+    told = bare.replaced({SURROUNDINGS: Surroundings((5.0, 5.0), obstacles=(post,)), VEHICLES: ((1.5, -1.5, 0.0),)})
+    told = Snapshot.decode(told.encode())
+    changed = dots(drawn(told)[:-1]) ^ dots(drawn(bare)[:-1])  # the picture is 156 x 72 dots
+    assert any(x < 78 and y < 36 for x, y in changed), "the post, on the upper left"
+    assert any(x > 78 and y > 36 for x, y in changed), "the robot, on the lower right"
+    assert all((x < 78) == (y < 36) for x, y in changed)
