@@ -13,8 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
 
 import txt1
+from tests.e2e.test_record_view import advertised, messages, served
 from txt1.cli import execute
 from txt1.robot import Robot
 
@@ -70,6 +73,36 @@ def test_its_readings_are_in_the_runs_json(run: Callable[..., dict[str, Any]]) -
     assert inside["readings"] == 10
     assert inside["values"] == {"value": pytest.approx(30.45)}
     assert inside["units"] == "degrees Celsius"
+
+
+def test_its_readings_are_in_the_recording_in_log_info_and_in_log_export(
+    run: Callable[..., dict[str, Any]], tmp_path: Path, capsys: Capture
+) -> None:
+    file = tmp_path / "run.mcap"
+    run(*INSIDE, "--log", str(file))
+    assert execute(["log", "info", str(file)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("/sensors/inside ")]
+    assert line.split()[1:3] == ["10", "2.00"] and line.endswith("txt1_msgs/msg/Value")
+    assert execute(["log", "export", str(file), "-o", str(tmp_path)]) == 0
+    with (tmp_path / "sensors_inside.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert [float(row["time"]) for row in rows] == [0.5 * k for k in range(10)]
+    assert [float(row["value"]) for row in rows] == pytest.approx([30.0 + 0.05 * k for k in range(10)])
+    assert execute(["replay", "--verify", str(file)]) == 0
+
+
+def test_its_readings_are_in_the_live_view() -> None:
+    channels: dict[str, dict[str, Any]] = {}
+    with served(*INSIDE) as client:
+        for some in advertised(client):
+            channels |= {channel["topic"]: channel for channel in some}
+            if "/sensors" in channels:  # a while after the others
+                break
+        channel = channels["/sensors/inside"]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
+        schema = Schema(id=1, data=channel["schema"].encode(), encoding="ros2msg", name=channel["schemaName"])
+        _, message = next(messages(client, DecoderFactory().decoder_for("cdr", schema)))
+        assert 30.0 <= message.value < 36.0
 
 
 # -- a source of commands ----------------------------------------------------------------------------------------
