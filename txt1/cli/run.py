@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from txt1.bridges.registry import bridge, target
 from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import add_log, add_robot, add_view, bridge_options, existing, loaded, positive, velocity
@@ -61,6 +62,8 @@ def main(arguments: argparse.Namespace) -> int:
     config = loaded(arguments).config
     agent = _agent(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
+    for name, _ in arguments.bridge:
+        target(name)  # refused before the robot is brought up
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, agent, steer))
     return conclude(app, arguments.json)
@@ -88,8 +91,6 @@ async def _operate(
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         for name, options in arguments.bridge:
-            from txt1.bridges.registry import bridge
-
             await bridges.enter_async_context(bridge(robot, name, options))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
         getting_ready = asyncio.ensure_future(start.go_on())
