@@ -11,8 +11,8 @@ numba compiles it (extra `fast`). Without numba it is the same, slowly.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from math import copysign, pi, sqrt, tan
+from pathlib import Path
 from runpy import run_path
 from types import FunctionType
 from typing import Any, Final, cast
@@ -56,9 +56,8 @@ def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: 
     except ImportError:
         return function
     if not isinstance(function, FunctionType):  # mypyc has made C of it; numba wants its source, which lies beside it
-        file = import_module(function.__module__).__file__
-        assert file is not None
-        function = run_path(f"{file.partition('.')[0]}.py")[function.__name__]
+        source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
+        function = run_path(str(source))[function.__name__]
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
 
