@@ -6,6 +6,7 @@ The modules are in `site`, announced as pip would install them; no file of txt1'
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 from collections.abc import Callable
@@ -15,11 +16,15 @@ from typing import Any
 import pytest
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
+from rich.console import Console
 
 import txt1
 from tests.e2e.test_record_view import advertised, messages, served
 from txt1.cli import execute
 from txt1.robot import Robot
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import sensors
+from txt1.ui.viewer import Viewer
 
 SITE = Path(__file__).parent / "site"
 Capture = pytest.CaptureFixture[str]
@@ -65,6 +70,19 @@ def test_its_readings_are_at_hand_in_a_program() -> None:
             assert robot.now - reading.time <= 0.5
 
     txt1.run(main(), speed="max")
+
+
+def test_its_readings_are_on_the_sensors_screen() -> None:
+    async def main() -> str:
+        async with Robot.open("sim", settings=["sensors.inside.driver=thermometer"]) as robot:
+            await robot.drive(0.5, 0.0, 2.0)
+            snapshot = Snapshot.decode(Snapshot.take(robot.runtime.bus, robot.now, "txt1").encode())
+        console = Console(width=100, record=True, file=io.StringIO())
+        console.print(sensors.screen(snapshot, Viewer(), 100, 20))
+        return console.export_text()
+
+    (line,) = [line for line in txt1.run(main(), speed="max").splitlines() if "inside" in line]
+    assert "20.3 degrees Celsius" in line and "healthy" in line
 
 
 def test_its_readings_are_in_the_runs_json(run: Callable[..., dict[str, Any]]) -> None:
