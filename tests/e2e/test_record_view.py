@@ -385,7 +385,16 @@ def test_what_is_about_the_view_without_a_view_is_a_mistake(
 def test_what_is_no_twist_is_no_command() -> None:
     assert velocity(b'{"linear": {"x": 0.5}, "angular": {"z": 0.1}}') == (0.5, 0.1)
     assert velocity(b'{"twist": {"linear": {"x": 0.5}, "angular": {"z": 0.1}}}') == (0.5, 0.1)
-    for data in (b"", b"[]", b"3", b'{"linear": 3}', b'{"linear": {"x": "fast"}, "angular": {"z": 0}}', b"\xff"):
+    for data in (
+        b"[" * 100_000,
+        b'{"linear": {"x": 1' + b"0" * 400 + b'}, "angular": {"z": 0}}',
+        b"",
+        b"[]",
+        b"3",
+        b'{"linear": 3}',
+        b'{"linear": {"x": "fast"}, "angular": {"z": 0}}',
+        b"\xff",
+    ):
         assert velocity(data) is None
 
 
@@ -440,7 +449,7 @@ def test_the_layout_shows_values_that_there_are() -> None:
     messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {
-        "/odom", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
+        "/odom", "/pose", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
     }  # fmt: skip
     for path in named:
         topic, *names = path.split(".")

@@ -161,7 +161,7 @@ def velocity(data: bytes) -> tuple[float, float] | None:
         message: Any = json.loads(data)
         twist = message.get("twist", message)
         return float(twist["linear"]["x"]), float(twist["angular"]["z"])
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
 
 
