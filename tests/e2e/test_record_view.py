@@ -88,7 +88,9 @@ def subscribed(client: ClientConnection, topic: str) -> Any:
     """What decodes the messages of a topic, now that it is subscribed to."""
     channel = next(c for channels in advertised(client) for c in channels if c["topic"] == topic)
     assert channel["encoding"] == "cdr" and channel["schemaEncoding"] == "ros2msg"
-    client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
+    for _ in range(2):  # the server may not know a channel yet in the instant in which it advertises it
+        client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
+        client.recv(timeout=20.0)
     schema = Schema(id=1, data=channel["schema"].encode(), encoding="ros2msg", name=channel["schemaName"])
     return DecoderFactory().decoder_for("cdr", schema)
 

@@ -19,6 +19,7 @@ from txt1.record.encoder import Block
 from txt1.record.token_proxy import TokenProxy
 from txt1.tasks.inputs import COMMAND
 from txt1.tasks.state import LOG
+from txt1.telemetry.bus import Bus
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
@@ -89,12 +90,18 @@ class LiveView:
                 self._channels[name].log(data, log_time=time)
         for (name, topic), time, data in block.messages():
             channel = self._channels.get(name)
-            if channel is None:  # a topic that is never told is not advertised
+            if channel is None:  # of the others those that are told
                 channel = self._channels[name] = self._advertise(name, topic)
             channel.log(data, log_time=time)
             if topic.rule is not Rule.CYCLE:
                 self._latest[name].append((time, data))
         return 0
+
+    def advertise(self, bus: Bus) -> None:
+        """Advertise what every robot tells: Foxglove's server may refuse who subscribes in the instant of a new one."""
+        for topic in (*bus.offered, COMMAND, LOG):
+            name = bus.full_name(topic)
+            self._channels[name] = self._advertise(name, topic)
 
     def _advertise(self, name: str, topic: Topic[Any]) -> foxglove.Channel:
         self._latest[name] = deque(maxlen=LATEST if topic is LOG else 1)

@@ -101,6 +101,8 @@ async def recording(
         def attach(runtime: Runtime) -> None:
             nonlocal recorder
             recorder = make(runtime, sinks, config.record.epoch, batch)
+            if view is not None:
+                view.advertise(runtime.bus)
 
         yield attach
     finally:
