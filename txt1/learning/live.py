@@ -29,7 +29,7 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
         QTableError: the file is no sound table.
 
     """
-    rng = stream(config.seed, 1, AGENT)
+    rng = stream(config.own_seed, 1, AGENT)
     if policy is not None:
         return from_table(policy, config, rng)
     return None if learn is None else make(learn, config, rng)
@@ -55,7 +55,7 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: 
         how = "reached the light" if one.success else "lost the light"
         robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
-    trial = new_trial(agent, config, config.seed, 1, episodes, tell)
+    trial = new_trial(agent, config, config.own_seed, 1, episodes, tell)
     task = LearningTask(robot, trial, pose)
     task.start()
     return task

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, cos, pi, sin, tan
+from math import cos, pi, sin
 from typing import Final
 
 TWO_PI: Final = 2.0 * pi
@@ -19,21 +19,6 @@ def wrap_angle(angle: float) -> float:
 def yaw_rate_max(v: float, radius_min: float) -> float:
     """The largest reachable yaw rate at speed v, rad/s, (2.16): 0 at standstill."""
     return abs(v) / radius_min
-
-
-def yaw_rate(v: float, phi_front: float, phi_rear: float, wheelbase: float) -> float:
-    """Yaw rate omega in rad/s of the centre moving at speed v, m/s.
-
-    theta_dot = v cos(beta) (tan phi_f - tan phi_r) / L; with phi_r = -phi_f this is (2.13), 2 v tan(phi) / L.
-    Steering angles in rad, left positive.
-    """
-    beta = sideslip(phi_front, phi_rear)
-    return v * cos(beta) * (tan(phi_front) - tan(phi_rear)) / wheelbase
-
-
-def sideslip(phi_front: float, phi_rear: float) -> float:
-    """Angle beta from the vehicle's axis to the centre's direction of motion, rad; 0 for opposite steering."""
-    return atan((tan(phi_front) + tan(phi_rear)) / 2.0)
 
 
 def move_along_arc(

@@ -11,8 +11,6 @@ SENSOR_Y: Final = 0.127
 
 SENSORS: Final = ("FL", "FR", "RL", "RR")
 """The thesis's names, in the order of `Readings`: front and rear, left and right."""
-POSITIONS: Final = ((SENSOR_X, SENSOR_Y), (SENSOR_X, -SENSOR_Y), (-SENSOR_X, SENSOR_Y), (-SENSOR_X, -SENSOR_Y))
-"""(x, y) of each in the vehicle's frame, m."""
 
 SAMPLE_PERIOD: Final = 0.016
 """The sensors are read once in so many seconds."""

@@ -124,7 +124,7 @@ def simulated(setup: Setup) -> SimulatedLight:
             f"sensors.{setup.name}: simulated light sensors see from the true pose, which the HAL '{setup.config.hal}' "
             "does not know; use another driver, such as phidgets_light"
         )
-    seed = options.get("seed", [setup.config.seed, 1, STREAM])
+    seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
     try:
         see = eyes(setup.config, np.random.default_rng(np.random.SeedSequence(seed)), options.get("faults"))
     except (TypeError, ValueError) as error:

@@ -41,6 +41,6 @@ def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
     """
     sensor: Sensor[Any] = DRIVERS.make(f"sensors.{setup.name}.driver", given.driver, setup)
     if given.delay or given.drop_out:
-        seed = SeedSequence([setup.config.seed, DROP_OUTS, *setup.name.encode()])
+        seed = SeedSequence([setup.config.own_seed, DROP_OUTS, *setup.name.encode()])
         return Impaired(sensor, given.delay, given.drop_out, default_rng(seed))
     return sensor

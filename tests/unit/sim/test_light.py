@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.learning.light import LightFilter, corrected_direction, direction
-from txt1.model.light import POSITIONS, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
 from txt1.sim.light import SENSOR_LIMITS, LightSensors, PointLight, Range, SensorFault, illuminances, noise_for_jitter
 
 LIGHT = PointLight()
+POSITIONS = ((0.2286, 0.127), (0.2286, -0.127), (-0.2286, 0.127), (-0.2286, -0.127))
+"""FL, FR, RL and RR in the vehicle's frame, m: at the corners of a rectangle."""
 COORDINATE = st.floats(-8.0, 8.0)
 HEADING = st.floats(-pi, pi)
 
@@ -25,15 +27,6 @@ def sensors(
 
 
 # -- the light ---------------------------------------------------------------------------------------------------
-
-
-def test_the_four_sensors_sit_at_the_corners_of_a_rectangle() -> None:
-    assert dict(zip(SENSORS, POSITIONS, strict=True)) == {
-        "FL": (0.2286, 0.127),
-        "FR": (0.2286, -0.127),
-        "RL": (-0.2286, 0.127),
-        "RR": (-0.2286, -0.127),
-    }
 
 
 @given(COORDINATE, COORDINATE, HEADING, st.sampled_from([2.0, 4.0]))
