@@ -204,7 +204,7 @@ async def test_an_unknown_driver_lists_those_that_are_installed() -> None:
     [
         ("sensors.light.options.colour=red", "sensors.light.options.colour: unknown; known here: seed, faults"),
         ("sensors.light.options.faults=[dead]", "sensors.light.options: one fault for each of FL, FR, RL, RR"),
-        ("sensors.light.options.faults=[none, none, none, blind]", "'blind' is not a valid Fault"),
+        ("sensors.light.options.faults=[none, none, none, blind]", "'blind' is not a valid SensorFault"),
     ],
 )
 async def test_a_wrong_option_names_its_key(setting: str, problem: str) -> None:

@@ -47,7 +47,7 @@ def topic_of(name: str) -> Topic[Readings]:
 
 
 def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None = None) -> See:
-    """How simulated sensors see the configured light; `faults` of FL, FR, RL and RR as `txt1.sim.light.Fault` has them.
+    """The function by which simulated sensors see the configured light; `faults`: a `SensorFault` each for FL FR RL RR.
 
     Raises:
         ValueError: there is no such fault, or not one for each sensor.
