@@ -23,7 +23,7 @@ from txt1.cli.experiment import ENDLESS, drive
 from txt1.cli.tune import TESTS, repeated
 from txt1.config import Config, load
 from txt1.experiments import figures, report, run_folder
-from txt1.experiments.metrics import QUANTUM, Difference, difference, measure, paths_apart
+from txt1.experiments.metrics import QUANTUM, Deviation, difference, measure, paths_apart
 from txt1.experiments.poses import Trip, sentence, trips
 from txt1.experiments.profile import Profile, Step, load_profile
 from txt1.experiments.run_folder import Run
@@ -135,7 +135,7 @@ def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]]) -> st
     """How far runs behind the wire lie apart from those in simulation, beside two simulations."""
     head = "| test | run | v: later by | rms | largest | ω: later by | rms | largest | paths: rms | largest |"
     lines = [head, "|---" * 10 + "|"]
-    speeds: list[tuple[str, Difference]] = []
+    speeds: list[tuple[str, Deviation]] = []
     for name in DRIVES:
         for other in others:
             if name not in other:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,8 @@ import pytest
 import txt1
 from txt1.cli import COMMANDS, execute
 from txt1.errors import NotCapable
+from txt1.hal.base import Capabilities, Hal
+from txt1.hal.sim import SimHal
 
 ROOT = Path(__file__).parents[2]
 SIM = ["run", "--json", "--speed", "max", "--duration"]
@@ -169,6 +171,24 @@ def test_a_topic_that_is_not_there_is_a_mistake_and_those_that_are_there_are_nam
     out, err = capsys.readouterr()
     assert out == ""
     assert "/nope" in err and "/odom" in err
+
+
+def test_real_hardware_is_checked_only_with_its_wheels_off_the_ground(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[str] = []
+
+    def verdicts(make: Callable[[], Hal]) -> Iterator[tuple[str, str]]:
+        checked.append(make().name)
+        yield "it opens", "ok"
+
+    monkeypatch.setattr(SimHal, "capabilities", Capabilities(ticks=True, pwm=True))
+    monkeypatch.setattr("txt1.cli.hal.verdicts", verdicts)
+    assert execute(["hal", "check", "sim"]) == 2
+    assert "--wheels-up" in capsys.readouterr().err
+    assert checked == []
+    assert execute(["hal", "check", "sim", "--wheels-up"]) == 0
+    assert checked == ["sim"]
 
 
 def test_a_silent_port_is_a_fault(tmp_path: Path) -> None:
