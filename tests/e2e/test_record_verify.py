@@ -6,6 +6,7 @@ import json
 import struct
 import time
 from collections.abc import Callable
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.config import load
 from txt1.control.pid import Gains
-from txt1.errors import TaskFault
+from txt1.errors import CommandRefused, TaskFault
 from txt1.hal.base import Button
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
@@ -72,6 +73,9 @@ async def drive_about(robot: Robot) -> None:
     await robot.hold_pwm(1500, 3000, -3000, 100, -100, duration=0.7)
     await robot.set_manual(False)
     robot.servos(500, -500)
+    for refused in (lambda: robot.servos(nan, 0), lambda: robot.command(10**400, 0.0)):
+        with pytest.raises(CommandRefused):
+            refused()
     robot.press(Button.RIGHT)
     robot.combined_odometry(0.0, 0.0, 0.0, 0.1, 0.1)
     robot.switch_power(Switch.ESC, False)

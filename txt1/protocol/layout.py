@@ -75,7 +75,7 @@ def _answered(integer: int) -> bool:
 
 
 SI: Final = Kind(to_thousandths, from_thousandths, float, "a number from {:.3f} to {:.3f}", PER_UNIT)
-COUNT: Final = Kind(index, int, round, "a whole number from {:.0f} to {:.0f}")
+COUNT: Final = Kind(index, int, float, "a whole number from {:.0f} to {:.0f}")
 STATE: Final = Kind(_state, _state, round, "a Switch or a bool")
 ANSWER: Final = Kind(lambda value: ACCEPTED if _state(value) else REJECTED, _answered, bool, "a bool")
 

@@ -236,7 +236,7 @@ async def _replay(recorded: _Recorded) -> Verdict:
     script.start()
     try:
         await asyncio.wait({scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
-        if script.may_go_on:
+        if script.may_go_on or script.ended.done():
             await script.ended
     finally:
         with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
@@ -388,7 +388,11 @@ class _Script:
 
     def start(self) -> None:
         """Give what came before the first step, and set a timer for what came next."""
-        self.give_due()
+        try:
+            self.give_due()
+        except RecordingError as error:  # in a timer, where it would only be logged
+            self.ended.set_exception(error)
+            return
         if self._outside:
             at = self._loop.time() + self._outside[0][0] - self._runtime.now - EARLY
             self._loop.call_at(at, self.start)
