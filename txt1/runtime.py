@@ -274,9 +274,10 @@ class Runtime:
 
     def post(self, message: Message, time: float) -> None:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
-        now = self._begin(type(message).__name__, values=message, given=time)
-        if type(message) is Velocity:
-            self.bus.publish(inputs.COMMAND, message, now)
+        if self.bus.heard:
+            now = self._begin(type(message).__name__, values=message, given=time)
+            if type(message) is Velocity:
+                self.bus.publish(inputs.COMMAND, message, now)
         self._put(message, time)
 
     def _put(self, message: Message, time: float) -> None:

@@ -71,14 +71,14 @@ class Recording:
 
     def __init__(self, samples: Iterable[Measurement]) -> None:
         rows = [tuple(sample) for sample in samples]
-        self._columns = np.array(rows, float).reshape(len(rows), len(Measurement._fields)).T
+        self.columns = np.array(rows, float).reshape(len(rows), len(Measurement._fields)).T
 
     def __len__(self) -> int:
-        return self._columns.shape[1]
+        return int(self.columns.shape[1])
 
     def __getitem__(self, name: str) -> Array:
         """The column of that name, shape (samples,)."""
-        column: Array = self._columns[Measurement._fields.index(name)]
+        column: Array = self.columns[Measurement._fields.index(name)]
         return column
 
     @property
@@ -89,7 +89,7 @@ class Recording:
     def without_truth(self) -> Recording:
         """The same samples as hardware would have given them."""
         copy = Recording(())
-        copy._columns = self._columns.copy()
+        copy.columns = self.columns.copy()
         for name in ("true_v", "true_omega", "true_x", "true_y", "true_theta"):
             copy[name][:] = nan
         return copy
@@ -106,7 +106,7 @@ def mean_of(recordings: Sequence[Recording]) -> Recording:
     """The mean of runs of one profile with other seeds, sample by sample: what is random in them fades."""
     length = min(map(len, recordings))
     mean = Recording(())
-    mean._columns = np.mean([recording._columns[:, :length] for recording in recordings], axis=0)
+    mean.columns = np.mean([recording.columns[:, :length] for recording in recordings], axis=0)
     for name in ("time", "set_v", "set_omega"):  # the same in all of them, and no sum may round them
         mean[name][:] = recordings[0][name][:length]
     return mean

@@ -76,6 +76,11 @@ class Bus:
             for take in self._takers(topic):
                 take(topic, value, time)
 
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens to anything."""
+        return bool(self._subscribers)
+
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether anybody listens to a topic, where making its value costs something."""
         return bool(self._subscribers) and bool(self._takers(topic))
