@@ -51,7 +51,10 @@ class Painter:
         size = width, height = window()
         console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
         with console.capture() as capture:
-            console.print(render(snapshot, viewer, width, height), end="")
+            try:
+                console.print(render(snapshot, viewer, width, height), end="")
+            except Exception as error:  # of another package's screen: the keys go on
+                console.print(f"this screen failed: {error!r}", markup=False)
         lines = capture.get().split("\n")[:height]
         output = []
         if size != self._size or self._frames % REPAINT == 0 or len(lines) != len(self._shown):

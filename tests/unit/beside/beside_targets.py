@@ -53,6 +53,14 @@ def flood(connection: Connection, rate: float = 1e5) -> None:
         time.sleep(max(0.0, began + sent / rate - time.monotonic()))
 
 
+def flood_with_a_stop(connection: Connection) -> None:
+    """Floods, and asks for the emergency stop once, in the midst of it."""
+    line = b'{"time": %d, "request": "drive", "v": 0.5, "omega": 0.0}\n' % time.monotonic_ns()
+    connection.request("began")
+    os.write(connection.fileno(), line * 100 + line.replace(b"drive", b"stop") + line * 100)
+    flood(connection)
+
+
 def endless(connection: Connection) -> None:
     while True:
         os.write(connection.fileno(), b"x" * 10_000)

@@ -142,6 +142,14 @@ async def test_a_flood_is_read_a_few_messages_at_a_time_and_the_rest_is_counted(
     assert max(request.age for request in owner.of("drive")[-5:]) < 0.5, "the newest are taken, not the oldest"
 
 
+async def test_an_emergency_stop_is_never_dropped() -> None:
+    owner = Owner()
+    async with owner.beside("flood_with_a_stop") as beside:
+        serving = asyncio.ensure_future(serve(beside))
+        await until(lambda: owner.of("stop"))
+        serving.cancel()
+
+
 async def test_a_message_without_end_ends_the_process() -> None:
     owner = Owner()
     async with owner.beside("endless") as beside:
