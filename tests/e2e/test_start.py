@@ -163,6 +163,18 @@ def test_exit_codes_mean_the_same_in_every_command(
     assert execute(words) == code
 
 
+def test_what_is_done_again_without_a_folder_named_gets_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert execute(["learn", "--trials", "1", "--episodes", "1", "--agent", "sweeps"]) == 0
+        assert execute(["experiment", "linear-steps", "--no-figure"]) == 0
+    assert {each.name for each in (tmp_path / "out").iterdir()} == {
+        "learn", "learn-2", "linear-steps", "linear-steps-2"
+    }  # fmt: skip
+
+
 def test_a_topic_that_is_not_there_is_a_mistake_and_those_that_are_there_are_named(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

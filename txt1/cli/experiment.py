@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
-from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed
+from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder
@@ -82,7 +82,7 @@ def main(arguments: argparse.Namespace) -> int:
         figures.available()  # said before the robot has driven for 46 minutes
     config, speed = configure(arguments)
     name = Path(arguments.what).stem
-    folder = run_folder.make(arguments.out or run_folder.unused(Path("out") / name))
+    folder = run_folder.make(arguments.out or unused(Path("out") / name))
     say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
     driven = drive(
         config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
@@ -115,7 +115,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     if runs[0].label == runs[1].label:
         runs = [result._replace(label=str(folder)) for result, folder in zip(runs, arguments.runs, strict=True)]
     if not arguments.no_figure:
-        folder = run_folder.make(arguments.out or run_folder.unused(Path("out") / "compare"))
+        folder = run_folder.make(arguments.out or unused(Path("out") / "compare"))
         figures.draw(runs, folder / FIGURE)
     if arguments.json:
         print(json.dumps({result.label: result.metrics for result in runs}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from txt1.cli.app import say
 from txt1.cli.exit_codes import DISARMED, OK
-from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed
+from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed, unused
 from txt1.cli.trials import conduct
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
@@ -22,6 +22,8 @@ from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
 from txt1.learning.task import task_of
 from txt1.learning.trial import Episode
+
+OUT: Final = Path("out/learn")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=count, default=5, metavar="N", help="each from scratch; 5 by default")
     parser.add_argument("--episodes", type=count, default=31, metavar="N", help="of each trial; 31 by default")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/learn"), metavar="DIR",
-        help="where tables, figures and pictures go; out/learn by default",
+        "--out", type=Path, metavar="DIR",
+        help="where tables, figures and pictures go; out/learn when left out, or out/learn-2 and so on",
     )  # fmt: skip
     parser.add_argument("--resume", action="store_true", help="carry on what was begun in DIR")
     parser.add_argument("--jobs", type=count, metavar="N", help="processes; in simulation, by default one a processor")
@@ -58,6 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
         arguments.jobs or (processors() if speed == "max" else 1), bool(arguments.arm), arguments.log,
     )  # fmt: skip
 
+    out = arguments.out or (OUT if arguments.resume else unused(OUT))
     console = Console(stderr=True)
     with _progress(console) as progress:
         bar = progress.add_task("", total=plan.trials * plan.episodes, now="the robot gets ready")
@@ -66,16 +69,16 @@ def main(arguments: argparse.Namespace) -> int:
             how = "reached the light" if one.success else "lost it"
             progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
 
-        results, ended = conduct(plan, arguments.out, arguments.resume, watch)
+        results, ended = conduct(plan, out, arguments.resume, watch)
     if results:
-        _tell(experiment.write(plan, arguments.out, results))
+        _tell(experiment.write(plan, out, results))
         if any(one.episodes for one in results):
             try:
-                plots.draw(arguments.out, results, experiment.best(results), task_of(config))
+                plots.draw(out, results, experiment.best(results), task_of(config))
             except MissingExtra as error:
                 say(f"no pictures: {error}")
     if ended is not None and (results or not isinstance(ended, Txt1Error)):
-        say(f"ended early; what was learned is in {arguments.out}, --resume carries on")
+        say(f"ended early; what was learned is in {out}, --out {out} --resume carries on")
     if isinstance(ended, NotArmed):
         say(f"the robot was stopped: {ended.reason}")
         return DISARMED

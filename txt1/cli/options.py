@@ -90,6 +90,12 @@ def existing(text: str) -> Path:
     return path
 
 
+def unused(folder: Path) -> Path:
+    """Return the folder, or the first of its name with a number that is not there yet."""
+    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
+    return next(each for each in names if not each.exists())
+
+
 # -- options ---------------------------------------------------------------------------------------------------
 
 

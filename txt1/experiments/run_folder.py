@@ -52,12 +52,6 @@ def alike(runs: Sequence[Run]) -> list[Run]:
     return [run._replace(metrics=run.metrics | judge(run.recording, run.legs, run.profile)) for run in plain]
 
 
-def unused(folder: Path) -> Path:
-    """Return the folder, or the first of its name with a number that is not there yet."""
-    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
-    return next(each for each in names if not each.exists())
-
-
 def make(folder: Path) -> Path:
     """The folder, made where there is none, before the robot has driven for 46 minutes.
 
