@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from txt1.config import Config, flatten, load, origin_of
+from txt1.config import Config, checked, flatten, load, origin_of
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import ConfigError
 from txt1.model.vehicle import Geometry
+from txt1.sim.parameters import Noise
 
 ROBOT = Path(__file__).parents[2] / "config" / "txt1.yaml"
 
@@ -431,3 +432,17 @@ def test_the_robots_file_comments_every_setting() -> None:
     settings = [line for line in lines if ": " in line and not line.lstrip().startswith(("#", "-"))]
     assert len(settings) > 40
     assert [line for line in settings if "#" not in line] == []
+
+
+# -- the options of parts ----------------------------------------------------------------------------------------
+
+
+def test_the_options_of_a_part_are_checked_as_the_configuration_is() -> None:
+    assert checked(Noise, {"drag": 0.1}, "learning.options") == Noise(drag=0.1)
+    for options, message in (
+        ({"drags": 1}, "learning.options.drags: 1: unknown key (from learning.options)"),
+        ({"drag": -1}, "learning.options.drag: -1: input should be greater than or equal to 0 (from learning.options)"),
+    ):
+        with pytest.raises(ConfigError) as error:
+            checked(Noise, options, "learning.options")
+        assert str(error.value).startswith(message)

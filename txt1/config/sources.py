@@ -103,7 +103,7 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
     try:
         value: T = getattr(model.model_validate({name: options}), name)
     except ValidationError as error:
-        raise ConfigError(_explain(error, {}, key.removesuffix(name))) from None
+        raise ConfigError(_explain(error, {key: key}, key.removesuffix(name))) from None
     return value
 
 
@@ -276,6 +276,8 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
     first = error.errors(include_url=False)[0]
     key = prefix + ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
+    if first["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        message = "unknown key"
     message = message[0].lower() + message[1:]
     # a list or a mapping is long, and the message names the part of it that is wrong
     given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"
