@@ -14,8 +14,11 @@ MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
     "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
-    "control": ["limits", "loops", "pid", "runaway"],
-    "tasks": ["controller", "display", "encoder", "odometry", "serial", "state"],
+    "control": ["commander", "limits", "loops", "pid", "runaway"],
+    "tasks": ["battery", "button", "controller", "display", "encoder", "mode", "odometry", "serial", "state"],
+    "telemetry": ["bus"],
+    "hal": ["sim"],
+    "": ["driver"],
     "learning": ["light", "policy", "task", "thesis", "trial"],
 }
 """By package. What fits is typed, runs often, and holds nothing that others replace."""
