@@ -168,8 +168,9 @@ class Runtime:
 
     def _recorded_snapshot(self) -> Snapshot:
         """The same; in virtual time without the tasks' times, which are the processor's and never the same."""
-        snapshot = self.snapshot()
-        return snapshot.replaced({fields.TASK_REPORTS: None}) if self._virtual else snapshot
+        measured = {fields.TASK_REPORTS.name} if self._virtual else set()
+        topics = {topic.name for topic in self.bus.offered} - measured
+        return Snapshot.take(self.bus, self.now, self.name, topics)
 
     # -- life --------------------------------------------------------------------------------------------------
 

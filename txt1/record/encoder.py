@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 from typing import Any, Final, NamedTuple
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
-from txt1.record.layout import HEADER, Layout, encode
+from txt1.record.layout import CODES, HEADER, Layout, encode
 from txt1.telemetry.messages import fields
 from txt1.telemetry.topics import Topic
 
@@ -135,7 +136,8 @@ class Encoder:
 
         all_runs: list[_Run] = []
         for position, time, topic, value in events:
-            rows_up_to(position)
+            if position > done:
+                rows_up_to(position)
             channel = self._number(topic)
             sequence = self._sequences[channel]
             self._sequences[channel] = sequence + 1
@@ -175,7 +177,10 @@ class Encoder:
                 row = self._rows.get(present)
                 if row is None:
                     row = self._rows[present] = _Row(present, [self._number(topic) for topic in present])
-                values = [[value for value in sample.values if value is not None] for sample in samples[begin:end]]
+                values = [
+                    each if len(each) == len(present) else [value for value in each if value is not None]
+                    for _, _, each in samples[begin:end]
+                ]
                 data = row.fill(values, stamps[begin:end], self._sequences)
                 yield _Run(begin, end, row, data, stamps[begin:end], [])
                 begin, present = end, following
@@ -194,7 +199,7 @@ class Encoder:
 def _present(sample: Sample) -> tuple[Topic[Any], ...]:
     """The topics of a sample that have a value."""
     _, topics, values = sample
-    if None not in values:
+    if all(values):  # a quick look: what is empty or 0 is looked at closely
         return topics
     return tuple(topic for topic, value in zip(topics, values, strict=True) if value is not None)
 
@@ -229,11 +234,38 @@ def _numbers_maker(topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytea
 
 
 def _fields_maker(topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytearray]:
-    stamped = fields(topic.message)[0].type in ("std_msgs/Header", "builtin_interfaces/Time")
+    """What makes messages of fields; one of plain fields is laid out once for the same texts and lengths."""
+    head, *rest = fields(topic.message)
+    stamped = head.type in ("std_msgs/Header", "builtin_interfaces/Time")
+    kinds = {*CODES, "string"} if stamped and not topic.constants else set()
+    plain = all(
+        field.type in kinds and not (field.array and (field.length or field.type == "string")) for field in rest
+    )
+    shaping = [field for field in rest if field.array or field.type == "string"]
+
+    @lru_cache(256)
+    def shape(*texts_and_lengths: Any) -> tuple[bytes, list[tuple[Callable[..., None], int, str, bool]]]:
+        given = zip(shaping, texts_and_lengths, strict=True)
+        layout = Layout(topic.message, {field.name: [0] * each if field.array else each for field, each in given})
+        fillers = []
+        for field in rest:
+            count = sum(path.startswith(f"{field.name}.") for path in layout.places) if field.array else 1
+            if field.type != "string" and count:
+                place, code = layout.places[f"{field.name}.0" if field.array else field.name]
+                fillers.append((struct.Struct(f"<{count}{code}").pack_into, place, field.name, field.array))
+        return bytes(layout), fillers
 
     def make(value: Any, sec: int, nanosec: int) -> bytearray:
         values: Any = topic.make(value)
-        message = encode(topic.message, {**topic.constants, **values} if topic.constants else values)
+        if plain:
+            template, fillers = shape(
+                *[len(values.get(f.name, ())) if f.array else values.get(f.name, "") for f in shaping]
+            )
+            message = bytearray(template)
+            for fill, place, name, array in fillers:
+                fill(message, place, *values[name]) if array else fill(message, place, values.get(name, 0))
+        else:
+            message = encode(topic.message, {**topic.constants, **values} if topic.constants else values)
         if stamped:
             _STAMP.pack_into(message, len(HEADER), sec, nanosec)
         return message
@@ -264,7 +296,6 @@ class _Row:
     def __init__(self, topics: Sequence[Topic[Any]], channels: Sequence[int]) -> None:
         self.offsets: dict[int, int] = {}
         self._topics = topics
-        self._paths = [f"{k}.{path}" for k, topic in enumerate(topics) for path in topic.paths]
         self._stamps: list[str] = []
         template = b""
         places: dict[str, tuple[str, int]] = {}
@@ -299,9 +330,9 @@ class _Row:
         stamps = np.stack(np.divmod(times, np.uint64(NS_PER_S)), 1)
         for name in self._stamps:
             rows[name] = stamps
-        makes = [topic.make for topic in self._topics]
-        numbers: list[Any] = [make(value) for values in samples for make, value in zip(makes, values, strict=True)]
-        columns = _numbers(list(chain.from_iterable(numbers)), "d").reshape(count, -1).T
-        for path, column in zip(self._paths, columns, strict=True):
-            rows[path] = column
+        for k, (topic, values) in enumerate(zip(self._topics, zip(*samples, strict=True), strict=True)):
+            made: Any = map(topic.make, values)
+            columns = _numbers(list(chain.from_iterable(made)), "d").reshape(count, -1).T
+            for path, column in zip(topic.paths, columns, strict=True):
+                rows[f"{k}.{path}"] = column
         return rows.tobytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, sin
 from typing import Final
 
@@ -23,23 +24,24 @@ PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
 
 
-def in_the_plane(x: float, y: float, theta: float) -> tuple[float, float, float, float]:
+def in_the_plane(pose: Sequence[float]) -> tuple[float, float, float, float]:
     """Return a pose (m, rad) as the numbers of `PLACE`: the heading is a quaternion's z and w."""
-    return x, y, sin(0.5 * theta), cos(0.5 * theta)
+    half = 0.5 * pose[2]
+    return pose[0], pose[1], sin(half), cos(half)
 
 
 ODOMETRY: Final = declare(Topic(
     "/odom", Odometry, "m, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
     "the odometry that the loops use, from where it began", _ROBOT,
     (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"),
-    lambda odometry: (*in_the_plane(*odometry[:3]), odometry.v, odometry.omega),
+    lambda odometry: (*in_the_plane(odometry), odometry.v, odometry.omega),
 ))  # fmt: skip
 _TRANSFORM: Final = tuple(
     f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
 )
 TRANSFORM: Final = declare(Topic(
     "/tf", Odometry, "m", "tf2_msgs/TFMessage", Rule.CYCLE, "the odometry once more, for tools that want transforms",
-    {"transforms": [_ROBOT]}, _TRANSFORM, lambda odometry: in_the_plane(*odometry[:3]), in_snapshots=False,
+    {"transforms": [_ROBOT]}, _TRANSFORM, in_the_plane, in_snapshots=False,
 ))  # fmt: skip
 ENCODERS: Final = declare(Topic[Encoders](
     "/encoders", Encoders, "ticks of a cycle",
@@ -50,12 +52,12 @@ ENCODERS: Final = declare(Topic[Encoders](
 Pose = tuple[float, float, float]
 POSE: Final = declare(Topic[Pose](
     "/pose", tuple, "m", "geometry_msgs/PoseStamped", Rule.CYCLE, "the true pose in the room, in simulation",
-    {"header": {"frame_id": "room"}}, tuple(f"pose.{name}" for name in PLACE), lambda pose: in_the_plane(*pose),
+    {"header": {"frame_id": "room"}}, tuple(f"pose.{name}" for name in PLACE), in_the_plane,
 ))  # fmt: skip
 ROOM: Final = declare(Topic[Pose](
     "/tf_room", tuple, "m", "tf2_msgs/TFMessage", Rule.SECOND, "where the odometry began in the room, as it seems now",
     {"transforms": [{"header": {"frame_id": "room"}, "child_frame_id": "odom"}]}, _TRANSFORM,
-    lambda pose: in_the_plane(*pose), in_snapshots=False,
+    in_the_plane, in_snapshots=False,
 ))  # fmt: skip
 
 

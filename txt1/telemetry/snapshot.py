@@ -98,9 +98,16 @@ class Snapshot:
             TypeError: a value is of a type that JSON has no word for.
 
         """
-        values = {**self._plain, **{name: plain(value) for name, value in self._values.items()}}
-        line = {"version": VERSION, "time": self.time, "name": self.name, "topics": values}
-        return _JSON.encode(line).encode("ascii") + b"\n"
+        texts = {name: _JSON.encode(value) for name, value in self._plain.items()}
+        for name, value in self._values.items():
+            known, text = _LAST.get(name, (None, ""))
+            if known is not value or not text:
+                text = _JSON.encode(plain(value))
+                _LAST[name] = value, text  # many are the same as a second before
+            texts[name] = text
+        head = _JSON.encode({"version": VERSION, "time": self.time, "name": self.name})
+        topics = ",".join(f"{_JSON.encode(name)}:{text}" for name, text in texts.items())
+        return f'{head[:-1]},"topics":{{{topics}}}}}\n'.encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
@@ -130,6 +137,8 @@ SNAPSHOT: Final = declare(Topic(
     make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
 ))  # fmt: skip
 
+_LAST: Final[dict[str, tuple[Any, str]]] = {}
+"""Of each topic the value that was encoded last, and as what."""
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 
 
