@@ -90,25 +90,19 @@ def _check(values: list[float]) -> None:
 # -- schedules ---------------------------------------------------------------------------------------------------
 
 
-def temperature(episode: int, start: float = 5.0, decay: float = 0.65, floor: float = 0.05) -> float:
-    """Temperature T = C alpha^k of episode k, from 0, but at least the floor (5.4): reached at k = 11."""
-    return max(floor, start * decay**episode)
+def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:
+    """Return start decay^k for episode k, from 0, but at least the floor: a temperature or a learning rate (5.4).
 
-
-def learning_rate(episode: int, start: float = 0.3, decay: float = 1.0, floor: float = 0.0) -> float:
-    """Learning rate alpha of episode k, from 0: start decay^k, but at least the floor.
-
-    The default is the thesis's constant 0.3; start = 1 with a decay below 1 is its outlook, full weight for what is new
-    at first and less and less later (5.2.1).
+    The thesis's temperature is 5 x 0.65^k, at least 0.05, which k = 11 reaches; its learning rate does not decay. One
+    that begins at 1 and decays is its outlook: full weight for what is new at first, less and less later (5.2.1).
     """
     return max(floor, start * decay**episode)
 
 
-def state_learning_rate(visits: int, start: float = 1.0, half: float = 10.0, floor: float = 0.0) -> float:
-    """Learning rate alpha of a state updated so many times before: start / (1 + visits / half), at least the floor.
+def state_learning_rate(visits: int) -> float:
+    """Return the learning rate alpha of a state updated so many times before: 1 / (1 + visits / 10).
 
-    It falls faster in a state that is visited more often (5.2.1), to half of the start after `half` visits. The sum of
-    all rates grows without bound and that of their squares does not, which is what Q-learning's convergence asks for; a
-    positive floor gives that up to keep learning after the training.
+    It falls faster in a state that is visited more often (5.2.1). The sum of all rates grows without bound and that of
+    their squares does not, which is what Q-learning's convergence asks for.
     """
-    return max(floor, start / (1.0 + visits / half))
+    return 1.0 / (1.0 + visits / 10.0)

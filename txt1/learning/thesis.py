@@ -23,11 +23,10 @@ from txt1.learning.light import (
 )
 from txt1.learning.policy import (
     boltzmann_action,
+    fading,
     greedy_action,
-    learning_rate,
     random_action,
     state_learning_rate,
-    temperature,
 )
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.trial import COMMANDS
@@ -171,7 +170,7 @@ class ThesisAgent:
         one = self.settings
         if one.rate == "per_state":
             return state_learning_rate(int(self.visits[s]))
-        return learning_rate(self.episode, one.alpha, 1.0 if one.rate == "constant" else RATE_DECAY)
+        return fading(self.episode, one.alpha, 1.0 if one.rate == "constant" else RATE_DECAY)
 
     def choose(self, s: int | None) -> int:
         """Return the action for a state by the policy; any, where the state is not known."""
@@ -182,7 +181,7 @@ class ThesisAgent:
             return greedy_action(self.q[s], self._rng)
         return boltzmann_action(
             self.q[s],
-            temperature(self.episode, one.temperature, one.temperature_decay, one.temperature_floor),
+            fading(self.episode, one.temperature, one.temperature_decay, one.temperature_floor),
             self._rng,
         )
 

@@ -13,11 +13,10 @@ from txt1.learning.policy import (
     boltzmann,
     boltzmann_action,
     choose,
+    fading,
     greedy_action,
-    learning_rate,
     random_action,
     state_learning_rate,
-    temperature,
 )
 
 Q = np.array([0.2, 0.5, 1.0])
@@ -125,20 +124,16 @@ def test_a_single_best_action_takes_nothing_from_the_generator() -> None:
 
 
 def test_the_temperature_falls_from_5_by_0_65_to_its_floor() -> None:
-    assert [temperature(k) for k in (0, 1, 2)] == pytest.approx([5.0, 3.25, 2.1125])
-    assert temperature(10) == pytest.approx(5 * 0.65**10)
-    assert temperature(10) > 0.05
-    assert temperature(11) == temperature(30) == temperature(100_000) == 0.05
+    temperature = [fading(k, 5.0, 0.65, 0.05) for k in (0, 1, 2, 10, 11, 30, 100_000)]
+    assert temperature[:4] == pytest.approx([5.0, 3.25, 2.1125, 5 * 0.65**10])
+    assert temperature[3] > 0.05
+    assert temperature[4:] == [0.05, 0.05, 0.05]
 
 
 def test_the_learning_rate_is_constant_or_falls() -> None:
-    assert {learning_rate(k) for k in range(31)} == {0.3}
-    assert [learning_rate(k, 1.0, 0.5, 0.2) for k in range(4)] == [1.0, 0.5, 0.25, 0.2]
+    assert {fading(k, 0.3, 1.0) for k in range(31)} == {0.3}
+    assert [fading(k, 1.0, 0.5, 0.2) for k in range(4)] == [1.0, 0.5, 0.25, 0.2]
 
 
-def test_a_state_visited_more_often_learns_more_slowly() -> None:
-    assert state_learning_rate(0) == 1.0
-    assert state_learning_rate(10) == 0.5
-    rates = [state_learning_rate(n, start=0.3, half=5.0) for n in range(100)]
-    assert rates == sorted(rates, reverse=True)
-    assert state_learning_rate(10**9, floor=0.05) == 0.05, "a floor keeps it learning after the training"
+def test_a_states_learning_rate_falls_with_its_visits() -> None:
+    assert [state_learning_rate(n) for n in (0, 10, 90)] == [1.0, 0.5, 0.1]
