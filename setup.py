@@ -13,6 +13,7 @@ from setuptools import setup
 MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
+    "protocol": ["messages"],
     "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
     "control": ["commander", "limits", "loops", "pid", "runaway"],
     "tasks": ["battery", "button", "controller", "display", "encoder", "mode", "odometry", "serial", "state"],

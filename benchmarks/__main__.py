@@ -7,6 +7,7 @@ import os
 import platform
 
 from benchmarks import decoder, learning_time, punctuality, recording, robots, simulation_speed, statistics_cost
+from txt1.kernel import scheduler
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
@@ -29,7 +30,9 @@ def main() -> None:
     if unknown:
         parser.error(f"there is no benchmark '{unknown[0]}', only {', '.join(BENCHMARKS)}")
     load = os.getloadavg()[0]
-    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} processors, load {load:.2f}")
+    form = "from source" if str(scheduler.__file__).endswith(".py") else "compiled"
+    python = f"Python {platform.python_version()}, {platform.machine()}"
+    print(f"txt1 {form}, {python}, {os.cpu_count()} processors, load {load:.2f}")
     for name in arguments.names or BENCHMARKS:
         BENCHMARKS[name](quick=arguments.quick)
 

@@ -89,5 +89,6 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
             continue
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
-            state.encoders = Encoders(*counts) if any(counts) else STILL
+            right, left = counts
+            state.encoders = Encoders(right, left) if right or left else STILL
             state.odometry, state.odometry_time = wheels.odometry, now
