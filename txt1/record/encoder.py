@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
+from math import nan
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -135,19 +136,27 @@ class Encoder:
                 done = end
 
         all_runs: list[_Run] = []
+        numbers, sequences, makers = self._numbers, self._sequences, self._makers
+        known, stamp, sec, nanosec = nan, 0, 0, 0
         for position, time, topic, value in events:
             if position > done:
                 rows_up_to(position)
-            channel = self._number(topic)
-            sequence = self._sequences[channel]
-            self._sequences[channel] = sequence + 1
-            stamp = round(time * NS_PER_S) + self._epoch_ns
-            stamps.append(stamp)
-            message = self._make(topic, value, stamp)
-            head = RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(message), channel, sequence, stamp, stamp)
-            pieces += (head, message)
-            entries.setdefault(channel, []).extend((stamp, offset))
-            offset += len(head) + len(message)
+            if time != known:
+                known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
+                sec, nanosec = divmod(stamp, NS_PER_S)
+                stamps.append(stamp)
+            channel = numbers.get(topic) or self._number(topic)
+            sequence = sequences[channel]
+            sequences[channel] = sequence + 1
+            try:
+                message = (makers.get(topic) or self._maker(topic))(value, sec, nanosec)
+            except (TypeError, ValueError, AttributeError, struct.error) as error:
+                raise RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}") from error
+            pieces += (RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(message), channel, sequence, stamp, stamp), message)
+            if channel not in entries:
+                entries[channel] = []
+            entries[channel] += (stamp, offset)
+            offset += RECORD.size + len(message)
         rows_up_to(len(samples))
         index = {channel: [_numbers(each, "Q").reshape(-1, 2)] for channel, each in entries.items()}
         for run in all_runs:
@@ -185,15 +194,10 @@ class Encoder:
                 yield _Run(begin, end, row, data, stamps[begin:end], [])
                 begin, present = end, following
 
-    def _make(self, topic: Topic[Any], value: Any, stamp: int) -> bytes | bytearray:
-        """The message of a value."""
-        maker = self._makers.get(topic)
-        if maker is None:
-            maker = self._makers[topic] = _numbers_maker(topic) if topic.paths else _fields_maker(topic)
-        try:
-            return maker(value, *divmod(stamp, NS_PER_S))
-        except (TypeError, ValueError, AttributeError, struct.error) as error:
-            raise RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}") from error
+    def _maker(self, topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytearray]:
+        """The function that makes a topic's messages."""
+        self._makers[topic] = _numbers_maker(topic) if topic.paths else _fields_maker(topic)
+        return self._makers[topic]
 
 
 def _present(sample: Sample) -> tuple[Topic[Any], ...]:
