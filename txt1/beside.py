@@ -310,7 +310,11 @@ class Beside:
         try:
             await asyncio.wait_for(self._closing.wait(), pause)
         except TimeoutError:
-            await self._start()
+            try:
+                await self._start()
+            except OSError as error:  # no processes or descriptors left
+                self._tell(f"cannot be started again: {error}")
+                self._finish("failed")
 
     def _finish(self, reason: Reason) -> None:
         if not self._ended.done():
