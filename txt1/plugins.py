@@ -70,11 +70,6 @@ class Registry(NamedTuple):
                 ) from error
         raise self._unknown(key, name)
 
-    def require(self, key: str, name: str) -> None:
-        """Raise ConfigError unless there is one of this name; `key` is the setting that named it."""
-        if name not in self.names():
-            raise self._unknown(key, name)
-
     def _unknown(self, key: str, name: str) -> ConfigError:
         near = difflib.get_close_matches(name, self.names(), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -420,11 +420,6 @@ class Runtime:
         lone = self.name == self.hal.name and not hasattr(self.hal, "tap_line")
         return lone and self.hal.capabilities.simulated and not self._virtual
 
-    @property
-    def task_names(self) -> list[str]:
-        """The names of all tasks, in the order they were added."""
-        return list(self._periods)
-
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""
         counted = {fault.value: count for fault, count in self.gate.counts.items()} | self.state.line_faults
