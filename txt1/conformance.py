@@ -1,52 +1,168 @@
-"""What conformance suites have in common: a promise, where it stands, and the verdict on it.
+"""Conformance suites: the promises of an interface, one test each, that any implementation can be run through.
 
-A suite is a class whose `test_` methods are the promises, in pytest's way, and whose `make` is overridden.
+With pytest, which collects the `test_` methods of a subclass whose name starts with "Test"::
+
+    class TestMyCar(HalConformance):
+        def make(self):
+            return MyCarHal(port="/dev/ttyUSB0")
+
+A failure names the promise that was broken, and the module where it stands.
 """
 
 from __future__ import annotations
 
+import asyncio
 import inspect
-from collections.abc import Callable, Iterator
-from typing import Any, Final, NoReturn
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import suppress
+from functools import cached_property, wraps
+from statistics import median
+from typing import Any, ClassVar, Final, Generic, NoReturn, Protocol, TypeVar
 from unittest import SkipTest
+
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import Speed, run
 
 BROKEN: Final = "BROKEN"
 """How the verdict on a promise that is not kept begins."""
 
 
-class Promises:
-    """The promises of one interface.
+class Part(Protocol):
+    """What a suite opens and closes."""
 
-    Args:
-        stands: the module where they stand.
+    async def open(self) -> None:
+        """Make the hardware ready."""
 
-    """
+    async def close(self) -> None:
+        """Let go of the hardware."""
 
-    def __init__(self, stands: str) -> None:
-        self._stands = stands
 
-    def promise(self, kept: bool, where: str, text: str) -> None:
-        """Fail unless the promise is kept; `where` it stands in the module, and what it says there."""
-        if not kept:
-            self.broken(where, text)
+P = TypeVar("P", bound=Part)
+S = TypeVar("S", bound="Conformance[Any]")
 
-    def broken(self, where: str, text: str) -> NoReturn:
-        """Fail: a promise is broken."""
-        raise AssertionError(f"{where} {text} (the promise stands in {self._stands})")
 
-    def called(self, where: str, method: Callable[..., Any], *arguments: Any) -> Any:
-        """What a method returns, which must not be something to wait for."""
-        value = method(*arguments)
+def unopened(test: Callable[[S], Awaitable[None]]) -> Callable[[S], None]:
+    """Run a test in an event loop of its own."""
+
+    @wraps(test)
+    def tested(self: S) -> None:
+        async def main() -> None:
+            await test(self)
+
+        try:
+            run(main(), speed=self.speed)
+        except AssertionError as error:
+            raise AssertionError(f"{error} (the promise stands in {self.interface.__module__})") from None
+
+    return tested
+
+
+def opened(test: Callable[[S], Awaitable[None]]) -> Callable[[S], None]:
+    """Run a test on a new part that is open, and close it."""
+
+    @unopened
+    @wraps(test)
+    async def tested(self: S) -> None:
+        self.started = asyncio.get_running_loop().time()
+        await self.waited("open")
+        try:
+            await self.ready()
+            await test(self)
+        except BaseException:
+            with suppress(Exception):  # what the test found matters more
+                await self.part.close()
+            raise
+        await self.waited("close")
+
+    return tested
+
+
+class Conformance(Generic[P]):
+    """The promises of one interface. Override `make`, and the settings where the defaults do not fit."""
+
+    interface: ClassVar[type]
+
+    speed: ClassVar[Speed] = "max"
+    """Virtual time. None is real time, for hardware, a peer outside the process, or threads."""
+
+    settle: ClassVar[float] = 3.0
+    """Seconds in which every sensor has reported and a robot rolling at 0.5 m/s has stopped."""
+
+    prompt: ClassVar[float] = 0.002
+    """A call may take so long at the median, s, for the controller to keep its period."""
+
+    started = 0.0
+
+    def make(self) -> P:
+        """A new part, not opened yet; override this."""
+        raise NotImplementedError(f"override {type(self).__name__}.make: it returns a new one that is not opened yet")
+
+    @cached_property
+    def part(self) -> P:
+        """The one that is tested."""
+        return self.make()
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started, just before opening."""
+        return asyncio.get_running_loop().time() - self.started
+
+    @opened
+    async def test_closing_twice_is_harmless(self) -> None:
+        """Hal.close and Sensor.close."""
+        await self.part.close()
+        await self.closes(self.part, "when closed already")
+
+    # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def ready(self) -> None:
+        """Wait until an open part can be tested."""
+
+    async def closes(self, part: P, when: str) -> None:
+        """Check that closing is harmless."""
+        try:
+            await part.close()
+        except Exception as error:
+            broken(f"{self.interface.__name__}.close", f"is harmless {when}, but raised {named(error)}")
+
+    async def waited(self, method: str) -> None:
+        """Call a method of the part that must be a coroutine."""
+        value = getattr(self.part, method)()
+        promise(
+            inspect.isawaitable(value), f"{self.interface.__name__}.{method}", "is a coroutine, but returned at once"
+        )
+        await value
+
+    def called(self, method: str, *arguments: Any) -> Any:
+        """What a method of the part returns, which must not be something to wait for."""
+        value = getattr(self.part, method)(*arguments)
         if inspect.isawaitable(value):
             if inspect.iscoroutine(value):
                 value.close()
-            self.broken(where, "returns at once, but must be awaited; only open and close are coroutines")
+            where = f"{self.interface.__name__}.{method}"
+            broken(where, "returns at once, but must be awaited; only open and close are coroutines")
         return value
 
-    async def waited(self, value: Any, where: str) -> None:
-        """Wait for something that a coroutine method returned."""
-        self.promise(inspect.isawaitable(value), where, "is a coroutine, but returned at once")
-        await value
+    async def expect_prompt(self, where: str, period: float, call: Callable[[], object]) -> None:
+        """Check that calls, one each period, return soon."""
+        took = []
+        for _ in range(25):
+            await asyncio.sleep(period)
+            begun = stopwatch_ns()
+            call()
+            took.append((stopwatch_ns() - begun) / NS_PER_S)
+        promise(median(took) < self.prompt, where, f"never waits, but takes {1e3 * median(took):.1f} ms at the median")
+
+
+def promise(kept: bool, where: str, text: str) -> None:
+    """Fail unless the promise is kept; `where` it stands in the interface, and what it says there."""
+    if not kept:
+        broken(where, text)
+
+
+def broken(where: str, text: str) -> NoReturn:
+    """Fail: a promise is broken."""
+    raise AssertionError(f"{where} {text}")
 
 
 def named(error: Exception) -> str:
@@ -55,8 +171,8 @@ def named(error: Exception) -> str:
 
 
 def promises(suite: type) -> list[str]:
-    """The names of a suite's tests, in order."""
-    return [name for name in vars(suite) if name.startswith("test_")]
+    """The names of a suite's tests."""
+    return [name for kind in reversed(suite.__mro__) for name in vars(kind) if name.startswith("test_")]
 
 
 def verdicts(suite: type, make: Callable[[], Any], **settings: object) -> Iterator[tuple[str, str]]:

@@ -14,9 +14,10 @@ import pytest
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
+from txt1.conformance import promises
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
-from txt1.hal.conformance import HalConformance, promises
+from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.model.odometry import Odometry, advance
@@ -139,7 +140,7 @@ class TestReal(HalConformance):
         return RealHal()
 
 
-@pytest.mark.parametrize("name", promises())
+@pytest.mark.parametrize("name", promises(HalConformance))
 def test_the_suite_neither_drives_a_real_car_nor_cuts_its_power(name: str) -> None:
     hal = RealHal()
 
@@ -344,7 +345,7 @@ def test_a_broken_promise_is_noticed_and_named(make: Callable[[], Hal], name: st
 def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
     covered = {f"test_{name}" for _, _, name, _ in MUTANTS}
     # opening: SimHal starts neutral, so breaking it takes another HAL; survival: any exception at all fails it
-    assert set(promises()) - covered == {
+    assert set(promises(HalConformance)) - covered == {
         "test_opening_leaves_the_outputs_neutral",
         "test_it_survives_many_reads_and_gaps",
     }
@@ -376,7 +377,7 @@ def test_a_subclass_without_make_is_told_what_to_override() -> None:
 def test_the_command_checks_a_registered_hal(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["hal", "check", "sim", "--set", "seed=3"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == len(promises())
+    assert len(lines) == len(promises(HalConformance))
     assert "closing twice is harmless: ok" in lines
 
 

@@ -10,9 +10,10 @@ import pytest
 
 from txt1.cli import execute
 from txt1.config import load
+from txt1.conformance import promises, verdicts
 from txt1.errors import HalError
 from txt1.sensors.base import Reading, Sensor, reading_topic
-from txt1.sensors.conformance import SensorConformance, promises, verdicts
+from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.impaired import Impaired
 from txt1.sensors.light import SimulatedLight, eyes
 from txt1.telemetry.topics import Rule, Topic
@@ -164,7 +165,7 @@ def test_a_sensor_that_opens_only_once_is_noticed() -> None:
                 raise HalError("it is busy")
             self.opened = True
 
-    found = dict(verdicts(Once, "max"))
+    found = dict(verdicts(SensorConformance, Once))
     assert "BROKEN" in found["a closed sensor opens again"]
     assert [verdict for verdict in found.values() if verdict.startswith("BROKEN")] == [
         found["a closed sensor opens again"]
@@ -175,7 +176,7 @@ def test_the_command_checks_a_driver_or_a_configured_sensor(capsys: pytest.Captu
     assert execute(["sensor", "check", "sim_light"]) == 0
     assert execute(["sensor", "check", "eye", "--set", "sensors.eye.driver=sim_light"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2 * len(promises())
+    assert len(lines) == 2 * len(promises(SensorConformance))
     assert "nothing is read twice: ok" in lines
 
 

@@ -12,9 +12,9 @@ from typing import NoReturn
 from txt1.cli.exit_codes import FAULT, OK, SIGNALS
 from txt1.cli.options import add_config
 from txt1.config import load
-from txt1.conformance import BROKEN
+from txt1.conformance import BROKEN, verdicts
 from txt1.errors import ConfigError
-from txt1.hal.conformance import verdicts
+from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create, names
 
 DRIVES = "the check drives the wheels at full power, both ways"
@@ -46,7 +46,7 @@ def check_hal(arguments: argparse.Namespace) -> int:
     kept = True
     before = {number: signal.signal(number, _end) for number in SIGNALS}
     try:
-        for text, verdict in verdicts(lambda: create(config)):
+        for text, verdict in verdicts(HalConformance, lambda: create(config)):
             kept = kept and not verdict.startswith(BROKEN)
             print(f"{text}: {verdict}")
     finally:

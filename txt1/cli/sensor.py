@@ -10,10 +10,10 @@ from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import add_config
 from txt1.config import load
 from txt1.config.schema import SensorConfig
-from txt1.conformance import BROKEN
+from txt1.conformance import BROKEN, verdicts
 from txt1.hal.registry import create as create_hal
 from txt1.sensors.base import Sensor, Setup
-from txt1.sensors.conformance import verdicts
+from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.registry import DRIVERS, create
 
 
@@ -50,7 +50,7 @@ def check_sensor(arguments: argparse.Namespace) -> int:
         return create(given, Setup(name, given.options, config, pose, hal))
 
     kept = True
-    for text, verdict in verdicts(make, "max" if make().simulated else None):
+    for text, verdict in verdicts(SensorConformance, make, speed="max" if make().simulated else None):
         kept = kept and not verdict.startswith(BROKEN)
         print(f"{text}: {verdict}")
     return OK if kept else FAULT
