@@ -17,6 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.sync.client import connect
 
 from txt1.cli import execute
+from txt1.cli.summary import report
 from txt1.config import Config
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
@@ -115,6 +116,17 @@ def test_it_is_listed_and_exported(
     table = list(csv.DictReader((tmp_path / "test_event.csv").read_text().splitlines()))
     assert [(row["heading"], row["sure"]) for row in table] == [("0.0", "False"), ("1.0", "True"), ("2.0", "True")]
     assert execute(["replay", "--verify", str(tmp_path / "run.mcap")]) == 0
+
+
+def test_it_is_in_the_runs_json(topics: dict[Rule, Topic[Compass]]) -> None:
+    async def main() -> dict[str, Any]:
+        async with Robot.open() as robot:
+            await needle(robot, topics, 1)
+            return report(robot.runtime)
+
+    told = run(main(), speed="max")["topics"]
+    assert told["/test/cycle"] == {"heading": 0.0, "sure": False}
+    assert {"/odom", "/mode", "/battery1", "/driver", "/test/change", "/test/second"} <= told.keys()
 
 
 def test_with_a_name_the_robots_stands_before_its_topics(topics: dict[Rule, Topic[Compass]], tmp_path: Path) -> None:

@@ -14,12 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.records import Schema
-from mcap_ros2.decoder import DecoderFactory
 from rich.console import Console
 
 import txt1
-from tests.e2e.test_record_view import advertised, messages, served
+from tests.e2e.test_record_view import messages, served, subscribed
 from txt1.cli import execute
 from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot
@@ -110,16 +108,8 @@ def test_its_readings_are_in_the_recording_in_log_info_and_in_log_export(
 
 
 def test_its_readings_are_in_the_live_view() -> None:
-    channels: dict[str, dict[str, Any]] = {}
     with served(*INSIDE) as client:
-        for some in advertised(client):
-            channels |= {channel["topic"]: channel for channel in some}
-            if "/sensors/inside" in channels:
-                break
-        channel = channels["/sensors/inside"]
-        client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
-        schema = Schema(id=1, data=channel["schema"].encode(), encoding="ros2msg", name=channel["schemaName"])
-        _, message = next(messages(client, DecoderFactory().decoder_for("cdr", schema)))
+        _, message = next(messages(client, subscribed(client, "/sensors/inside")))
         assert 30.0 <= message.value < 36.0
 
 

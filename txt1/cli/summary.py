@@ -8,6 +8,7 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER
 from txt1.telemetry.snapshot import plain
+from txt1.telemetry.topics import Rule
 
 
 def status_line(runtime: Runtime) -> str:
@@ -39,6 +40,11 @@ def report(runtime: Runtime) -> dict[str, Any]:
         "driver": plain(runtime.bus.read(DRIVER)),
         "armed": runtime.gate.armed,
         "faults": runtime.faults(),
+        "topics": {
+            topic.name: plain(value)
+            for topic in runtime.bus.offered
+            if topic.in_snapshots and topic.rule is not Rule.SNAPSHOT and (value := runtime.bus.read(topic)) is not None
+        },
     }
 
 
