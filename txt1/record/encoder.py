@@ -242,7 +242,7 @@ def _fields_maker(topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytear
     head, *rest = fields(topic.message)
     stamped = head.type in ("std_msgs/Header", "builtin_interfaces/Time")
     kinds = {*CODES, "string"} if stamped and not topic.constants else set()
-    plain = all(
+    plain = stamped and all(
         field.type in kinds and not (field.array and (field.length or field.type == "string")) for field in rest
     )
     shaping = [field for field in rest if field.array or field.type == "string"]
