@@ -31,20 +31,12 @@ STEADY: Final = 0.4
 
 
 class Hold(NamedTuple):
-    """Outputs that were held, and what the encoders told meanwhile.
+    """Outputs that were held, and what the encoders told meanwhile."""
 
-    Attributes:
-        motor: counts.
-        steering: counts, left positive.
-        v: at every tick, m/s.
-        omega: at every tick, rad/s.
-
-    """
-
-    motor: int
-    steering: int
-    v: tuple[float, ...]
-    omega: tuple[float, ...]
+    motor: int  # counts
+    steering: int  # counts, left positive
+    v: tuple[float, ...]  # at every tick, m/s
+    omega: tuple[float, ...]  # at every tick, rad/s
 
 
 def require_pwm_and_ticks(hal: Hal) -> None:

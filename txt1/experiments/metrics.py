@@ -40,35 +40,21 @@ Channel = Literal["v", "omega"]
 
 
 class StepMetrics(NamedTuple):
-    """The response to a change of one set-point.
+    """The response to a change of one set-point."""
 
-    Attributes:
-        channel: whose set-point changed.
-        time: when, s of the run.
-        before: set-point before, m/s or rad/s.
-        after: set-point from then on.
-        rise: s from 10 % to 90 % of the step; None: it never came there.
-        overshoot: by which the response, before its steady part, exceeds its steady value, as a share of the step;
-            never negative.
-        overshoot_error: standard error of that, of repeated runs; None of one, whose noise counts as overshoot.
-        settling: s until it stays within the band around the steady value; None: it does not.
-        steady_error: steady value less the set-point, m/s or rad/s.
-        noise: standard deviation of the unsmoothed response when steady, m/s or rad/s.
-        band: half the band's width, m/s or rad/s.
-
-    """
-
-    channel: Channel
-    time: float
-    before: float
-    after: float
-    rise: float | None
+    channel: Channel  # whose set-point changed
+    time: float  # when, s of the run
+    before: float  # set-point before, m/s or rad/s
+    after: float  # set-point from then on
+    rise: float | None  # s from 10 % to 90 % of the step; None: it never came there
     overshoot: float
+    """Share of the step by which the response, before its steady part, exceeds its steady value; never negative."""
     overshoot_error: float | None
-    settling: float | None
-    steady_error: float
-    noise: float
-    band: float
+    """Standard error of that, of repeated runs; None of one, whose noise counts as overshoot."""
+    settling: float | None  # s until it stays within the band around the steady value; None: it does not
+    steady_error: float  # steady value less the set-point, m/s or rad/s
+    noise: float  # standard deviation of the unsmoothed response when steady, m/s or rad/s
+    band: float  # half the band's width, m/s or rad/s
 
 
 def smooth(values: Array, times: Array) -> Array:
@@ -222,20 +208,13 @@ def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
 
 
 class Deviation(NamedTuple):
-    """The distance between the responses of two runs of one profile.
+    """The distance between the responses of two runs of one profile."""
 
-    Attributes:
-        channel: what responded.
-        delay: by which the other's responses to changes of the set-point come later, s: least and most.
-        rms: root mean square of the difference of the responses, that delay apart, m/s or rad/s.
-        largest: the largest, m/s or rad/s.
-
-    """
-
-    channel: Channel
+    channel: Channel  # what responded
     delay: tuple[float, float]
-    rms: float
-    largest: float
+    """By which the other's responses to changes of the set-point come later, s: least and most."""
+    rms: float  # root mean square of the difference of the responses, that delay apart, m/s or rad/s
+    largest: float  # the largest, m/s or rad/s
 
 
 def difference(recording: Recording, other: Recording, channel: Channel) -> Deviation | None:
@@ -271,20 +250,12 @@ def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
 
 
 class Droop(NamedTuple):
-    """The loss of speed at a change of the yaw rate.
+    """The loss of speed at a change of the yaw rate."""
 
-    Attributes:
-        time: s of the run.
-        before: rad/s commanded.
-        after: rad/s commanded.
-        droop: largest loss of speed, as a share of the set-point; negative: it only rose.
-
-    """
-
-    time: float
-    before: float
-    after: float
-    droop: float
+    time: float  # s of the run
+    before: float  # rad/s commanded
+    after: float  # rad/s commanded
+    droop: float  # largest loss of speed, as a share of the set-point; negative: it only rose
 
 
 def droops(recording: Recording) -> list[Droop]:
@@ -305,20 +276,13 @@ def droops(recording: Recording) -> list[Droop]:
 
 
 class Circle(NamedTuple):
-    """A circle that was driven lap on lap.
+    """A circle that was driven lap on lap."""
 
-    Attributes:
-        radius: of the least-squares circle, m.
-        asked: v / omega of the set-points, m.
-        laps: how many whole ones there were.
-        lap_to_lap: largest distance of a point of a lap from the lap before, m; None with less than two laps.
-
-    """
-
-    radius: float
-    asked: float
-    laps: int
+    radius: float  # of the least-squares circle, m
+    asked: float  # v / omega of the set-points, m
+    laps: int  # how many whole ones there were
     lap_to_lap: float | None
+    """Largest distance of a point of a lap from the lap before, m; None with less than two laps."""
 
 
 def circle(recording: Recording) -> Circle | None:
@@ -361,20 +325,12 @@ def _distances(x: Array, y: Array, other_x: Array, other_y: Array) -> Array:
 
 
 class LegMetrics(NamedTuple):
-    """The robot's distance from a leg, once it was round the corner.
+    """The robot's distance from a leg, once it was round the corner."""
 
-    Attributes:
-        start: of the leg, m.
-        end: m.
-        rms: cross-track error, m.
-        largest: m.
-
-    """
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-    rms: float
-    largest: float
+    start: tuple[float, float]  # of the leg, m
+    end: tuple[float, float]  # m
+    rms: float  # cross-track error, m
+    largest: float  # m
 
 
 def cross_track(recording: Recording, leg: Leg) -> Array:
@@ -414,26 +370,15 @@ def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
 
 
 class BatteryMetrics(NamedTuple):
-    """The discharge.
+    """The discharge."""
 
-    Attributes:
-        slope: of the line through the voltage up to the safe end, V/min.
-        intercept: of that line, V.
-        slope_error: relative to the thesis's line.
-        intercept_error: likewise.
-        driven: minutes until the end.
-        remaining_rms: root mean square of the remaining time told less what then remained of the 46 minutes, s.
-        remaining_worst: the largest of these errors, s.
-
-    """
-
-    slope: float
-    intercept: float
-    slope_error: float
-    intercept_error: float
-    driven: float
-    remaining_rms: float
-    remaining_worst: float
+    slope: float  # of the line through the voltage up to the safe end, V/min
+    intercept: float  # of that line, V
+    slope_error: float  # relative to the thesis's line
+    intercept_error: float  # likewise
+    driven: float  # minutes until the end
+    remaining_rms: float  # root mean square of the remaining time told less what then remained of the 46 minutes, s
+    remaining_worst: float  # the largest of these errors, s
 
 
 def battery(recording: Recording) -> BatteryMetrics | None:

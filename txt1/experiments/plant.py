@@ -20,22 +20,13 @@ PERIOD: Final = 0.02
 
 
 class Plant(NamedTuple):
-    """A vehicle as its two loops see it.
+    """A vehicle as its two loops see it."""
 
-    Attributes:
-        speed_gain: m/s per PWM count beyond the dead band.
-        dead_band: counts.
-        time_constant: of the speed, s.
-        steering_gain: yaw rate per count of steering and m/s of speed, rad/m.
-        steering_lag: s by which the wheels' turn follows the counts.
-
-    """
-
-    speed_gain: float
-    dead_band: float
-    time_constant: float
-    steering_gain: float
-    steering_lag: float
+    speed_gain: float  # m/s per PWM count beyond the dead band
+    dead_band: float  # counts
+    time_constant: float  # of the speed, s
+    steering_gain: float  # yaw rate per count of steering and m/s of speed, rad/m
+    steering_lag: float  # s by which the wheels' turn follows the counts
 
 
 def speed_response(

@@ -21,26 +21,15 @@ FROM_THE_WALLS: Final = 0.6
 
 
 class Trip(NamedTuple):
-    """A drive from one pose to another.
+    """A drive from one pose to another."""
 
-    Attributes:
-        start: m and rad, where the robot was put down.
-        goal: m and rad.
-        distance: of the robot from the goal in the end, m.
-        turn: of the robot from the goal's heading in the end, rad, never negative.
-        clear: least distance of the body from the walls, m; negative: it would have stood in one.
-        driven: m.
-        optimum: length of the shortest Reeds-Shepp path, m; None where that touches a wall.
-
-    """
-
-    start: Pose
-    goal: Pose
-    distance: float
-    turn: float
-    clear: float
-    driven: float
-    optimum: float | None
+    start: Pose  # m and rad, where the robot was put down
+    goal: Pose  # m and rad
+    distance: float  # of the robot from the goal in the end, m
+    turn: float  # of the robot from the goal's heading in the end, rad, never negative
+    clear: float  # least distance of the body from the walls, m; negative: it would have stood in one
+    driven: float  # m
+    optimum: float | None  # length of the shortest Reeds-Shepp path, m; None where that touches a wall
 
     @property
     def arrived(self) -> bool:

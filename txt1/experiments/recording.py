@@ -17,48 +17,27 @@ Array = NDArray[np.float64]
 
 
 class Measurement(NamedTuple):
-    """One instant.
+    """One instant."""
 
-    Attributes:
-        time: s of the experiment.
-        set_v: commanded speed, m/s.
-        set_omega: commanded yaw rate, rad/s.
-        v: measured by the encoders, m/s.
-        omega: measured by the encoders, rad/s.
-        x: where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with.
-        y: m.
-        theta: rad.
-        read: when the encoders were read last, s: behind a line, when their odometry arrived.
-        way: driven by the encoders until then, backward negative, m.
-        turn: by the encoders until then, rad, whole turns and all.
-        true_v: mean since the sample before, m/s; NaN, as those below, where the HAL does not know.
-        true_omega: rad/s.
-        true_x: in the room, m.
-        true_y: m.
-        true_theta: rad.
-        voltage: of the pack in use, V; NaN while unknown.
-        remaining: time left by that voltage, s; NaN while unknown.
-
-    """
-
-    time: float
-    set_v: float = 0.0
-    set_omega: float = 0.0
-    v: float = 0.0
-    omega: float = 0.0
+    time: float  # s of the experiment
+    set_v: float = 0.0  # commanded speed, m/s
+    set_omega: float = 0.0  # commanded yaw rate, rad/s
+    v: float = 0.0  # measured by the encoders, m/s
+    omega: float = 0.0  # measured by the encoders, rad/s
     x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
-    read: float = 0.0
-    way: float = 0.0
-    turn: float = 0.0
-    true_v: float = nan
-    true_omega: float = nan
-    true_x: float = nan
-    true_y: float = nan
-    true_theta: float = nan
-    voltage: float = nan
-    remaining: float = nan
+    """Where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with."""
+    y: float = 0.0  # m
+    theta: float = 0.0  # rad
+    read: float = 0.0  # when the encoders were read last, s: behind a line, when their odometry arrived
+    way: float = 0.0  # driven by the encoders until then, backward negative, m
+    turn: float = 0.0  # by the encoders until then, rad, whole turns and all
+    true_v: float = nan  # mean since the sample before, m/s; NaN, as those below, where the HAL does not know
+    true_omega: float = nan  # rad/s
+    true_x: float = nan  # in the room, m
+    true_y: float = nan  # m
+    true_theta: float = nan  # rad
+    voltage: float = nan  # of the pack in use, V; NaN while unknown
+    remaining: float = nan  # time left by that voltage, s; NaN while unknown
 
 
 class Recording:

@@ -23,20 +23,12 @@ FIGURE: Final = "figure.svg"
 
 
 class Run(NamedTuple):
-    """A run as it is drawn and compared.
+    """A run as it is drawn and compared."""
 
-    Attributes:
-        label: names it in legends and tables.
-        profile: what was driven.
-        recording: what was measured.
-        metrics: `txt1.experiments.metrics.measure`.
-
-    """
-
-    label: str
-    profile: Profile
-    recording: Recording
-    metrics: dict[str, Any]
+    label: str  # names it in legends and tables
+    profile: Profile  # what was driven
+    recording: Recording  # what was measured
+    metrics: dict[str, Any]  # `txt1.experiments.metrics.measure`
 
     @property
     def legs(self) -> list[Leg]:

@@ -41,22 +41,13 @@ class Leg(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The result of an experiment.
+    """The result of an experiment."""
 
-    Attributes:
-        recording: what was measured.
-        legs: of waypoints, in order.
-        stopped_by: why it ended: "the end of the profile", or what came before it.
-        warned: when the battery warning came, s of the experiment; None: it did not.
-        pose_source: what the robot went by; "" without waypoints.
-
-    """
-
-    recording: Recording
-    legs: tuple[Leg, ...]
-    stopped_by: str
-    warned: float | None
-    pose_source: str
+    recording: Recording  # what was measured
+    legs: tuple[Leg, ...]  # of waypoints, in order
+    stopped_by: str  # why it ended: "the end of the profile", or what came before it
+    warned: float | None  # when the battery warning came, s of the experiment; None: it did not
+    pose_source: str  # what the robot went by; "" without waypoints
 
 
 END_OF_PROFILE: Final = "the end of the profile"

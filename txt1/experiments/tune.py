@@ -64,31 +64,18 @@ CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * le
 
 
 class Proposal(NamedTuple):
-    """Gains for both loops.
+    """Gains for both loops."""
 
-    Attributes:
-        linear: of the speed.
-        angular: of the yaw rate, by speed.
-
-    """
-
-    linear: Gains
-    angular: tuple[GainSet, ...]
+    linear: Gains  # of the speed
+    angular: tuple[GainSet, ...]  # of the yaw rate, by speed
 
 
 class Quality(NamedTuple):
-    """The quality of a response.
+    """The quality of a response."""
 
-    Attributes:
-        settling: s.
-        overshoot: as a share of the step.
-        noise: standard deviation when steady, as a share of the step.
-
-    """
-
-    settling: float
-    overshoot: float
-    noise: float
+    settling: float  # s
+    overshoot: float  # as a share of the step
+    noise: float  # standard deviation when steady, as a share of the step
 
 
 def propose(

@@ -10,18 +10,11 @@ from txt1.model.odometry import Odometry
 
 
 class Decision(NamedTuple):
-    """The grounds of a learner's last decision, or its state when the episode ended.
+    """The grounds of a learner's last decision, or its state when the episode ended."""
 
-    Attributes:
-        state: row of its table; None where the sensors tell no direction.
-        reward: for what came of the action before; None when nothing was learned from it.
-        values: of the actions in this state, after learning.
-
-    """
-
-    state: int | None
-    reward: float | None
-    values: tuple[float, ...]
+    state: int | None  # row of its table; None where the sensors tell no direction
+    reward: float | None  # for what came of the action before; None when nothing was learned from it
+    values: tuple[float, ...]  # of the actions in this state, after learning
 
 
 class Agent(Protocol):

@@ -40,30 +40,17 @@ COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "s
 
 
 class Plan(NamedTuple):
-    """The trials to be done.
+    """The trials to be done."""
 
-    Attributes:
-        agent: name of the learner.
-        trials: how many, each from scratch.
-        episodes: of each trial.
-        seed: repeats every random value.
-        config: of everything else.
-        speed: of the robot's time.
-        jobs: processes.
-        arm: whether to arm a robot that does not arm by itself.
-        log: the file to record to; with several trials, what the names of their files begin with.
-
-    """
-
-    agent: str
-    trials: int
-    episodes: int
-    seed: int
-    config: Config
-    speed: Speed = "max"
-    jobs: int = 1
-    arm: bool = False
-    log: Path | None = None
+    agent: str  # name of the learner
+    trials: int  # how many, each from scratch
+    episodes: int  # of each trial
+    seed: int  # repeats every random value
+    config: Config  # of everything else
+    speed: Speed = "max"  # of the robot's time
+    jobs: int = 1  # processes
+    arm: bool = False  # whether to arm a robot that does not arm by itself
+    log: Path | None = None  # the file to record to; with several trials, what the names of their files begin with
 
     @property
     def simulated(self) -> bool:

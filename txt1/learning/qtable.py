@@ -97,16 +97,10 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
 
 @dataclass(frozen=True)
 class StoredTable:
-    """A Q-table as a file holds it.
+    """A Q-table as a file holds it."""
 
-    Attributes:
-        values: Q(s, a), shape (states, actions).
-        about: what its agent keeps with it: JSON values only.
-
-    """
-
-    values: Table
-    about: Mapping[str, Any] = field(default_factory=dict)
+    values: Table  # Q(s, a), shape (states, actions)
+    about: Mapping[str, Any] = field(default_factory=dict)  # what its agent keeps with it: JSON values only
 
     def shaped(self, states: int, actions: int) -> Table:
         """Return the values, shape (states, actions).

@@ -24,26 +24,16 @@ MARGIN = 1.0
 
 @dataclass
 class TrialResult:
-    """The result of a trial.
+    """The result of a trial."""
 
-    Attributes:
-        trial: its number, from 1.
-        episodes: those that were completed.
-        complete: whether that is all of them.
-        table: what was learned.
-        memory: with which the agent can carry on.
-        paths: by the episode's number, (x, y) in m 20 times a second.
-        voided: episodes that were broken off by a disarm and done again.
-
-    """
-
-    trial: int
-    episodes: list[Episode]
-    complete: bool
-    table: StoredTable
-    memory: dict[str, Any]
+    trial: int  # its number, from 1
+    episodes: list[Episode]  # those that were completed
+    complete: bool  # whether that is all of them
+    table: StoredTable  # what was learned
+    memory: dict[str, Any]  # with which the agent can carry on
     paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
-    voided: int = 0
+    """By the episode's number, (x, y) in m 20 times a second."""
+    voided: int = 0  # episodes that were broken off by a disarm and done again
 
 
 def stream(seed: int, trial: int, which: int) -> np.random.Generator:

@@ -30,22 +30,13 @@ TO_START: Final = 0.4
 
 
 class LearningStep(NamedTuple):
-    """A decision of the learner, or the end of an episode.
+    """A decision of the learner, or the end of an episode."""
 
-    Attributes:
-        episode: its number, from 1.
-        state: the row of the learner's table that it is in; -1: in none.
-        action: the one that it takes; -1: the episode is over.
-        reward: for what came of the action before; NaN when nothing was learned from it.
-        values: of the actions in this state, after learning.
-
-    """
-
-    episode: int
-    state: int
-    action: int
-    reward: float
-    values: tuple[float, ...]
+    episode: int  # its number, from 1
+    state: int  # the row of the learner's table that it is in; -1: in none
+    action: int  # the one that it takes; -1: the episode is over
+    reward: float  # for what came of the action before; NaN when nothing was learned from it
+    values: tuple[float, ...]  # of the actions in this state, after learning
 
 
 STEP: Final = declare(Topic(

@@ -34,24 +34,14 @@ OVER: Final = -1
 
 
 class Task(NamedTuple):
-    """The task to be learned.
+    """The task to be learned."""
 
-    Attributes:
-        light: where it is in the room, x and y in m.
-        start_radius: distance from the light at which an episode begins, m (5.4).
-        goal_radius: ... and at which it has succeeded, m (5.4).
-        boundary: it has failed outside the square of +-this around the room's centre, m.
-        time_limit: ... or when it has taken so long, s; not in the thesis: nobody waits for ever.
-        settle: rest before the first decision, s.
-
-    """
-
-    light: tuple[float, float] = (0.0, 0.0)
-    start_radius: float = 1.25
-    goal_radius: float = GOAL_RADIUS
-    boundary: float = 8.0
-    time_limit: float = 300.0
-    settle: float = 0.5
+    light: tuple[float, float] = (0.0, 0.0)  # where it is in the room, x and y in m
+    start_radius: float = 1.25  # distance from the light at which an episode begins, m (5.4)
+    goal_radius: float = GOAL_RADIUS  # distance at which it has succeeded, m (5.4)
+    boundary: float = 8.0  # it has failed outside the square of +-this around the room's centre, m
+    time_limit: float = 300.0  # it has failed after so long, s; not in the thesis
+    settle: float = 0.5  # rest before the first decision, s
 
 
 class Start(NamedTuple):
@@ -72,22 +62,13 @@ class Start(NamedTuple):
 
 
 class Episode(NamedTuple):
-    """The course of an episode: one line of learning.csv.
+    """The course of an episode: one line of learning.csv."""
 
-    Attributes:
-        number: from 1.
-        start: where it began.
-        time: from the first decision to the end, s.
-        success: whether it ended at the light.
-        optimal_time: the least time from this start, s.
-
-    """
-
-    number: int
-    start: Start
-    time: float
-    success: bool
-    optimal_time: float
+    number: int  # from 1
+    start: Start  # where it began
+    time: float  # from the first decision to the end, s
+    success: bool  # whether it ended at the light
+    optimal_time: float  # the least time from this start, s
 
 
 class Phase(StrEnum):

@@ -24,16 +24,10 @@ QUARTER: Final = pi / 2.0
 
 
 class Segment(NamedTuple):
-    """A piece of a path.
+    """A piece of a path."""
 
-    Attributes:
-        curvature: 1/m, left positive: 1 / R, 0 or -1 / R.
-        distance: m, backward negative.
-
-    """
-
-    curvature: float
-    distance: float
+    curvature: float  # 1/m, left positive: 1 / R, 0 or -1 / R
+    distance: float  # m, backward negative
 
 
 Path = tuple[Segment, ...]

@@ -51,21 +51,12 @@ REST: Final = 0.25
 
 
 class Arrival(NamedTuple):
-    """Where `go_to` has brought the robot, by the pose source.
+    """Where `go_to` has brought the robot, by the pose source."""
 
-    Attributes:
-        pose: where it is, m and rad.
-        distance: from the goal, m.
-        turn: from the goal's heading, rad, never negative.
-        plans: how many paths it took.
-        arrived: within 5 cm and 5 degrees.
-
-    """
-
-    pose: Pose
-    distance: float
-    turn: float
-    plans: int
+    pose: Pose  # where it is, m and rad
+    distance: float  # from the goal, m
+    turn: float  # from the goal's heading, rad, never negative
+    plans: int  # how many paths it took
 
     @property
     def arrived(self) -> bool:

@@ -14,16 +14,10 @@ from txt1.robot import Robot
 
 
 class PoseSource(NamedTuple):
-    """Somebody who knows where the robot is.
+    """Somebody who knows where the robot is."""
 
-    Attributes:
-        name: for figures and reports.
-        read: the pose now, m and rad; None while it is not known.
-
-    """
-
-    name: str
-    read: Callable[[], Pose | None]
+    name: str  # for figures and reports
+    read: Callable[[], Pose | None]  # the pose now, m and rad; None while it is not known
 
 
 def true_pose(robot: Robot) -> PoseSource:
