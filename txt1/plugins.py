@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
-from txt1.errors import ConfigError, Txt1Error
+from txt1.errors import ConfigError, HalError, Txt1Error
 
 Factory = Callable[..., Any]
 
@@ -42,35 +43,56 @@ class Registry(NamedTuple):
 
         """
         factory, origin = self.find(key, name)
-        if name in self.ours:
-            return factory(*arguments)
         try:
             return factory(*arguments)
-        except Txt1Error:
-            raise
         except Exception as error:
-            raise self.error(
-                f"the {self.kind} '{name}' ({origin}) cannot be made: {type(error).__name__}: {error}"
-            ) from error
+            if name in self.ours or isinstance(error, Txt1Error):
+                raise
+            raise self._failed(name, origin, "made", error) from error
 
     def find(self, key: str, name: str) -> tuple[Factory, str]:
         """The function that makes the part of this name, and where it comes from; raises as `make`."""
         one = self.ours.get(name)
-        if callable(one):
-            return one, "txt1"
-        if one is not None:
+        if isinstance(one, str):
             module, function = one.split(":")
             return getattr(import_module(module), function), "txt1"
-        for point in entry_points(group=self.group, name=name):
-            try:
-                return point.load(), point.value
-            except Exception as error:
-                raise self.error(
-                    f"the {self.kind} '{name}' ({point.value}) cannot be imported: {type(error).__name__}: {error}"
-                ) from error
-        raise self._unknown(key, name)
+        if one is not None:
+            return one, "txt1"
+        self.require(key, name)
+        (point, *_) = entry_points(group=self.group, name=name)
+        try:
+            return point.load(), point.value
+        except Exception as error:
+            raise self._failed(name, point.value, "imported", error) from error
 
-    def _unknown(self, key: str, name: str) -> ConfigError:
-        near = difflib.get_close_matches(name, self.names(), n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        return ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {', '.join(self.names())}{hint}")
+    def require(self, key: str, name: str) -> None:
+        """Raise ConfigError unless there is one of this name; `key` is the setting that named it."""
+        names = self.names()
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            installed = ", ".join(names) or "none"
+            raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {installed}{hint}")
+
+    def _failed(self, name: str, origin: str, done: str, error: Exception) -> Txt1Error:
+        text = f"the {self.kind} '{name}' ({origin}) cannot be {done}: {type(error).__name__}: {error}"
+        return self.error(text)
+
+
+async def settled(who: str, done: str, method: Callable[[], Awaitable[None]], limit: float | None = None) -> None:
+    """Wait for a part to be opened or closed, for at most `limit` s.
+
+    Raises:
+        HalError: it cannot, or took longer; whatever a stranger's raises becomes one that names the part.
+
+    """
+    timeout = asyncio.timeout(limit)
+    try:
+        async with timeout:
+            await method()
+    except Txt1Error:
+        raise
+    except Exception as error:
+        if timeout.expired():
+            raise HalError(f"{who} is not {done} after {limit:g} s") from None
+        raise HalError(f"{who} cannot be {done}: {type(error).__name__}: {error}") from error

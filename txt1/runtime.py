@@ -14,13 +14,14 @@ from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
-from txt1.errors import ConfigError, HalError, NotArmed, Txt1Error
+from txt1.errors import ConfigError, NotArmed
 from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
+from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
@@ -189,7 +190,7 @@ class Runtime:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
-        await self._hardware("opened", self.hal.open())
+        await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
         state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
         geometry = config.geometry
         # in the order in which tasks of equal priority run
@@ -243,7 +244,7 @@ class Runtime:
                 try:
                     await self.sensors.close()
                 finally:
-                    await self._hardware("closed", self.hal.close())
+                    await settled(f"the HAL '{self.hal.name}'", "closed", self.hal.close)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
         """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
@@ -256,15 +257,6 @@ class Runtime:
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
-
-    async def _hardware(self, done: str, action: Coroutine[Any, Any, None]) -> None:
-        """Wait for the HAL to be opened or closed; whatever a stranger's raises becomes a HalError."""
-        try:
-            await action
-        except Txt1Error:
-            raise
-        except Exception as error:
-            raise HalError(f"the HAL '{self.hal.name}' cannot be {done}: {type(error).__name__}: {error}") from error
 
     # -- for the host side -------------------------------------------------------------------------------------
 

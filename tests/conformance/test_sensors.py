@@ -14,8 +14,8 @@ from txt1.conformance import promises, verdicts
 from txt1.errors import HalError
 from txt1.sensors.base import Reading, Sensor, reading_topic
 from txt1.sensors.conformance import SensorConformance
-from txt1.sensors.impaired import Impaired
 from txt1.sensors.light import SimulatedLight, eyes
+from txt1.sensors.registry import Impaired
 from txt1.telemetry.topics import Rule, Topic
 
 

@@ -168,6 +168,16 @@ async def test_hardware_that_cannot_be_opened_names_the_sensor_and_everything_is
     assert sound.closed == broken.closed == 1
 
 
+async def test_hardware_that_does_not_answer_in_its_own_time_is_told_as_any_other_failure() -> None:
+    class Slow(Thermometer):
+        async def open(self) -> None:
+            raise TimeoutError("no answer in 2 s")
+
+    with pytest.raises(HalError, match="sensor 'inside' cannot be opened: TimeoutError: no answer in 2 s"):
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.add_sensor("inside", Slow())
+
+
 async def test_a_sensor_that_does_not_close_is_told_and_the_hardware_is_closed_nevertheless() -> None:
     class Stuck(Thermometer):
         async def close(self) -> None:

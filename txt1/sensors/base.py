@@ -20,16 +20,12 @@ Pose = tuple[float, float, float]
 
 
 class Reading(NamedTuple, Generic[T]):
-    """One reading of a sensor.
-
-    Attributes:
-        time: when it was taken, s of the run.
-        value: immutable, of the type that the sensor's topic names.
-
-    """
+    """One reading of a sensor."""
 
     time: float
+    """When it was taken, s of the run."""
     value: T
+    """Immutable, of the type that the sensor's topic names."""
 
 
 class Sensor(Protocol[T]):
@@ -72,45 +68,31 @@ class Sensor(Protocol[T]):
 
 
 class Setup(NamedTuple):
-    """All that a driver is told when it makes a sensor.
-
-    Attributes:
-        name: the sensor's, as configured.
-        options: its own settings, from ``sensors.NAME.options``.
-        config: of everything.
-        pose: returns the true pose (x, y, theta) in the room now, m and rad; None where the robot is not simulated.
-        hal: the hardware layer, for a sensor that shares a simulated world or a link with it.
-
-    """
+    """All that a driver is told when it makes a sensor."""
 
     name: str
     options: Mapping[str, Any]
+    """Its own settings, from ``sensors.NAME.options``."""
     config: Config
     pose: Callable[[], Pose | None] | None = None
+    """Returns the true pose (x, y, theta) in the room now, m and rad; None where the robot is not simulated."""
     hal: Any = None
+    """The hardware layer, for a sensor that shares a simulated world or a link with it."""
 
 
 class SensorState(NamedTuple):
-    """How a sensor is.
-
-    Attributes:
-        name: as configured.
-        units: of its values.
-        values: the last reading's numbers by their paths in the topic's message; none before the first one.
-        time: when the last reading was taken, s of the run; None before the first one.
-        healthy: the last reading came in time, and the hardware has not failed since.
-        reason: why it is not healthy; empty when it is.
-        readings: how many there were.
-        failures: how often the hardware has failed.
-
-    """
+    """How a sensor is."""
 
     name: str
     units: str
     values: dict[str, float]
+    """The last reading's numbers by their paths in the topic's message; none before the first one."""
     time: float | None
+    """When the last reading was taken, s of the run; None before the first one."""
     healthy: bool
+    """The last reading came in time, and the hardware has not failed since."""
     reason: str
+    """Why it is not healthy; empty when it is."""
     readings: int
     failures: int
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, Generic, TypeVar
 
-from txt1.errors import HalError, Txt1Error
+from txt1.errors import HalError
 from txt1.kernel.scheduler import PeriodicTask
 from txt1.kernel.ticks import Ticks
+from txt1.plugins import settled
 from txt1.sensors.base import Reading, Sensor, SensorState, numbers
 from txt1.telemetry.bus import Bus
+from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
@@ -29,49 +32,42 @@ AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
 
 
+@dataclass
 class Polled(Generic[T]):
-    """A sensor at work.
+    """A sensor at work, under the name that it is configured by."""
 
-    Args:
-        name: as configured.
-        sensor: to be read.
-        period: between two readings, s.
+    name: str
+    sensor: Sensor[T]
+    period: float
+    """Between two readings, s."""
+    last: Reading[T] | None = None
+    needed: Callable[[], bool] | None = None
+    """Asked before each reading where somebody can tell: a sensor that nobody needs is left alone."""
+    reason: str = ""
+    """Why it is not healthy; empty when it is."""
+    readings: int = 0
+    failures: int = 0
 
-    Attributes:
-        last: its last reading.
-        needed: asked before each reading where somebody can tell: a sensor that nobody needs is left alone.
-
-    """
-
-    def __init__(self, name: str, sensor: Sensor[T], period: float) -> None:
-        self.name = name
-        self.sensor = sensor
-        self.topic = sensor.topic
-        self.period = period
-        self.last: Reading[T] | None = None
-        self.needed: Callable[[], bool] | None = None
-        self.reason = ""
-        """Why it is not healthy; empty when it is."""
-        self.readings = 0
-        self.failures = 0
-        self._stale = max(STALE_PERIODS * period, STALE_MIN)
-        self._since = 0.0  # when it was last asked for the first time in vain
+    @property
+    def topic(self) -> Topic[T]:
+        """Of its readings."""
+        return self.sensor.topic
 
     def state(self) -> SensorState:
         """How it is."""
         topic, last = self.topic, self.last
-        values = {} if last is None else numbers(topic, last.value)
-        time = None if last is None else last.time
-        healthy = not self.reason and last is not None
-        reason = self.reason or ("" if healthy else "no reading yet")
-        return SensorState(self.name, topic.units, values, time, healthy, reason, self.readings, self.failures)
+        values, time = ({}, None) if last is None else (numbers(topic, last.value), last.time)
+        reason = self.reason or ("" if last else "no reading yet")
+        return SensorState(self.name, topic.units, values, time, not reason, reason, self.readings, self.failures)
 
     async def poll(self, ticks: Ticks, bus: Bus, tell: Tell) -> None:
         """Read the sensor at every tick and tell its readings."""
         read, publish, topic = self.sensor.read, bus.publish, self.topic
+        stale = max(STALE_PERIODS * self.period, STALE_MIN)
+        since = 0.0  # when it was last asked for the first time in vain
         async for now in ticks:
             if self.needed is not None and not self.needed():
-                self._since = now
+                since = now
                 continue
             try:
                 reading = read(now)
@@ -80,10 +76,10 @@ class Polled(Generic[T]):
                 self._ails(f"{error}", now, tell)
                 continue
             if reading is None:
-                if now - self._since > self._stale:
-                    self._ails(f"no reading for {self._stale:g} s", now, tell)
+                if now - since > stale:
+                    self._ails(f"no reading for {stale:g} s", now, tell)
                 continue
-            self._since = now
+            since = now
             self.last = reading
             self.readings += 1
             if self.reason:
@@ -98,7 +94,7 @@ class Polled(Generic[T]):
         self.reason = reason
 
 
-class Sensors(Mapping[str, Polled[Any]]):
+class Sensors(dict[str, Polled[Any]]):
     """The sensors of one robot, by name.
 
     Args:
@@ -109,42 +105,32 @@ class Sensors(Mapping[str, Polled[Any]]):
     """
 
     def __init__(self, bus: Bus, add_task: AddTask, tell: Tell) -> None:
-        self._bus = bus
-        self._add_task = add_task
-        self._tell = tell
-        self._polled: dict[str, Polled[Any]] = {}
-        self._opened: list[Polled[Any]] = []
-
-    def __getitem__(self, name: str) -> Polled[Any]:
-        return self._polled[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._polled)
-
-    def __len__(self) -> int:
-        return len(self._polled)
+        super().__init__()
+        self._bus, self._add_task, self._tell = bus, add_task, tell
+        self._opened = AsyncExitStack()
 
     async def add(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
         """Open a sensor and read it from now on.
 
         Raises:
             HalError: it cannot be opened.
-            ValueError: the name is taken, or the period is not positive.
+            ValueError: the name is taken.
 
         """
-        if name in self._polled:
+        if name in self:
             raise ValueError(f"there is a sensor '{name}' already; choose another name")
         polled = Polled(name, sensor, sensor.period if period is None else period)
-        self._opened.append(polled)  # from here on `close` closes it, also when opening fails half-way
-        await _settled(polled, "opened", sensor.open())
-        polling = partial(polled.poll, bus=self._bus, tell=self._tell)
-        self._add_task(f"sensor {name}", PRIORITY, polled.period, polling)
-        self._polled[name] = polled
+        who = f"sensor '{name}'"
+        # from here on `close` closes it, also when opening fails half-way
+        self._opened.push_async_callback(settled, who, "closed", sensor.close, CLOSING_MAX)
+        await settled(who, "opened", sensor.open)
+        self._add_task(f"sensor {name}", PRIORITY, polled.period, partial(polled.poll, bus=self._bus, tell=self._tell))
+        self[name] = polled
         return polled
 
     def states(self) -> tuple[SensorState, ...]:
         """How each of them is."""
-        return tuple(polled.state() for polled in self._polled.values())
+        return tuple(polled.state() for polled in self.values())
 
     async def close(self) -> None:
         """Close all of them, whichever fail.
@@ -153,25 +139,4 @@ class Sensors(Mapping[str, Polled[Any]]):
             HalError: one could not be closed.
 
         """
-        errors = []
-        while self._opened:
-            polled = self._opened.pop()
-            try:
-                await _settled(polled, "closed", polled.sensor.close(), CLOSING_MAX)
-            except HalError as error:
-                errors.append(error)
-        if errors:
-            raise errors[0]
-
-
-async def _settled(polled: Polled[Any], done: str, action: Any, limit: float | None = None) -> None:
-    """Wait for a sensor to be opened or closed; whatever a stranger's raises becomes a HalError that names it."""
-    try:
-        async with asyncio.timeout(limit):
-            await action
-    except TimeoutError:
-        raise HalError(f"sensor '{polled.name}' is not {done} after {limit:g} s") from None
-    except Txt1Error:
-        raise
-    except Exception as error:
-        raise HalError(f"sensor '{polled.name}' cannot be {done}: {type(error).__name__}: {error}") from error
+        await self._opened.aclose()

@@ -10,15 +10,17 @@ where ``create(setup: txt1.sensors.Setup) -> txt1.sensors.Sensor``; its own sett
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections import deque
+from typing import Any, Final, Generic, TypeVar
 
-from numpy.random import SeedSequence, default_rng
+from numpy.random import Generator, SeedSequence, default_rng
 
 from txt1.config.schema import SensorConfig
 from txt1.errors import HalError
 from txt1.plugins import Registry
-from txt1.sensors.base import Sensor, Setup
-from txt1.sensors.impaired import Impaired
+from txt1.sensors.base import Reading, Sensor, Setup
+
+T = TypeVar("T")
 
 DROP_OUTS: Final = 5
 """Marks the random values of a sensor's drop-outs."""
@@ -44,3 +46,36 @@ def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
         seed = SeedSequence([setup.config.own_seed, DROP_OUTS, *setup.name.encode()])
         return Impaired(sensor, given.delay, given.drop_out, default_rng(seed))
     return sensor
+
+
+class Impaired(Generic[T]):
+    """Another sensor, its readings delayed and some of them lost; they keep the times at which they were taken.
+
+    Args:
+        sensor: the sound one.
+        delay: of each reading, s.
+        drop_out: share of the readings that are lost.
+        rng: draws which.
+
+    """
+
+    def __init__(self, sensor: Sensor[T], delay: float, drop_out: float, rng: Generator) -> None:
+        self.topic, self.period, self.simulated = sensor.topic, sensor.period, sensor.simulated
+        self.close = sensor.close
+        self._sensor, self._delay, self._drop_out, self._rng = sensor, delay, drop_out, rng
+        self._under_way: deque[Reading[T]] = deque()
+
+    async def open(self) -> None:
+        """Open the sensor."""
+        self._under_way.clear()
+        await self._sensor.open()
+
+    def read(self, now: float) -> Reading[T] | None:
+        """The newest reading that has arrived by `now`."""
+        reading = self._sensor.read(now)
+        if reading is not None and self._rng.random() >= self._drop_out:
+            self._under_way.append(reading)
+        arrived = None
+        while self._under_way and self._under_way[0].time + self._delay <= now:
+            arrived = self._under_way.popleft()
+        return arrived
