@@ -21,8 +21,7 @@ from typing import Any, Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
 from txt1.beside import Beside, Connection, Restart
-from txt1.bridges import registry
-from txt1.bridges.registry import bridge
+from txt1.bridges.registry import BRIDGES, bridge
 from txt1.kernel import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -156,7 +155,7 @@ def main() -> None:
     abuses = tuple(arguments.abuse or ABUSES)
     for name in ABUSES:
         function = "drive" if name in ("stop", "kill") else name
-        registry.OURS[name] = f"benchmarks.bridge_abuse:{function}"
+        BRIDGES.ours[name] = f"benchmarks.bridge_abuse:{function}"
 
     def contestant(names: tuple[str, ...]) -> Callable[[], Round]:
         work: Callable[[], Coroutine[Any, Any, Round]] = partial(abused, arguments.duration, names)

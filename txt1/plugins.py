@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import difflib
 from collections.abc import Awaitable, Callable, Mapping
-from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 from txt1.errors import ConfigError, HalError, Txt1Error
@@ -52,27 +51,24 @@ class Registry(NamedTuple):
 
     def find(self, key: str, name: str) -> tuple[Factory, str]:
         """The function that makes the part of this name, and where it comes from; raises as `make`."""
-        one = self.ours.get(name)
-        if isinstance(one, str):
-            module, function = one.split(":")
-            return getattr(import_module(module), function), "txt1"
-        if one is not None:
-            return one, "txt1"
-        self.require(key, name)
-        (point, *_) = entry_points(group=self.group, name=name)
+        place = self.place(key, name)
+        if callable(place):
+            return place, "txt1"
         try:
-            return point.load(), point.value
+            return EntryPoint(name, place, self.group).load(), place
         except Exception as error:
-            raise self._failed(name, point.value, "imported", error) from error
+            raise self._failed(name, place, "imported", error) from error
 
-    def require(self, key: str, name: str) -> None:
-        """Raise ConfigError unless there is one of this name; `key` is the setting that named it."""
-        names = self.names()
-        if name not in names:
-            near = difflib.get_close_matches(name, names, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            installed = ", ".join(names) or "none"
-            raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {installed}{hint}")
+    def place(self, key: str, name: str) -> Factory | str:
+        """The function that makes the part of this name, or "module:function", not imported; raises as `make`."""
+        if name in self.ours:
+            return self.ours[name]
+        for point in entry_points(group=self.group, name=name):
+            return point.value
+        near = difflib.get_close_matches(name, self.names(), n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        installed = ", ".join(self.names()) or "none"
+        raise ConfigError(f"{key}: there is no {self.kind} '{name}'; installed: {installed}{hint}")
 
     def _failed(self, name: str, origin: str, done: str, error: Exception) -> Txt1Error:
         text = f"the {self.kind} '{name}' ({origin}) cannot be {done}: {type(error).__name__}: {error}"

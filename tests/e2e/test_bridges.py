@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from txt1.bridges import registry
-from txt1.bridges.registry import bridge
+from txt1.bridges.registry import BRIDGES, bridge
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.robot import Robot
@@ -28,7 +27,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bridges of the tests, by name."""
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{TARGETS}")
     for name in ("ask", "drive", "drive_then_hang", "flood", "leak"):
-        monkeypatch.setitem(registry.OURS, name, f"beside_targets:{name}")
+        monkeypatch.setitem(BRIDGES.ours, name, f"beside_targets:{name}")
 
 
 async def until(condition: Callable[[], object], limit: float = 20.0) -> None:

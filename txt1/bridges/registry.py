@@ -14,58 +14,34 @@ and the function is called with its end of the line and its options::
             robot.request("drive", v=0.5, omega=0.0)
 
 Its module is imported in that process only. Whatever it asks for comes true under its name: its commands are those of
-a source called like the bridge, and what it asks wrongly is counted and told.
+a source called like the bridge, and what it asks wrongly is told.
 """
 
 from __future__ import annotations
 
 import asyncio
-import difflib
 import inspect
 import json
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
-from importlib.metadata import entry_points
 from typing import Any, Final
 
 from txt1.beside import PERIOD, PRIORITY, Beside, Request, Restart
-from txt1.errors import CommandRefused, ConfigError, Txt1Error
+from txt1.errors import CommandRefused, Txt1Error
 from txt1.hal.base import Button
+from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
-GROUP: Final = "txt1.bridges"
-
-OURS: Final[dict[str, str]] = {}
-"""Where the functions of our own bridges are: ``package.module:function``."""
+BRIDGES: Final = Registry("bridge", "txt1.bridges", {})
 
 RESTART: Final = Restart(limit=3)
 SILENCE: Final = 5.0
 """s without a heartbeat after which a bridge is ended as hung, and started again."""
 EVENTS_MAX: Final = 100
 """Events kept for a bridge between two pieces of telemetry; the oldest go first."""
-
-
-def names() -> list[str]:
-    """The names of all bridges that are installed."""
-    return sorted({*OURS, *(point.name for point in entry_points(group=GROUP))})
-
-
-def target(name: str) -> str:
-    """Where the function of a bridge is.
-
-    Raises:
-        ConfigError: there is none of that name; the message lists those there are.
-
-    """
-    found = {point.name: point.value for point in entry_points(group=GROUP)} | OURS
-    if name in found:
-        return found[name]
-    near = difflib.get_close_matches(name, found, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise ConfigError(f"bridge: there is no bridge '{name}'; installed: {', '.join(names()) or 'none'}{hint}")
 
 
 @asynccontextmanager
@@ -92,43 +68,34 @@ async def bridge(
         ConfigError: there is no bridge of that name, or it is at work already.
 
     """
-    where = await asyncio.to_thread(target, name)  # reads files
+    where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     desk = Desk(robot, name, requests or {})
     beside = Beside(
-        where, desk.telemetry, desk.request,
-        options=options, restart=restart, silence=silence, tell=desk.tell, lost=desk.let_go,
+        str(where), desk.telemetry, desk.request, options=options, restart=restart, silence=silence,
+        tell=lambda text: desk.say(f" {text}"), lost=desk.let_go,
     )  # fmt: skip
     try:
         async with beside:
             robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
             yield beside
     finally:
-        desk.close()
+        desk.let_go()
+        desk.leave()
 
 
 class Desk:
-    """The robot's end for one bridge: it answers requests and hands out telemetry.
-
-    Args:
-        robot: that the bridge is for.
-        name: of the bridge and of its source of commands.
-        requests: more that it may ask for, as functions of the request's fields.
-
-    Attributes:
-        refused: requests that were not granted.
-
-    """
+    """The robot's end for one bridge: it answers requests and hands out telemetry."""
 
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
-        self.refused = 0
+        self.leave: Callable[[], None] = lambda: None
+        """Listen no more."""
         self._robot, self._name = robot, name
         self._source = robot.source(name)
-        self._age = 0.0
+        self._age = 0.0  # of the request that is answered, s
         self._told = ""
         self._topics: frozenset[str] | None = None
         self._interval, self._due = 0.1, 0.0
         self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
-        self._leave: Callable[[], None] = lambda: None
         self._requests: dict[str, Callable[..., object]] = {
             "subscribe": self._subscribe,
             "drive": self._drive,
@@ -138,7 +105,7 @@ class Desk:
             "disarm": lambda reason="": robot.disarm(str(reason) or f"disarmed by bridge '{name}'"),
             "stop": robot.stop,
             "press": lambda button: robot.press(_button(button)),
-            "tell": lambda text: self.tell(f": {text}"),
+            "tell": lambda text: self.say(f": {text}"),
             **requests,
         }
 
@@ -155,7 +122,7 @@ class Desk:
         return line
 
     def request(self, request: Request) -> None:
-        """Do what is asked for, or count it as refused and tell why, once."""
+        """Do what is asked for, or tell why not, once."""
         if not request.name:
             return
         self._age = request.age
@@ -169,24 +136,18 @@ class Desk:
                 raise ValueError(f"request '{request.name}': {error}") from None
             do(**request.fields)
         except (Txt1Error, ValueError) as error:
-            self.refused += 1
             if str(error) != self._told:
                 self._told = str(error)
-                self.tell(f": {error}")
+                self.say(f": {error}")
 
-    def tell(self, text: str) -> None:
+    def say(self, text: str) -> None:
         """Add a line about the bridge to the event log."""
-        self._robot.tell(f"bridge '{self._name}'{text if text.startswith(':') else ' ' + text}")
+        self._robot.tell(f"bridge '{self._name}'{text}")
 
     def let_go(self) -> None:
-        """The bridge has gone: let go of the wheel."""
+        """Let go of the wheel."""
         with suppress(CommandRefused):
             self._source.release()
-
-    def close(self) -> None:
-        """Let go of the wheel, and listen no more."""
-        self.let_go()
-        self._leave()
 
     # -- inside ------------------------------------------------------------------------------------------------
 
@@ -201,9 +162,9 @@ class Desk:
             raise ValueError(f"topics: {topics!r}; give a list of names, such as ['/odom']")
         self._interval = 1.0 / hertz
         self._topics = None if topics is None else frozenset(topics)
-        self._leave()
+        self.leave()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
-        self._leave = self._robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
+        self.leave = self._robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
 
     def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
         self._events.append({"topic": topic.name, "time": time, "value": plain(value)})

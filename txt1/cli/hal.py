@@ -15,7 +15,7 @@ from txt1.config import load
 from txt1.conformance import BROKEN, verdicts
 from txt1.errors import ConfigError
 from txt1.hal.conformance import HalConformance
-from txt1.hal.registry import create, names
+from txt1.hal.registry import HALS, create
 
 DRIVES = "the check drives the wheels at full power, both ways"
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def list_hals(_: argparse.Namespace) -> int:
     """Print the names of the hardware layers that are installed."""
-    print("\n".join(names()))
+    print("\n".join(HALS.names()))
     return OK
 
 

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from txt1.bridges.registry import bridge, target
+from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import add_log, add_robot, add_view, bridge_options, existing, loaded, positive, velocity
@@ -63,7 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
     agent = _agent(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
-        target(name)  # refused before the robot is brought up
+        BRIDGES.place("bridge", name)  # refused before the robot is brought up
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, agent, steer))
     return conclude(app, arguments.json)

@@ -40,84 +40,71 @@ class Button(IntFlag):
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a HAL can do; what it cannot, the screens show as a dash and the API refuses by name.
-
-    Attributes:
-        ticks: reports encoder counts; otherwise it reports odometry.
-        pwm: takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops.
-        gains: takes the gains of those loops of its own.
-        combined: takes combined odometry for them.
-        battery: reports battery voltages.
-        smoothed: the voltages it reports are smoothed already.
-        power: has the switches for the ATX supply and the ESC.
-        servos: has the two free servo channels.
-        buttons: has the joystick.
-        place: can put the robot down at a pose: a simulator.
-        pose: knows the robot's true pose in the room: a simulator.
-        simulated: nothing real moves, so the robot arms by itself.
-
-    """
+    """What a HAL can do; what it cannot, the screens show as a dash and the API refuses by name."""
 
     ticks: bool = False
+    """Reports encoder counts; otherwise it reports odometry."""
     pwm: bool = False
+    """Takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops."""
     gains: bool = False
+    """Takes the gains of those loops of its own."""
     combined: bool = False
+    """Takes combined odometry for them."""
     battery: bool = False
+    """Reports battery voltages."""
     smoothed: bool = False
+    """The voltages it reports are smoothed already."""
     power: bool = False
+    """Has the switches for the ATX supply and the ESC."""
     servos: bool = False
+    """Has the two free servo channels."""
     buttons: bool = False
+    """Has the joystick."""
     place: bool = False
+    """Can put the robot down at a pose: a simulator."""
     pose: bool = False
+    """Knows the robot's true pose in the room: a simulator."""
     simulated: bool = False
+    """Nothing real moves, so the robot arms by itself."""
 
 
 class BoardLink(NamedTuple):
-    """How the link to a board is.
-
-    Attributes:
-        ready: the board has been heard for long enough to be sent a set-point.
-        losses: how often the board was lost so far; each time disarms.
-        reason: why it was lost last, in words.
-        text: what happened last.
-        faults: what went wrong on the line so far, by name.
-
-    """
+    """How the link to a board is."""
 
     ready: bool
+    """The board has been heard for long enough to be sent a set-point."""
     losses: int
+    """How often the board was lost so far; each time disarms."""
     reason: str
+    """Why it was lost last, in words."""
     text: str
+    """What happened last."""
     faults: dict[str, int]
+    """What went wrong on the line so far, by name."""
 
 
 class Inputs(NamedTuple):
-    """What the hardware reports, at one instant; None where it has no such sensor.
-
-    Attributes:
-        ticks: encoder counts (right, left) since the start, forward positive.
-        odometry: what the hardware itself computed.
-        odometry_time: when it arrived, s of the run.
-        batteries: voltages of the two packs, V; 0 where none is fitted.
-        cut_off: the battery cut-off circuit has opened.
-        buttons: the joystick's buttons that are held down.
-        backlight: position of the display's potentiometer, 0 to 1.
-        pose: true pose (x, y, theta) in the room, m and rad.
-        link: how the link to the board is, where there is a board.
-        battery_time: when the voltages arrived, s of the run; None: just now.
-
-    """
+    """What the hardware reports, at one instant; None where it has no such sensor."""
 
     ticks: tuple[int, int] | None = None
+    """Encoder counts (right, left) since the start, forward positive."""
     odometry: Odometry | None = None
+    """What the hardware itself computed."""
     odometry_time: float = 0.0
+    """When it arrived, s of the run."""
     batteries: tuple[float, float] | None = None
+    """Voltages of the two packs, V; 0 where none is fitted."""
     cut_off: bool = False
+    """The battery cut-off circuit has opened."""
     buttons: Button = Button.NONE
+    """Those that are held down."""
     backlight: float | None = None
+    """Position of the display's potentiometer, 0 to 1."""
     pose: tuple[float, float, float] | None = None
+    """True pose (x, y, theta) in the room, m and rad."""
     link: BoardLink | None = None
     battery_time: float | None = None
+    """When the voltages arrived, s of the run; None: just now."""
 
 
 class Indicators(NamedTuple):

@@ -26,15 +26,6 @@ HOST_LINE: Final = 1
 """Marks the random values of the line at the host's end."""
 
 
-def create_world(config: Config) -> World:
-    """The world as configured, with nobody in it."""
-    from txt1.sim.room import Room
-    from txt1.sim.world import World
-
-    room = config.sim.room
-    return World(Room(room.length, room.width), room.light, config.sim.obstacles)
-
-
 def in_world(config: Config, world: World) -> Config:
     """The configuration of a robot in this world: with its room, light and obstacles."""
     length, width = world.room
@@ -51,18 +42,19 @@ def create_sim(config: Config, world: World | None = None) -> Hal:
 
     """
     from txt1.hal.sim import SimHal
+    from txt1.sim.room import Room
     from txt1.sim.simulator import Vehicle
+    from txt1.sim.world import World
 
-    sim = config.sim
+    sim, room = config.sim, config.sim.room
+    if world is None:
+        world = World(Room(room.length, room.width), room.light, sim.obstacles)
+    parameters = sim.vehicle, config.geometry, sim.battery, sim.noise
     try:
-        vehicle = Vehicle(
-            create_world(config) if world is None else world,
-            sim.vehicle, config.geometry, sim.battery, sim.noise, sim.start, config.own_seed, config.name,
-        )  # fmt: skip
+        vehicle = Vehicle(world, *parameters, sim.start, config.own_seed, config.name)
     except ValueError as error:
-        raise ConfigError(
-            f"sim.start: {error}; choose another start, a larger sim.room or other sim.obstacles"
-        ) from None
+        remedy = "choose another start, a larger sim.room or other sim.obstacles"
+        raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults = sim.faults
     return SimHal(vehicle)
 
@@ -103,11 +95,6 @@ def create_serial(config: Config) -> Hal:
 
 
 HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial}, HalError)
-
-
-def names() -> list[str]:
-    """The names of all hardware layers that are installed."""
-    return HALS.names()
 
 
 def create(config: Config, world: World | None = None) -> Hal:

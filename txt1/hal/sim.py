@@ -29,15 +29,7 @@ class SimHal:
 
     name = "sim"
     capabilities = Capabilities(
-        ticks=True,
-        pwm=True,
-        battery=True,
-        power=True,
-        servos=True,
-        buttons=False,
-        place=True,
-        pose=True,
-        simulated=True,
+        ticks=True, pwm=True, battery=True, power=True, servos=True, place=True, pose=True, simulated=True
     )
 
     def __init__(self, vehicle: Vehicle) -> None:

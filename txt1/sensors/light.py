@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from math import atan2, cos, inf, sin
+from math import atan2, cos, inf, nan, sin
 from typing import Any, Final
 
 import numpy as np
@@ -96,8 +96,7 @@ class SimulatedLight:
 
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
         self.topic = topic_of(name)
-        self._see = see
-        self._pose = pose
+        self._see, self._pose = see, pose
         self._last = -inf
 
     async def open(self) -> None:
@@ -166,10 +165,9 @@ class PhidgetLight:
         self, name: str = "light", channels: Sequence[int] = (0, 1, 2, 3), serial_number: int | None = None
     ) -> None:
         self.topic = topic_of(name)
-        self._channels = channels
-        self._serial_number = serial_number
+        self._channels, self._serial_number = channels, serial_number
         self._last = -inf
-        self._ratios = [float("nan")] * len(SENSORS)
+        self._ratios = [nan] * len(SENSORS)
         self._inputs: list[Any] = []
 
     async def open(self) -> None:
@@ -197,8 +195,8 @@ class PhidgetLight:
                 one.setChannel(channel)
                 if self._serial_number is not None:
                     one.setDeviceSerialNumber(self._serial_number)
-                one.setOnVoltageRatioChangeHandler(lambda _, ratio, k=k: self._take(k, ratio))
-                one.setOnDetachHandler(lambda _, k=k: self._take(k, float("nan")))
+                one.setOnVoltageRatioChangeHandler(lambda _, ratio, k=k: self._ratios.__setitem__(k, ratio))
+                one.setOnDetachHandler(lambda _, k=k: self._ratios.__setitem__(k, nan))
                 one.openWaitForAttachment(self.PATIENCE_MS)
                 one.setDataInterval(max(self.INTERVAL_MS, one.getMinDataInterval()))
                 one.setVoltageRatioChangeTrigger(0.0)
@@ -213,9 +211,6 @@ class PhidgetLight:
             self._inputs.clear()
             raise HalError(f"Phidgets' library cannot be loaded: {error}; Debian has libusb in libusb-1.0-0") from error
 
-    def _take(self, k: int, ratio: float) -> None:
-        self._ratios[k] = ratio
-
     async def close(self) -> None:
         """Let go of the kit."""
         self._detach()
@@ -223,7 +218,7 @@ class PhidgetLight:
     def _detach(self) -> None:
         while self._inputs:
             self._inputs.pop().close()
-        self._ratios = [float("nan")] * len(SENSORS)
+        self._ratios[:] = [nan] * len(SENSORS)
 
     def read(self, now: float) -> Reading[Readings] | None:
         """The present readings, lux."""

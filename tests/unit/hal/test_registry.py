@@ -10,7 +10,7 @@ import pytest
 
 from txt1.config import load
 from txt1.errors import ConfigError, HalError
-from txt1.hal.registry import create, names
+from txt1.hal.registry import HALS, create
 from txt1.hal.sim import SimHal
 from txt1.sim.parameters import Faults
 
@@ -50,7 +50,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 
 
 def test_the_simulated_robot_is_there_without_any_package() -> None:
-    assert "sim" in names()
+    assert "sim" in HALS.names()
     assert isinstance(create(load().config), SimHal)
 
 
@@ -91,7 +91,7 @@ def test_a_strangers_hal_is_made_with_the_whole_configuration(install: Install) 
 
 def test_a_strangers_hal_is_imported_only_when_asked_for(install: Install) -> None:
     install()
-    assert "mycar" in names()
+    assert "mycar" in HALS.names()
     create(load().config)
     with pytest.raises(ConfigError):
         create(load(overrides=["hal=nonsense"]).config)
@@ -102,7 +102,7 @@ def test_a_strangers_hal_is_imported_only_when_asked_for(install: Install) -> No
 
 def test_a_stranger_cannot_replace_the_simulated_robot(install: Install) -> None:
     install("raise RuntimeError('imported')", name="sim")
-    assert names() == ["serial", "sim"]
+    assert HALS.names() == ["serial", "sim"]
     assert isinstance(create(load().config), SimHal)
 
 
