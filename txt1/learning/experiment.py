@@ -16,7 +16,6 @@ what it had learned.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -117,7 +116,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
         (out / "trials").mkdir(parents=True, exist_ok=True)
         trials = any((out / "trials").glob("*.json"))
         before = json.loads(mark.read_text(encoding="utf-8")) if mark.exists() else None
-        if before is not None and not _is_ours(before):
+        if before is not None and (before.get("format"), before.get("version")) != (FORMAT, VERSION):
             raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
         if not trials:  # nothing came of what was begun here, if anything was
             content = {"format": FORMAT, "version": VERSION, **identity}
@@ -125,7 +124,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
             return []
     except OSError as error:
         raise ConfigError(f"--out {out}: {error.strerror}; give a directory that can be made or written to") from None
-    except ValueError as error:
+    except (ValueError, AttributeError) as error:
         raise ConfigError(f"--out {out}: experiment.json is damaged ({error}); give another directory") from None
     if before is None:
         raise ConfigError(
@@ -148,11 +147,6 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
 def load_results(out: Path) -> list[TrialResult]:
     """Return the trials in a directory, in their order; raises QTableError for one that is damaged."""
     return [load_result(path) for path in sorted((out / "trials").glob("*.json"))]
-
-
-def _is_ours(before: Any) -> bool:
-    """Whether this is what `prepare` writes."""
-    return isinstance(before, dict) and before.get("format") == FORMAT and before.get("version") == VERSION
 
 
 def _flat(tree: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -222,15 +216,12 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         OSError: nor the rest.
 
     """
-    part = out / "learning.csv.part"
-    with part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for result in results:
-            for one in result.episodes:
-                row = (result.trial, one.number, *(round(x, 9) for x in (*one.start, one.time)), int(one.success))
-                writer.writerow((*row, round(one.optimal_time, 9)))
-    part.replace(out / "learning.csv")
+    lines: list[tuple[str, ...]] = [COLUMNS]
+    for result in results:
+        for one in result.episodes:
+            numbers = (*one.start, one.time, int(one.success), one.optimal_time)
+            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers)))
+    qtable.replace_file(out / "learning.csv", "".join(",".join(line) + "\r\n" for line in lines))
     metrics = {
         "agent": plan.agent,
         "seed": plan.seed,
@@ -238,9 +229,7 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         "voided": sum(one.voided for one in results),
         **summary([one.episodes for one in results]),
     }
-    part = out / "metrics.json.part"
-    part.write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
-    part.replace(out / "metrics.json")
+    qtable.replace_file(out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     if results:
         chosen = best(results)
         about = {**chosen.table.about, "seed": plan.seed, "trial": chosen.trial}

@@ -6,7 +6,7 @@ All randomness comes from the generator that is passed in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, inf
+from math import exp
 from typing import Any
 
 import numpy as np
@@ -16,29 +16,18 @@ Row = NDArray[np.floating[Any]]
 """The Q-values of one state's actions."""
 
 
-# -- policies ----------------------------------------------------------------------------------------------------
-
-
 def boltzmann(q: Row, temperature: float) -> list[float]:
     """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
 
     The largest Q is subtracted first, which changes nothing in the quotient and keeps every exponent at or below 0: no
     temperature and no Q overflows. Towards T = 0 it is the greedy policy (5.4), towards infinity a uniform one (5.3).
-
     Plain numbers, as for so few of them an array costs ten times as much.
-
-    Raises:
-        ValueError: T is not positive, or a Q-value is not finite.
-
     """
-    if not temperature > 0.0:
-        raise ValueError(f"a temperature is positive, not {temperature:g}")
     values: list[float] = q.tolist()
-    _check(values)
     largest = max(values)
     weights = [exp((value - largest) / temperature) for value in values]
     total = 0.0
-    for weight in weights:
+    for weight in weights:  # sum() rounds otherwise from Python 3.12 on
         total += weight
     return [weight / total for weight in weights]
 
@@ -54,40 +43,15 @@ def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
     return max(range(len(probabilities)), key=probabilities.__getitem__)  # the sum was rounded to a little less than 1
 
 
-def boltzmann_action(q: Row, temperature: float, rng: np.random.Generator) -> int:
-    """An action drawn from the Boltzmann distribution (5.2) of one state's Q-values, shape (actions,)."""
-    return choose(boltzmann(q, temperature), rng)
-
-
 def greedy_action(q: Row, rng: np.random.Generator) -> int:
     """The action with the largest Q-value, shape (actions,); of several that are equal, one drawn at random.
 
     At random, because the lowest index would favour turning right.
-
-    Raises:
-        ValueError: a Q-value is not finite.
-
     """
     values: list[float] = q.tolist()
-    _check(values)
     largest = max(values)
     best = [action for action, value in enumerate(values) if value == largest]
     return best[0] if len(best) == 1 else int(rng.choice(best))
-
-
-def random_action(actions: int, rng: np.random.Generator) -> int:
-    """Any of so many actions, each as likely as the other, whatever has been learned."""
-    return int(rng.integers(actions))
-
-
-def _check(values: list[float]) -> None:
-    """Refuse Q-values that no comparison can order."""
-    for value in values:
-        if not -inf < value < inf:
-            raise ValueError(f"Q-values are finite numbers, not {values}")
-
-
-# -- schedules ---------------------------------------------------------------------------------------------------
 
 
 def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:

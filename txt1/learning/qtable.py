@@ -16,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,8 +49,6 @@ TABLE_5_3: Final = (
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1
 
-LARGEST: Final = sys.float_info.max
-
 RELEARN: Final = "take a sound copy, or learn it again with 'txt1 learn'"
 
 
@@ -64,31 +61,9 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
     """The temporal difference by which Q(s, a) was wrong; the table is updated in place, (5.1).
 
     Q(s, a) <- Q(s, a) + alpha [r + gamma max Q(s', .) - Q(s, a)]
-
-    Args:
-        q: the table.
-        s: state before.
-        a: action taken.
-        reward: r, received for it.
-        s_next: s', state after.
-        alpha: learning rate, 0 to 1.
-        gamma: discount factor, 0 to 1.
-
-    Raises:
-        IndexError: no such state or action.
-        ValueError: the result would not be finite; the table is as before.
-
     """
-    states, actions = q.shape
-    if not (0 <= s < states and 0 <= a < actions and 0 <= s_next < states):
-        raise IndexError(
-            f"state {s}, action {a}, next state {s_next}: the table has {states} states, {actions} actions"
-        )
     difference = float(reward + gamma * q[s_next].max() - q[s, a])
-    value = float(q[s, a]) + alpha * difference
-    if not np.isfinite(value):
-        raise ValueError(f"Q({s}, {a}) would become {value:g}, with reward {reward:g}")
-    q[s, a] = value
+    q[s, a] += alpha * difference
     return difference
 
 
@@ -115,8 +90,18 @@ class StoredTable:
         return self.values
 
 
+def replace_file(path: Path, text: str) -> None:
+    """Write a text to a file; one that was there is replaced as a whole or, should this fail, left as it was."""
+    part = path.with_name(path.name + ".part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
 def save(path: Path, table: StoredTable) -> None:
-    """Write the table to a file; one that was there is replaced as a whole or, should this fail, left as it was.
+    """Write the table to a file, as `replace_file`.
 
     Raises:
         QTableError: the file cannot be written.
@@ -132,14 +117,9 @@ def save(path: Path, table: StoredTable) -> None:
         raise ValueError(f"what is to be kept with a Q-table is no JSON: {error}") from error
     content = {"format": FORMAT, "version": VERSION, "values": values.tolist(), "about": about}
     content["sha256"] = _checksum(content)
-    text = _text(content)
-    part = path.with_name(path.name + ".part")
+    lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items())
     try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        replace_file(path, f"{{\n{lines}\n}}\n")
     except OSError as error:
         raise QTableError(
             str(path), f"cannot be written: {error.strerror}", "give a directory that exists, is yours and has room"
@@ -147,84 +127,28 @@ def save(path: Path, table: StoredTable) -> None:
 
 
 def load(path: Path) -> StoredTable:
-    """Return the table in a file, checked.
+    """Return the table in a file; its checksum says that it is as `save` wrote it.
 
     Raises:
         QTableError: there is no such file, or it is not a whole, unaltered Q-table.
 
     """
-    content = _parse(path)
-    if content.get("format") != FORMAT:
-        raise QTableError(str(path), "is JSON, but no Q-table", "give the qtable.json that 'txt1 learn' wrote")
-    version = content.get("version")
-    if version != VERSION:
+    ours = "give the qtable.json that 'txt1 learn' wrote"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise QTableError(str(path), f"cannot be read: {error.strerror}", ours) from error
+    except (ValueError, RecursionError) as error:
+        raise QTableError(str(path), f"is cut off, or no Q-table: {error}", RELEARN) from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise QTableError(str(path), "is JSON, but no Q-table", ours)
+    if (version := content.get("version")) != VERSION:
         raise QTableError(
             str(path), f"has the version {version!r}, this program reads {VERSION}", "use the txt1 that wrote it"
         )
-    values = _values(path, content.get("values"))
-    about = content.get("about")
-    if not isinstance(about, dict):
-        raise QTableError(str(path), "says nothing about where it comes from", RELEARN)
-    said = content.pop("sha256", None)
-    if said != _checksum(content):
+    if content.pop("sha256", None) != _checksum(content):
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
-    return StoredTable(values, about)
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    """The JSON object in the file."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise QTableError(
-            str(path), f"cannot be read: {error.strerror}", "give the qtable.json that 'txt1 learn' wrote"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise QTableError(str(path), "is no text", RELEARN) from error
-    try:
-        content = json.loads(text, parse_constant=_refuse_constant)
-    except json.JSONDecodeError as error:
-        ends_early = error.pos >= len(text.rstrip()) or (text[0] == "{" and not text.rstrip().endswith("}"))
-        problem = "ends in the middle" if text.strip() else "is empty"
-        if not ends_early:
-            problem = f"is no JSON: {error.msg}, line {error.lineno}, column {error.colno}"
-        raise QTableError(str(path), problem, RELEARN) from error
-    except (ValueError, RecursionError) as error:
-        raise QTableError(str(path), f"holds what no Q-table does: {error}", RELEARN) from error
-    if not isinstance(content, dict):
-        raise QTableError(str(path), "is JSON, but no Q-table", "give the qtable.json that 'txt1 learn' wrote")
-    return content
-
-
-def _refuse_constant(name: str) -> float:
-    """Refuse NaN and the infinities, which Python's JSON would let pass."""
-    raise ValueError(f"the value {name}")
-
-
-def _values(path: Path, values: Any) -> Table:
-    """The numbers as an array, each of them seen to be one."""
-    if not (isinstance(values, list) and values and all(isinstance(row, list) and row for row in values)):
-        raise QTableError(str(path), "has no rows of values", RELEARN)
-    for state, row in enumerate(values):
-        if len(row) != len(values[0]):
-            raise QTableError(
-                str(path), f"has {len(row)} actions in state {state} and {len(values[0])} in state 0", RELEARN
-            )
-        for action, value in enumerate(row):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
-                raise QTableError(str(path), f"has no finite number for state {state}, action {action}", RELEARN)
-    return np.array(values, float)
-
-
-def _text(content: Mapping[str, Any]) -> str:
-    """The content as JSON with a line for each key and for each row of values.
-
-    json's own indentation takes three times as long, and gives every number of a path a line.
-    """
-    texts = {key: json.dumps(value, allow_nan=False) for key, value in content.items()}
-    texts["values"] = texts["values"].replace("], ", "],\n  ")
-    lines = [f" {json.dumps(key)}: {text}" for key, text in texts.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+    return StoredTable(np.array(content["values"], float), content["about"])
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

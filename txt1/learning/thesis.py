@@ -21,13 +21,7 @@ from txt1.learning.light import (
     sector,
     spread_limit,
 )
-from txt1.learning.policy import (
-    boltzmann_action,
-    fading,
-    greedy_action,
-    random_action,
-    state_learning_rate,
-)
+from txt1.learning.policy import boltzmann, choose, fading, greedy_action, state_learning_rate
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
@@ -176,14 +170,11 @@ class ThesisAgent:
         """Return the action for a state by the policy; any, where the state is not known."""
         one = self.settings
         if s is None or (one.policy == "random" and self.training):
-            return random_action(len(self.q[0]), self._rng)
+            return int(self._rng.integers(len(self.q[0])))
         if one.policy == "greedy" or not self.training:
             return greedy_action(self.q[s], self._rng)
-        return boltzmann_action(
-            self.q[s],
-            fading(self.episode, one.temperature, one.temperature_decay, one.temperature_floor),
-            self._rng,
-        )
+        temperature = fading(self.episode, one.temperature, one.temperature_decay, one.temperature_floor)
+        return choose(boltzmann(self.q[s], temperature), self._rng)
 
     @property
     def training(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, inf, log10, nan
+from math import floor, inf, log10
 
 import numpy as np
 import pytest
@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 
 from txt1.learning.policy import (
     boltzmann,
-    boltzmann_action,
     choose,
     fading,
     greedy_action,
-    random_action,
     state_learning_rate,
 )
 
@@ -66,30 +64,13 @@ def test_at_the_floor_of_0_05_large_q_values_are_safe() -> None:
     assert boltzmann(np.array([1e6, 1e6 + 0.05, -1e6]), 0.05) == pytest.approx([0.26894, 0.73106, 0.0], abs=1e-4)
 
 
-@pytest.mark.parametrize("t", [0.0, -1.0, nan])
-def test_a_temperature_is_positive(t: float) -> None:
-    with pytest.raises(ValueError, match="temperature"):
-        boltzmann(Q, t)
-
-
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
-def test_no_action_is_chosen_by_a_value_that_is_none(bad: float) -> None:
-    q, rng = np.array([0.2, bad, 1.0]), np.random.default_rng(1)
-    with pytest.raises(ValueError, match="finite"):
-        boltzmann_action(q, 1.0, rng)
-    with pytest.raises(ValueError, match="finite"):
-        greedy_action(q, rng)
-
-
 # -- choosing ----------------------------------------------------------------------------------------------------
 
 
 def test_actions_are_drawn_as_often_as_their_probabilities_say() -> None:
     rng = np.random.default_rng(1)
-    counts = np.bincount([boltzmann_action(Q, 1.0, rng) for _ in range(20_000)], minlength=3)
+    counts = np.bincount([choose(boltzmann(Q, 1.0), rng) for _ in range(20_000)], minlength=3)
     assert counts / 20_000 == pytest.approx([0.2186, 0.2950, 0.4864], abs=0.012)
-    counts = np.bincount([random_action(3, rng) for _ in range(20_000)], minlength=3)
-    assert counts / 20_000 == pytest.approx([1 / 3] * 3, abs=0.012)
 
 
 def test_what_has_no_probability_is_never_chosen() -> None:
@@ -108,7 +89,7 @@ def test_greedy_takes_the_largest_and_draws_among_equals() -> None:
 def test_the_seed_repeats_every_choice() -> None:
     def choices(seed: int) -> list[int]:
         rng = np.random.default_rng(seed)
-        return [f for _ in range(50) for f in (boltzmann_action(Q, 5.0, rng), random_action(3, rng))]
+        return [choose(boltzmann(Q, 5.0), rng) for _ in range(50)]
 
     assert choices(1) == choices(1)
     assert choices(1) != choices(2)

