@@ -18,8 +18,7 @@ from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STEP_SHOWN: Final = 1.5
-"""s of a step that are drawn."""
+STEP_SHOWN: Final = 1.5  # s of a step that are drawn
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 
 

@@ -14,20 +14,13 @@ from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
-LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)
-"""Motor counts, each held from rest."""
-LEVEL_TIME: Final = 4.0
-"""s of each: seven times the assumed lag."""
-REST_TIME: Final = 2.5
-"""s in between."""
-CRUISE: Final = 1800
-"""Motor counts while the steering is tried."""
-LOCKS: Final = (6000, 0, -6000, 0, 12000, 0, -12000, 0)
-"""Steering counts, left positive, one after the other."""
-LOCK_TIME: Final = 1.6
-"""s of each."""
-STEADY: Final = 0.4
-"""Share of a step's time, at its end, that counts as steady."""
+LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)  # motor counts, each held from rest
+LEVEL_TIME: Final = 4.0  # s of each: seven times the assumed lag
+REST_TIME: Final = 2.5  # s in between
+CRUISE: Final = 1800  # motor counts while the steering is tried
+LOCKS: Final = (6000, 0, -6000, 0, 12000, 0, -12000, 0)  # steering counts, left positive, one after the other
+LOCK_TIME: Final = 1.6  # s of each
+STEADY: Final = 0.4  # share of a step's time, at its end, that counts as steady
 
 
 class Hold(NamedTuple):

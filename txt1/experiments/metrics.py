@@ -19,21 +19,15 @@ from txt1.experiments.recording import Array, Recording, mean_of
 from txt1.experiments.runner import SAFE_END, Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
-WINDOW: Final = 0.2
-"""s of which means are taken."""
-BAND: Final = 0.05
-"""Share of a step within which a response counts as settled."""
+WINDOW: Final = 0.2  # s of which means are taken
+BAND: Final = 0.05  # share of a step within which a response counts as settled
 QUANTUM: Final = {"v": 0.016, "omega": 0.064}
 """One encoder count in a tick, m/s and rad/s: on hardware no band is narrower."""
-STEADY: Final = 0.5
-"""Share of a step's time, at its end, that counts as steady."""
-SETTLE_IN: Final = 2.0
-"""s after which a circle is a circle."""
-LEG_START: Final = 2.0
-"""m of a leg, from its start, in which the robot is still coming round the corner."""
+STEADY: Final = 0.5  # share of a step's time, at its end, that counts as steady
+SETTLE_IN: Final = 2.0  # s after which a circle is a circle
+LEG_START: Final = 2.0  # m of a leg, from its start, in which the robot is still coming round the corner
 
-DELAYS: Final = np.arange(0.0, 0.2, 0.005)
-"""s by which a run's responses may come later than another's."""
+DELAYS: Final = np.arange(0.0, 0.2, 0.005)  # s by which a run's responses may come later than another's
 DELAY_MAX: Final = float(DELAYS[-1])
 
 Channel = Literal["v", "omega"]

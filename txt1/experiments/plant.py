@@ -15,8 +15,7 @@ UNEVENNESS: Final = 0.03
 """Unevenness of the floor, as a share of the speed, anew at every tick; assumed. Without it the encoders would show
 patterns that no real drive shows."""
 
-PERIOD: Final = 0.02
-"""s between two steps of the loops and two readings of the encoders."""
+PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
 
 
 class Plant(NamedTuple):

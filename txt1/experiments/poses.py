@@ -16,8 +16,7 @@ from txt1.navigation.plan import stays_inside
 from txt1.robot import Robot
 from txt1.sim.room import Room, clearance
 
-FROM_THE_WALLS: Final = 0.6
-"""m that starts and goals keep from them."""
+FROM_THE_WALLS: Final = 0.6  # m that starts and goals keep from them
 
 
 class Trip(NamedTuple):
@@ -40,12 +39,7 @@ class Trip(NamedTuple):
 async def trips(robot: Robot, count: int, room: Room, seed: int, *, by_truth: bool = False) -> list[Trip]:
     """Trips between random poses at least 0.6 m from the walls, on odometry or on the true pose.
 
-    Args:
-        robot: of a simulator, armed, its gains loaded.
-        count: how many.
-        room: where.
-        seed: repeats the poses.
-        by_truth: whether the robot goes by its true pose, which a tracking system would tell.
+    The robot is a simulator's, armed, its gains loaded; `seed` repeats the poses.
 
     Raises:
         NoPath: a goal cannot be reached inside the room.

@@ -15,8 +15,7 @@ from txt1.config.schema import Section
 from txt1.errors import ConfigError
 from txt1.units import Positive
 
-PROFILES: Final = Path(__file__).parent / "profiles"
-"""Folder of the thesis's experiments."""
+PROFILES: Final = Path(__file__).parent / "profiles"  # folder of the thesis's experiments
 EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega: 0.3, seconds: 10}]}"
 
 

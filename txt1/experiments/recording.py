@@ -41,12 +41,7 @@ class Measurement(NamedTuple):
 
 
 class Recording:
-    """The samples of a run as columns, named as in `Measurement`.
-
-    Args:
-        samples: in order of time.
-
-    """
+    """The samples of a run as columns, named as in `Measurement`."""
 
     def __init__(self, samples: Iterable[Measurement]) -> None:
         rows = [tuple(sample) for sample in samples]

@@ -13,8 +13,7 @@ from txt1.experiments.metrics import QUANTUM, Channel, Deviation, difference, pa
 from txt1.experiments.run_folder import Run
 
 Row = list[str]
-Titled = tuple[str, Row, list[Row]]
-"""A table's title, its column names and its rows."""
+Titled = tuple[str, Row, list[Row]]  # A table's title, its column names and its rows
 
 
 def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:

@@ -20,16 +20,12 @@ from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
 from txt1.tasks.fields import BatteryState
 
-PUBLISH: Final = 0.1
-"""s between two commands, as in the original's tests."""
+PUBLISH: Final = 0.1  # s between two commands, as in the original's tests
 
-STOPPED_V: Final = 0.02
-"""m/s below which the vehicle does not move, ..."""
-STOPPED_TIME: Final = 5.0
-"""... and s after which a vehicle that does not, though commanded to, ends the experiment."""
+STOPPED_V: Final = 0.02  # m/s below which the vehicle does not move, ...
+STOPPED_TIME: Final = 5.0  # ... and s after which a vehicle that does not, though commanded to, ends the experiment.
 
-LOOK: Final = 1.0
-"""s between two looks at the batteries."""
+LOOK: Final = 1.0  # s between two looks at the batteries
 
 
 class Leg(NamedTuple):
@@ -60,12 +56,8 @@ ANOTHER: Final = "another source of commands,"
 class Experiment:
     """A profile at work on a robot.
 
-    Args:
-        robot: armed, its gains loaded.
-        profile: what to drive.
-        safe_end: whether the robot stops by itself when no time is left on its batteries.
-        progressed: told how much of it is over, 0 to 1.
-
+    With `safe_end` the robot stops by itself when no time is left on its batteries. `progressed` is told how much of
+    the profile is over, 0 to 1.
     """
 
     def __init__(

@@ -16,44 +16,32 @@ from txt1.experiments.plant import PERIOD, Plant, speed_response, yaw_response
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import Geometry
 
-SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
-"""Steps of the speed that gains are tried on, m/s."""
-TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))
-"""Steps of the yaw rate, rad/s."""
-CRUISE: Final = 0.5
-"""m/s at which they are tried; the loop's gain is made the same at every speed."""
-V_MAX: Final = 1.5
-"""m/s, the fastest the controller accepts (thesis 4.2)."""
-SEEDS: Final = range(16)
-"""Seeds of the trials of the speed."""
+SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)  # steps of the speed that gains are tried on, m/s
+TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))  # steps of the yaw rate, rad/s
+CRUISE: Final = 0.5  # m/s at which they are tried; the loop's gain is made the same at every speed
+V_MAX: Final = 1.5  # m/s, the fastest the controller accepts (thesis 4.2)
+SEEDS: Final = range(16)  # seeds of the trials of the speed
 TURN_SEEDS: Final = range(32)
 """Seeds of the trials of the yaw rate: more, as an encoder count is a larger share of a step there."""
-TRIAL: Final = 4.0
-"""s of a trial of the speed."""
-TURN_TRIAL: Final = 2.5
-"""s of a trial of the yaw rate."""
+TRIAL: Final = 4.0  # s of a trial of the speed
+TURN_TRIAL: Final = 2.5  # s of a trial of the yaw rate
 LESS: Final = 0.9
 """Share of the present overshoot that is allowed in the model, so that the vehicle shows no more than before."""
 NO_OVERSHOOT: Final = 0.001
 """Share of a step of the speed: what the noise of so many trials makes of a response that does not overshoot."""
-TURN_NO_OVERSHOOT: Final = 0.002
-"""Likewise of the yaw rate."""
+TURN_NO_OVERSHOOT: Final = 0.002  # likewise of the yaw rate
 EXCESS: Final = 10000.0
 """s that an overshoot of 1 costs, beyond what is allowed, so that little is worth it; noise, as a share of a step,
 likewise."""
 MARGIN: Final = 0.03
 """s by which every step of the speed is to settle sooner in the model, so that it does so on the vehicle, too, ..."""
-TURN_MARGIN: Final = 0.06
-"""... and every step of the yaw rate."""
-SLOWER: Final = 50.0
-"""s that each s costs by which one step settles later than before, however soon others do."""
+TURN_MARGIN: Final = 0.06  # ... and every step of the yaw rate.
+SLOWER: Final = 50.0  # s that each s costs by which one step settles later than before, however soon others do
 
 PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
 """Gains of the speed loop that are tried: K_P times the speed per count."""
-RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
-"""K_I / K_P that is tried, per lag: 1 cancels it."""
-FINER: Final = (0.06, 0.03, 0.015)
-"""Shares by which the best of these are then changed."""
+RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)  # K_I / K_P that is tried, per lag: 1 cancels it
+FINER: Final = (0.06, 0.03, 0.015)  # shares by which the best of these are then changed
 TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)
 """Gains of the yaw-rate loop that are tried: K_P times the yaw rate per count."""
 TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
@@ -88,14 +76,8 @@ def propose(
 ) -> Proposal:
     """The best gains found for a vehicle.
 
-    Args:
-        plant: the vehicle.
-        geometry: its dimensions.
-        linear: gains of the speed so far, than which the new ones are to bring no more overshoot and noise.
-        schedule: of the yaw rate's gains so far, whose borders of v_max are kept, and likewise.
-        motor_max: the safety gate's limit, counts.
-        tried: called after each of `CANDIDATES`.
-
+    They bring no more overshoot and noise than the gains so far, `linear` and `schedule`, whose borders of v_max are
+    kept. `motor_max` is the safety gate's limit, counts; `tried` is called after each of `CANDIDATES`.
     """
     return Proposal(
         linear_gains(plant, geometry, linear, motor_max, tried), angular_gains(plant, geometry, schedule, tried)

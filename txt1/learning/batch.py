@@ -27,8 +27,7 @@ from txt1.sim.light import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 from txt1.sim.vehicle import Dynamics, dynamics
 
-TICK_MS: Final = 20
-"""One vehicle step, ms: the controller's period. The light is sampled with it."""
+TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
 """Weight of the past in the filter: (5.10) at 20 ms in place of 16."""
 
@@ -36,10 +35,8 @@ WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 7, 9, 11, 13, 16, 19, 21
 ROWS: Final = 25
 
-SHARE_MIN: Final = 200
-"""Fewer robots than this are not worth a thread of their own."""
-BLOCK: Final = 128
-"""Robots that are moved together: their state stays in the processor's nearest cache."""
+SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their own
+BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 
@@ -129,15 +126,8 @@ _run_some = compiled(_run, nogil=True)
 class Batch:
     """Simulated robots side by side, each with its velocity loops and its light sensors.
 
-    Args:
-        count: how many.
-        light: what they see.
-        noise: standard deviation of a reading, as a share of it.
-        drag: of the floor's drag, as a share of the speed.
-        parameters: of the vehicle's dynamics.
-        body: its dimensions.
-        safety: limits of its motor.
-
+    `noise` is the standard deviation of a reading, as a share of it, and `drag` that of the floor's drag, as a share of
+    the speed.
     """
 
     def __init__(

@@ -51,10 +51,8 @@ except ModuleNotFoundError:
 Observation = NDArray[np.float32]
 
 DECISION_MS: Final = 500
-LIGHT_MS: Final = 16
-"""Between two samples of the light, ms."""
-REST_MS: Final = 600
-"""Rest on the start before the first observation, ms: the filter settles."""
+LIGHT_MS: Final = 16  # between two samples of the light, ms
+REST_MS: Final = 600  # rest on the start before the first observation, ms: the filter settles
 SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 1, 1, 2, 10], np.float32))
 
 
@@ -67,13 +65,7 @@ def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> 
 
 
 class Car:
-    """A simulated robot with its velocity loops and its odometry, and without its other tasks.
-
-    Args:
-        hal: of the simulated robot, at time 0.
-        config: of its loops and limits.
-
-    """
+    """A simulated robot with its velocity loops and its odometry, and without its other tasks."""
 
     def __init__(self, hal: Hal, config: Config) -> None:
         self.command = (0.0, 0.0)
@@ -113,12 +105,7 @@ class Car:
 
 
 class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
-    """One robot that looks for the light; see the module.
-
-    Args:
-        config: of everything; None for the defaults.
-
-    """
+    """One robot that looks for the light; see the module."""
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
 
@@ -183,13 +170,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
 
 
 class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
-    """Many robots, each looking for a light of its own; an episode that has ended is begun anew with the next step.
-
-    Args:
-        num_envs: how many.
-        config: of everything; None for the defaults.
-
-    """
+    """Many robots, each looking for a light of its own; an episode that has ended is begun anew with the next step."""
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 

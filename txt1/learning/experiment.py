@@ -67,8 +67,7 @@ class Plan(NamedTuple):
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
-Watch = Callable[[int, Episode], None]
-"""Told each episode as it ends, with the number of its trial."""
+Watch = Callable[[int, Episode], None]  # told each episode as it ends, with the number of its trial
 
 
 def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resume: bool) -> dict[int, Path]:

@@ -21,8 +21,7 @@ from typing import Final
 from txt1.errors import LightFault, NoDirection
 from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
-FILTER_WEIGHT: Final = 0.9
-"""Weight of the past in the filter (5.10)."""
+FILTER_WEIGHT: Final = 0.9  # weight of the past in the filter (5.10)
 
 SECTORS: Final = (
     "rear centre", "rear right", "centre right", "front right",
@@ -30,11 +29,9 @@ SECTORS: Final = (
 )  # fmt: skip
 """The eight states, by index (figure 5.5)."""
 
-SETTLING_SAMPLES: Final = 22
-"""After so many samples the first one has lost nine tenths of its weight in the filter."""
+SETTLING_SAMPLES: Final = 22  # after so many samples the first one has lost nine tenths of its weight in the filter
 
-FROZEN_SAMPLES: Final = 63
-"""A sensor's changes are counted over so many samples, about a second."""
+FROZEN_SAMPLES: Final = 63  # A sensor's changes are counted over so many samples, about a second
 
 
 # -- direction ---------------------------------------------------------------------------------------------------
@@ -125,20 +122,15 @@ def spread_limit(
     out from one of them: 10.2 at the goal circle for n = 2. The filter leaves sqrt((1 - w) / (1 + w)) of the noise;
     four standard deviations of the ratio's logarithm are allowed for it.
 
-    Args:
-        exponent: n, of the light's fall.
-        nearest: least distance of light and centre, m; more than r.
-        noise: standard deviation of one sample, as a share of the reading.
-        weight: w of the filter.
-
+    `noise` is the standard deviation of one sample as a share of the reading, `nearest` the least distance of light and
+    centre, m, more than r.
     """
     r = hypot(SENSOR_X, SENSOR_Y)
     filtered = noise * sqrt((1.0 - weight) / (1.0 + weight))
     return float(((nearest + r) / (nearest - r)) ** exponent * exp(4.0 * sqrt(2.0) * filtered))
 
 
-Lux = tuple[float, float, float, float]
-"""`Readings` as plain numbers, which cost less to make."""
+Lux = tuple[float, float, float, float]  # `Readings` as plain numbers, which cost less to make
 
 
 class LightFilter:
@@ -146,13 +138,9 @@ class LightFilter:
 
     The first sample is taken as it is. A faulty sample leaves the filter as it was.
 
-    Args:
-        weight: w, of the past. The watch needs it: who wants to do without the filter takes the direction from the
-            sample, and leaves this as it is.
-        spread: largest believable ratio of two filtered readings; `spread_limit` by default.
-        low: lowest reading of a sensor, lux; one that rests at it is not taken for frozen.
-        high: likewise the highest.
-
+    The watch needs the `weight` w: who wants to do without the filter takes the direction from the sample. `spread` is
+    the largest believable ratio of two filtered readings. A sensor that rests at its lowest or highest reading, `low`
+    or `high` lux, is not taken for frozen.
     """
 
     __slots__ = ("_changes", "_filtered", "_latest", "_samples", "high", "low", "spread", "weight")

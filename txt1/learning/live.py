@@ -14,11 +14,9 @@ from txt1.learning.trial import Episode
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
 
-EPISODES: Final = 10_000
-"""More than anybody will watch."""
+EPISODES: Final = 10_000  # more than anybody will watch
 
-FROM_WALL: Final = 0.5
-"""The boundary is at least so far inside the simulated room's walls, m."""
+FROM_WALL: Final = 0.5  # the boundary is at least so far inside the simulated room's walls, m
 
 
 def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
@@ -38,12 +36,7 @@ def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | 
 def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES) -> LearningTask:
     """The learning task, at work beside the robot's others.
 
-    Args:
-        robot: its gains loaded, with light sensors (see `txt1.learning.task.need_light`).
-        agent: who learns or drives.
-        pose: where the robot is; None: as configured.
-        episodes: how many.
-
+    The robot has its gains and light sensors (see `txt1.learning.task.need_light`); `pose` None: as configured.
     """
     config = robot.config
     if robot.hal.capabilities.place:

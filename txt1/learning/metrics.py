@@ -10,14 +10,10 @@ from numpy.typing import NDArray
 
 from txt1.learning.trial import Episode
 
-THESIS_MEAN: Final = 7.165
-"""Mean time to the light after the first seven episodes that the thesis reports, s (5.4)."""
-LEARNED: Final = 7
-"""Episodes after which the thesis takes its mean."""
-LAST: Final = 10
-"""Episodes at the end that are looked at by themselves."""
-MILESTONES: Final = (1, 2, 4, 8, 16, 31)
-"""Episodes whose ratio to the optimum is reported."""
+THESIS_MEAN: Final = 7.165  # mean time to the light after the first seven episodes that the thesis reports, s (5.4)
+LEARNED: Final = 7  # episodes after which the thesis takes its mean
+LAST: Final = 10  # episodes at the end that are looked at by themselves
+MILESTONES: Final = (1, 2, 4, 8, 16, 31)  # episodes whose ratio to the optimum is reported
 
 
 def summary(trials: Sequence[Sequence[Episode]]) -> dict[str, Any]:

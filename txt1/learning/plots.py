@@ -21,12 +21,6 @@ BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
 def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
     """The pictures that were written: learning_curve.png, paths.png, qtable.png.
 
-    Args:
-        out: directory.
-        outcomes: all the trials.
-        chosen: the one whose paths and table are drawn.
-        task: what was learned.
-
     Raises:
         MissingExtra: matplotlib is not installed.
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Row = NDArray[np.floating[Any]]
-"""The Q-values of one state's actions."""
+Row = NDArray[np.floating[Any]]  # the Q-values of one state's actions
 
 
 def boltzmann(q: Row, temperature: float) -> list[float]:

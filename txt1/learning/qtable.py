@@ -26,15 +26,12 @@ from numpy.typing import NDArray
 
 from txt1.errors import QTableError
 
-Table = NDArray[np.float64]
-"""Q(s, a), shape (states, actions)."""
+Table = NDArray[np.float64]  # Q(s, a), shape (states, actions)
 
-STATES: Final = 8
-"""The sectors of `txt1.learning.light`."""
-ACTIONS: Final = ("right", "straight", "left")
-"""By index (table 5.2)."""
+STATES: Final = 8  # the sectors of `txt1.learning.light`
+ACTIONS: Final = ("right", "straight", "left")  # by index (table 5.2)
 
-TABLE_5_3: Final = (
+TABLE_5_3: Final = (  # of the thesis's robot after 30 episodes; rows by state, columns by action
     (0.9494, -0.6495, -0.5848),
     (0.7950, -0.0449, -0.2863),
     (0.7120, 0.1365, -0.3091),
@@ -44,7 +41,6 @@ TABLE_5_3: Final = (
     (-0.5585, -0.0546, 1.1205),
     (-0.3775, 0.0077, 0.8443),
 )
-"""The table of the thesis's robot after 30 episodes (table 5.3); rows by state, columns by action."""
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1

@@ -18,8 +18,7 @@ from txt1.sensors.light import STREAM
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 """Streams of random numbers of a trial; the first is `txt1.learning.trial.starts`'s own."""
 
-MARGIN = 1.0
-"""The walls stand so much beyond the boundary, m: the body's half, and room to stop."""
+MARGIN = 1.0  # the walls stand so much beyond the boundary, m: the body's half, and room to stop
 
 
 @dataclass

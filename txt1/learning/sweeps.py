@@ -47,10 +47,8 @@ Array = NDArray[np.float64]
 
 BEARINGS: Final = 72
 """Cells of the bearing, 5 degrees each; the first is centred on straight behind, as the thesis's sectors are."""
-YAW_RATES: Final = 13
-"""Cells of the yaw rate, from -YAW_MAX to YAW_MAX."""
-YAW_MAX: Final = 0.6
-"""rad/s; a little more than the sharpest turn."""
+YAW_RATES: Final = 13  # cells of the yaw rate, from -YAW_MAX to YAW_MAX
+YAW_MAX: Final = 0.6  # rad/s; a little more than the sharpest turn
 ACTIONS: Final = 3
 
 
@@ -113,12 +111,8 @@ class TurnModel:
 class SweepsAgent:
     """The learner; see the module.
 
-    Args:
-        rng: of every random choice.
-        settings: the hyper-parameters.
-        exponent: of the light's fall, for the watch over the sensors.
-        table: to drive by, learning no more.
-
+    `exponent` is that of the light's fall, for the watch over the sensors. With a `table` it drives by that and learns
+    no more.
     """
 
     name = "sweeps"

@@ -23,10 +23,8 @@ from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY = 0
-SIMULATED: Final = "sim_light"
-"""The driver of simulated light sensors."""
-TO_START: Final = 0.4
-"""m/s, the fastest on the way to a start."""
+SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
+TO_START: Final = 0.4  # m/s, the fastest on the way to a start
 
 
 class LearningStep(NamedTuple):
@@ -55,13 +53,9 @@ class LearningTask:
     A disarm voids the episode, and so does another source of commands that takes the wheel; after the arm the robot
     goes to the start once more and repeats it.
 
-    Args:
-        robot: armed or not, its gains loaded.
-        trial: what to do.
-        pose: where the robot is in the room, for the goal and the boundary. None: the simulation's truth; or, where
-            there is none or `learning.pose` says so, odometry.
-        stopped: asked 20 times a second; once it says yes the trial is over.
-
+    `pose` is where the robot is in the room, for the goal and the boundary; None: the simulation's truth or, where
+    there is none or `learning.pose` says so, odometry. `stopped` is asked 20 times a second; once it says yes the trial
+    is over.
     """
 
     def __init__(
@@ -219,9 +213,7 @@ def task_of(config: Config) -> Task:
 async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
     """See to it that the robot has its four light sensors; a simulated robot without gets simulated ones.
 
-    Args:
-        robot: running.
-        seed: repeats the simulated sensors' noise; None: that of the configuration does.
+    `seed` repeats the simulated sensors' noise; None: that of the configuration does.
 
     Raises:
         HalError: there are none.

@@ -27,14 +27,11 @@ from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 
-REACHED: Final = 0.15
-"""Remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)."""
-SENSED: Final = 0.18
-"""Remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)."""
+REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
+SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
 
 
-RATE_DECAY: Final = 0.9
-"""Factor on a fading learning rate, from one episode to the next."""
+RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to the next
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
@@ -58,12 +55,8 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
 class ThesisAgent:
     """Q-learning on the light's direction in eight sectors.
 
-    Args:
-        rng: of every random choice.
-        commands: (v, omega) of each action, m/s and rad/s; remedy 1 compares them with the sensed velocities.
-        settings: the hyper-parameters; by default the thesis's.
-        exponent: of the light's fall, for the watch over the sensors.
-
+    `commands` are (v, omega) of each action, m/s and rad/s, which remedy 1 compares with the sensed velocities;
+    `exponent` is that of the light's fall, for the watch over the sensors.
     """
 
     name: ClassVar[str] = "thesis"

@@ -19,8 +19,7 @@ from txt1.model.vehicle import Geometry
 
 Pose = tuple[float, float, float]
 
-TICK: Final = 0.05
-"""The set-point is refreshed 20 times a second, s."""
+TICK: Final = 0.05  # the set-point is refreshed 20 times a second, s
 
 TURN: Final = SPEED / Geometry().radius_min
 """The sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2."""
@@ -29,8 +28,7 @@ COMMANDS: tuple[tuple[float, float], ...] = ((SPEED, -TURN), (SPEED, 0.0), (SPEE
 """(v, omega) of the actions right, straight, left (table 5.2), m/s and rad/s."""
 
 
-OVER: Final = -1
-"""In place of an action, when an episode has ended."""
+OVER: Final = -1  # in place of an action, when an episode has ended
 
 
 class Task(NamedTuple):
@@ -98,14 +96,8 @@ class Trial:
     Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows the agent every
     sample of the light, and calls `tick` 20 times a second.
 
-    Args:
-        agent: the learner.
-        task: what it is to learn.
-        starts: one for each episode.
-        commands: (v, omega) of each action, m/s and rad/s.
-        done: told each episode as it ends.
-        keep_paths: numbers of the episodes whose paths are to be kept.
-
+    `commands` are (v, omega) of each action, m/s and rad/s; `done` is told each episode as it ends; `keep_paths` are
+    the numbers of the episodes whose paths are kept.
     """
 
     def __init__(
@@ -153,12 +145,8 @@ class Trial:
     def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:
         """The velocity to command, m/s and rad/s.
 
-        Args:
-            now: s.
-            armed: whether the safety gate is open; when it closes, the episode is void and will be repeated.
-            pose: of the robot in the room, m and rad.
-            odometry: what the encoders say.
-
+        `pose` is the robot's in the room, m and rad. When the safety gate closes, the robot is no longer `armed`: the
+        episode is void and will be repeated.
         """
         if self.phase is MOVE or self.phase is DONE:
             return 0.0, 0.0

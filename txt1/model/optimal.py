@@ -50,10 +50,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from txt1.model.vehicle import Geometry
 
-SPEED: Final = 0.3
-"""The learning robot's speed, m/s (table 5.2)."""
-GOAL_RADIUS: Final = 0.5
-"""The light is reached so many metres from it (thesis 5.4)."""
+SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
+GOAL_RADIUS: Final = 0.5  # the light is reached so many metres from it (thesis 5.4)
 
 Array = NDArray[np.float64]
 
@@ -70,13 +68,7 @@ def optimal_time(
 
     Shape: that of x, y and theta broadcast against each other; () for three numbers. 0 inside the goal circle.
 
-    Args:
-        x: m.
-        y: m.
-        theta: heading, rad.
-        speed: v, m/s.
-        radius_min: R, m.
-        goal_radius: g, m.
+    x, y, the turning radius and the goal's are in m, theta is in rad, the speed in m/s.
 
     Raises:
         ValueError: speed or a radius is not positive and finite, or a pose is not finite.

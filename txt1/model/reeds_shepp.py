@@ -14,11 +14,9 @@ from typing import Final, NamedTuple
 
 from txt1.model.kinematics import move_along_arc, wrap_angle
 
-Pose = tuple[float, float, float]
-"""x and y in m, theta in rad."""
+Pose = tuple[float, float, float]  # x and y in m, theta in rad
 
-SHORTEST: Final = 1e-9
-"""Segments below this many radii are no segments."""
+SHORTEST: Final = 1e-9  # segments below this many radii are no segments
 
 QUARTER: Final = pi / 2.0
 
@@ -176,6 +174,7 @@ def _lrslr(x: float, y: float, phi: float) -> _Lengths | None:
     return (t, -QUARTER, u, -QUARTER, v) if t >= 0.0 and v >= 0.0 else None
 
 
+# word, formula, and whether the word driven from its end is another one
 _FORMULAS: Final[tuple[tuple[str, _Formula, bool], ...]] = (
     ("LSL", _lsl, False),
     ("LSR", _lsr, False),
@@ -186,7 +185,6 @@ _FORMULAS: Final[tuple[tuple[str, _Formula, bool], ...]] = (
     ("LRSR", _lrsr, True),
     ("LRSLR", _lrslr, False),
 )
-"""Word, formula, and whether the word driven from its end is another one."""
 
 
 def _outer_turns(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:

@@ -21,19 +21,14 @@ paths where the first finds none."""
 ROOMS: Final = (0.06, 0.03, 0.0)
 """m that the body is to keep from the walls: the most of these with which there is a path."""
 
-GEAR_CHANGE: Final = 0.1
-"""m of path that stopping to change gear is worth."""
+GEAR_CHANGE: Final = 0.1  # m of path that stopping to change gear is worth
 
-SHORT: Final = 0.15
-"""m; a shorter stretch in one gear ends before the steering has come round."""
-SHORT_STRETCH: Final = 0.3
-"""m of path that such a stretch is worth."""
+SHORT: Final = 0.15  # m; a shorter stretch in one gear ends before the steering has come round
+SHORT_STRETCH: Final = 0.3  # m of path that such a stretch is worth
 
-LOOK_EVERY: Final = 0.05
-"""m of path after which the body is looked at again."""
+LOOK_EVERY: Final = 0.05  # m of path after which the body is looked at again
 
-RUN_UP: Final = 0.4
-"""m of straight path before the goal of a correction."""
+RUN_UP: Final = 0.4  # m of straight path before the goal of a correction
 
 VIA: Final = 3
 """Places along each side of a grid that a path in two parts may lead over, and a third as many headings in pi / 4."""

@@ -35,10 +35,7 @@ def true_pose(robot: Robot) -> PoseSource:
 def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
     """The pose from the encoders, corrected for where these sit; it must be read often, at least 5 times a second.
 
-    Args:
-        robot: whose odometry it is.
-        at: where the robot is now; None: where its odometry says.
-
+    `at` is where the robot is now; None: where its odometry says.
     """
     return PoseSource("odometry", _WheelPose(robot, at))
 

@@ -11,10 +11,8 @@ from txt1.model.reeds_shepp import Path, Pose
 RETURN_LENGTH: Final = 0.25
 """m of path in which an error falls to about a quarter; shorter would oscillate with the lag of the steering."""
 
-LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2
-"""Curvature per lateral error, 1/m^2."""
-HEADING_GAIN: Final = 2.0 / RETURN_LENGTH
-"""Curvature per heading error, 1/m: critical damping."""
+LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2  # curvature per lateral error, 1/m^2
+HEADING_GAIN: Final = 2.0 / RETURN_LENGTH  # curvature per heading error, 1/m: critical damping
 
 
 class Stretch:

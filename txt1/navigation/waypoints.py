@@ -15,15 +15,12 @@ from txt1.model.reeds_shepp import Pose
 from txt1.navigation.source import PoseSource, wheel_pose
 from txt1.robot import Robot
 
-LOOK_AHEAD: Final = 1.0
-"""m, at the original's 0.5 m/s."""
-SPEED: Final = 0.5
-"""m/s, the original's."""
+LOOK_AHEAD: Final = 1.0  # m, at the original's 0.5 m/s
+SPEED: Final = 0.5  # m/s, the original's
 SIDEWAYS: Final = 0.6
 """m/s^2, the largest sideways acceleration: v^2 abs(curvature). At 0.5 m/s it is not reached even at full lock."""
 
-Point = tuple[float, float]
-"""x and y, m."""
+Point = tuple[float, float]  # x and y, m
 
 
 def aim(pose: Pose, leg_start: Point, leg_end: Point, look_ahead: float) -> Point:
