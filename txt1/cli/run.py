@@ -87,7 +87,8 @@ async def _operate(
     async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
         teleop, radius_min = config.teleop, config.geometry.radius_min
         if view is not None:
-            view.drive(robot.source("web").command, radius_min)
+            web = robot.source("web")
+            view.drive(lambda v, omega, age: web.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         for name, options in arguments.bridge:

@@ -15,6 +15,7 @@ import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
 
 from txt1.errors import CommandRefused, ConfigError
+from txt1.kernel.clock import RealClock, seconds
 from txt1.record.encoder import Block
 from txt1.record.token_proxy import TokenProxy
 from txt1.tasks.inputs import COMMAND
@@ -26,9 +27,12 @@ from txt1.telemetry.topics import Rule, Topic
 LATEST: Final = 20
 """Lines of the event log that a client who comes late is told."""
 
-Drive = Callable[[float, float], object]
+Drive = Callable[[float, float, float], object]
+"""Takes a speed (m/s), a yaw rate (rad/s) and how long ago a client's message with them came, s."""
 
 LOOPBACK: Final = "127.0.0.1"
+
+_CLOCK: Final = RealClock()  # clients know nothing of virtual time
 
 
 class LiveView:
@@ -78,8 +82,8 @@ class LiveView:
         A car does not turn on the spot: a turn alone is driven forward on the smallest circle, of `radius_min` m.
         """
 
-        def turn_or_drive(v: float, omega: float) -> None:
-            drive(v or radius_min * abs(omega), omega)
+        def turn_or_drive(v: float, omega: float, age: float) -> None:
+            drive(v or radius_min * abs(omega), omega, age)
 
         self._listener.drive_in(asyncio.get_running_loop(), turn_or_drive)
 
@@ -154,12 +158,12 @@ class _Listener(ServerListener):
         asked = velocity(data)
         if asked is not None:
             with suppress(RuntimeError):  # the loop has just been closed
-                loop.call_soon_threadsafe(_drive, drive, *asked)
+                loop.call_soon_threadsafe(_drive, drive, *asked, _CLOCK.now_ns())
 
 
-def _drive(drive: Drive, v: float, omega: float) -> None:
+def _drive(drive: Drive, v: float, omega: float, received_ns: int) -> None:
     with suppress(CommandRefused):  # counted by the safety gate
-        drive(v, omega)
+        drive(v, omega, seconds(_CLOCK.now_ns() - received_ns))
 
 
 def velocity(data: bytes) -> tuple[float, float] | None:
