@@ -40,6 +40,7 @@ from txt1.sensors.polling import Polled
 from txt1.sim.world import World
 from txt1.tasks.fields import Battery
 from txt1.telemetry.snapshot import Snapshot
+from txt1.telemetry.topics import Topic
 
 DRIVER_PRIORITY: Final = 3
 
@@ -63,15 +64,23 @@ class Robot:
     """
 
     def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
+        self.runtime = runtime
+        """Tasks, state and safety gate, for a closer look."""
+        self.config = runtime.config
+        """The effective configuration."""
+        self.hal = runtime.hal
+        """The hardware layer underneath."""
+        self.sensors: Mapping[str, Polled[Any]] = runtime.sensors
+        """The sensors beside those of the hardware layer, by name: their last readings, and how they are."""
         self._wheel = Wheel(runtime)
         self.program = self.source("program")
         """The source of commands behind `command` and `drive`."""
+        self.gains_rejected = False
+        """Whether the last answer to a PID set was that its gains are not acceptable."""
+        self.touched = False
+        """Whether somebody has stopped or disarmed the robot since it started."""
         self._pid_response: asyncio.Future[bool] | None = None
-        self._gains_rejected = False
-        self._touched = False
-        self._streams: dict[type[BoardMessage], list[asyncio.Queue[Any]]] = {EncoderOdometry: [], BatteryLevels: []}
-        self._sensor_streams: list[asyncio.Queue[Reading[Any] | None]] = []
+        self._streams: list[tuple[object, asyncio.Queue[Any]]] = []
 
     @staticmethod
     @asynccontextmanager
@@ -95,15 +104,13 @@ class Robot:
         Args:
             hal: name of the hardware layer, or one of your own making.
             config: a YAML file or a ready configuration.
-            name: of one robot of several; it stands before the names of its topics, and gives it random values of its
-                own.
+            name: of one robot of several; stands before the names of its topics, and gives it random values of its own.
             seed: repeats every random value of a simulation.
-            world: the one that a simulated robot shares with others on this event loop, which counts in place of the
-                configured room and obstacles; None makes one for it alone.
+            world: shared with other simulated robots on this event loop, in place of the configured room and obstacles.
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
             patience: s to wait for the link; 0 waits for nothing, does not arm, and leaves both to the caller.
-            attach: called with the runtime before it starts: who watches it from the first tick on, such as a recorder.
+            attach: called with the runtime before it starts, such as a recorder that watches from the first tick on.
 
         Raises:
             ConfigError: a setting is wrong.
@@ -111,20 +118,14 @@ class Robot:
             TaskFault: a task raised an exception; the cause is chained.
 
         """
-        options: dict[str, Any] = {}
-        if isinstance(hal, str):
-            options["hal"] = hal
-        if name is not None:
-            options["name"] = name
-        if seed is not None:
-            options["seed"] = seed
+        given = {"hal": hal if isinstance(hal, str) else None, "name": name, "seed": seed}
+        options = {key: value for key, value in given.items() if value is not None}
         if isinstance(config, Config):
             if settings:
                 raise ConfigError("settings: they go on top of a file; a ready Config takes model_copy(update=...)")
             effective = config.model_copy(update=options)
         else:
             effective = load(config, settings, os.environ, options).config
-
         if world is not None:
             effective = in_world(effective, world)
         robot: Robot
@@ -158,7 +159,8 @@ class Robot:
             body.uncancel()
         finally:
             await runtime.stop()
-            robot._close_streams()
+            for _, queue in robot._streams:
+                _put(queue, None)
         if failed:
             await runtime.scheduler.ended  # raises the TaskFault
 
@@ -170,9 +172,9 @@ class Robot:
 
         """
         ends = self.now + timeout
-        while not self._runtime.linked:
+        while not self.runtime.linked:
             if self.now >= ends:
-                board = self._runtime.state.board
+                board = self.runtime.state.board
                 raise HalError(
                     f"no link after {timeout:g} s: {board.text if board else 'the host is not heard'}; is the board "
                     "on, is the baud rate right, is the cable crossed? 'txt1 doctor' looks closer"
@@ -182,44 +184,29 @@ class Robot:
     # -- what the robot does now -------------------------------------------------------------------------------
 
     @property
-    def config(self) -> Config:
-        """The effective configuration."""
-        return self._runtime.config
-
-    @property
-    def hal(self) -> Hal:
-        """The hardware layer underneath."""
-        return self._runtime.hal
-
-    @property
-    def runtime(self) -> Runtime:
-        """Tasks, state and safety gate, for who needs to look closer."""
-        return self._runtime
-
-    @property
     def now(self) -> float:
         """Seconds since the run started."""
-        return self._runtime.now
+        return self.runtime.now
 
     @property
     def odometry(self) -> Odometry:
         """Pose where odometry started (m, rad) and velocities (m/s, rad/s)."""
-        return self._runtime.state.odometry
+        return self.runtime.state.odometry
 
     @property
     def pose(self) -> tuple[float, float, float] | None:
         """True pose (x, y, theta) in the room, m and rad, where the HAL knows it: in simulation."""
-        return self._runtime.state.pose
+        return self.runtime.state.pose
 
     @property
     def battery(self) -> Battery:
         """Voltages (V), state and remaining time (s)."""
-        return self._runtime.state.battery
+        return self.runtime.state.battery
 
     @property
     def armed(self) -> bool:
         """Whether the safety gate is open."""
-        return self._runtime.gate.armed
+        return self.runtime.gate.armed
 
     @property
     def arms_by_itself(self) -> bool:
@@ -230,32 +217,22 @@ class Robot:
     @property
     def arms_again(self) -> bool:
         """Whether a lost link has disarmed it and ``serial.rearm`` will have it armed when the link is back."""
-        return self.config.serial.rearm and self._runtime.gate.closed_by is Fault.LINK
-
-    @property
-    def touched(self) -> bool:
-        """Whether somebody has stopped or disarmed the robot since it started."""
-        return self._touched
-
-    @property
-    def gains_rejected(self) -> bool:
-        """Whether the last answer to a PID set was that its gains are not acceptable."""
-        return self._gains_rejected
+        return self.config.serial.rearm and self.runtime.gate.closed_by is Fault.LINK
 
     @property
     def reason(self) -> str:
         """Why the gate is closed; empty while it is open."""
-        return self._runtime.gate.reason
+        return self.runtime.gate.reason
 
     @property
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""
-        return self._runtime.faults()
+        return self.runtime.faults()
 
     @property
     def snapshot(self) -> Snapshot:
         """Everything that the robot tells, by topic, as it is now."""
-        return self._runtime.snapshot()
+        return self.runtime.snapshot()
 
     def odometry_stream(self) -> AsyncIterator[EncoderOdometry]:
         """Every odometry message from now on, 20 a second; ends with the run."""
@@ -267,11 +244,6 @@ class Robot:
 
     # -- sensors beside those of the hardware layer -------------------------------------------------------------
 
-    @property
-    def sensors(self) -> Mapping[str, Polled[Any]]:
-        """The sensors by name: their last readings, and how they are."""
-        return self._runtime.sensors
-
     def sensor(self, name: str) -> Reading[Any] | None:
         """The last reading of a sensor: its value, and the time (s of the run) at which it was taken; None: none yet.
 
@@ -280,24 +252,15 @@ class Robot:
 
         """
         try:
-            return self._runtime.sensors[name].last
+            return self.sensors[name].last
         except KeyError:
-            there = ", ".join(self._runtime.sensors) or "none"
+            there = ", ".join(self.sensors) or "none"
             raise ConfigError(f"sensors.{name}: there is no such sensor; there are: {there}") from None
 
-    async def sensor_stream(self, name: str) -> AsyncIterator[Reading[Any]]:
+    def sensor_stream(self, name: str) -> AsyncIterator[Reading[Any]]:
         """Every reading of a sensor from now on; ends with the run."""
         self.sensor(name)
-        queue: asyncio.Queue[Reading[Any] | None] = asyncio.Queue(STREAM_MAX)
-        topic = self._runtime.sensors[name].topic
-        leave = self._runtime.bus.subscribe(lambda _, value, time: _put(queue, Reading(time, value)), [topic])
-        self._sensor_streams.append(queue)
-        try:
-            while (reading := await queue.get()) is not None:
-                yield reading
-        finally:
-            leave()
-            self._sensor_streams.remove(queue)
+        return self._stream(self.sensors[name].topic)
 
     async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
         """Open a sensor of your own and read it from now on; it is closed with the robot.
@@ -307,7 +270,7 @@ class Robot:
             ValueError: the name is taken.
 
         """
-        return await self._runtime.sensors.add(name, sensor, period)
+        return await self.runtime.sensors.add(name, sensor, period)
 
     # -- arming ------------------------------------------------------------------------------------------------
 
@@ -319,29 +282,26 @@ class Robot:
 
         """
         self._wheel.clear()  # nothing from before counts
-        self._runtime.arm()
+        self.runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
         """Stop, and let nothing through until armed again."""
-        self._touched = True
-        self._runtime.disarm(reason)
+        self.touched = True
+        self.runtime.disarm(reason)
 
     def stop(self) -> None:
         """Emergency stop: neutral outputs at once, latched until armed again."""
-        self._touched = True
-        self._runtime.emergency_stop()
+        self.touched = True
+        self.runtime.emergency_stop()
 
     # -- driving -----------------------------------------------------------------------------------------------
 
     def source(self, name: str, priority: int | None = None, timeout: float | None = None) -> CommandSource:
         """A source of commands of your own, beside the keys, the live view and the program.
 
-        One source at a time has the wheel (see `txt1.control.commander`).
-
-        Args:
-            name: for telemetry and messages; there may be one of each name.
-            priority: the higher outranks the lower; None: keys 50, gamepad 40, web 30, ros 20, any other name 10.
-            timeout: age at which its commands are stale, s; None: ``commander.timeouts``, or the safety gate's.
+        One source at a time has the wheel (see `txt1.control.commander`); the higher priority outranks the lower. None
+        is by name: keys 50, gamepad 40, web 30, ros 20, any other 10. Commands are stale after `timeout` s; None takes
+        ``commander.timeouts``, or the safety gate's.
 
         Raises:
             ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
@@ -392,10 +352,7 @@ class Robot:
         self._post(CombinedOdometry, x=x, y=y, theta=theta, v=v, omega=omega)
 
     async def load_gains(
-        self,
-        linear: Gains | None = None,
-        angular: Sequence[GainSet] | None = None,
-        timeout: float = 5.0,
+        self, linear: Gains | None = None, angular: Sequence[GainSet] | None = None, timeout: float = 5.0
     ) -> bool:
         """Send the gains, by default the configured ones, once a second until they are acknowledged.
 
@@ -416,13 +373,13 @@ class Robot:
                 require_finite("angular gains", v_max=each.v_max, **each.gains._asdict())
             encode(message)
         except (CommandRefused, EncodeError) as error:
-            self._runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
+            self.runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
             raise CommandRefused(f"no board takes these gains: {error}") from None
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._pid_response = answer
         ends = self.now + timeout
         while self.now < ends:
-            self._runtime.post(message, self.now)
+            self.runtime.post(message, self.now)
             with suppress(TimeoutError):
                 return await asyncio.wait_for(asyncio.shield(answer), min(PID_SET_PERIOD, ends - self.now))
         return False
@@ -431,7 +388,7 @@ class Robot:
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick."""
-        self._runtime.press(button)
+        self.runtime.press(button)
 
     async def set_manual(self, manual: bool) -> None:
         """Enter or leave manual mode, where `pwm_test` sets the outputs and the velocity loops rest.
@@ -441,9 +398,10 @@ class Robot:
 
         """
         self._require("pwm")
-        if self._runtime.state.panel.manual is not manual:
+        if self.runtime.state.panel.manual is not manual:
             self.press(Button.CENTRE)
-            await self._until(lambda: self._runtime.state.panel.manual is manual)
+            while self.runtime.state.panel.manual is not manual:
+                await asyncio.sleep(REFRESH)
 
     def pwm_test(self, motor: int, front: int, rear: int, pwm4: int = 0, pwm5: int = 0) -> None:
         """Set all five PWM channels by hand, counts in [-24000, 24000], for the next 0.25 s.
@@ -457,7 +415,7 @@ class Robot:
         """
         self._require("pwm")
         self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
-        if not self._runtime.state.panel.manual:
+        if not self.runtime.state.panel.manual:
             raise CommandRefused("PWM test is obeyed in manual mode only: call Robot.set_manual(True) or press c")
 
     async def hold_pwm(
@@ -496,7 +454,7 @@ class Robot:
 
         """
         self._require("power")
-        self._runtime.post(PowerControl(switch, on), self.now)
+        self.runtime.post(PowerControl(switch, on), self.now)
         if switch is Switch.ATX and not on and self.armed:
             raise CommandRefused("the ATX supply feeds encoders and computer: call Robot.disarm() first")
 
@@ -524,7 +482,7 @@ class Robot:
 
         """
         self._require("place")
-        self._runtime.place(x, y, theta)
+        self.runtime.place(x, y, theta)
 
     # -- your own tasks ----------------------------------------------------------------------------------------
 
@@ -541,18 +499,18 @@ class Robot:
 
             robot.add_task("circle", 0.05, circle)
         """
-        self._runtime.add_task(name, priority, period, task)
+        self.runtime.add_task(name, priority, period, task)
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
-        self._runtime.tell(text)
-
-    # -- inside ------------------------------------------------------------------------------------------------
+        self.runtime.tell(text)
 
     async def _drive_messages(self, ticks: Ticks) -> None:
         """The driver: a Velocity message in every period."""
         async for now in ticks:
-            self._arm_again()
+            if self.arms_again and self.runtime.linked:
+                with suppress(NotArmed):  # for another reason, which may pass
+                    self.arm()
             self._wheel.tick(now)
 
     async def _repeat(self, give: Callable[[], None], duration: float) -> None:
@@ -574,19 +532,9 @@ class Robot:
         try:
             require_finite(kind.__name__, **values)
         except CommandRefused:
-            self._runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
+            self.runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
             raise
-        self._runtime.post(kind(**values), self.now)
-
-    def _arm_again(self) -> None:
-        """Where the configuration says so, arm again when a lost link that closed the gate is back."""
-        if self.arms_again and self._runtime.linked:
-            with suppress(NotArmed):  # for another reason, which may pass
-                self.arm()
-
-    async def _until(self, condition: Callable[[], bool]) -> None:
-        while not condition():
-            await asyncio.sleep(REFRESH)
+        self.runtime.post(kind(**values), self.now)
 
     def _require(self, capability: str) -> None:
         if not getattr(self.hal.capabilities, capability):
@@ -595,31 +543,30 @@ class Robot:
     def _receive(self, message: BoardMessage) -> None:
         """Take a message from the board."""
         if isinstance(message, PidResponse):
-            self._gains_rejected = not message.accepted
+            self.gains_rejected = not message.accepted
             if self._pid_response is not None and not self._pid_response.done():
                 self._pid_response.set_result(message.accepted)
-            return
-        for queue in self._streams[type(message)]:
-            _put(queue, message)
+        for source, queue in self._streams:
+            if source is type(message):
+                _put(queue, message)
 
-    async def _stream(self, kind: type[T]) -> AsyncIterator[T]:
-        queue: asyncio.Queue[T | None] = asyncio.Queue(STREAM_MAX)
-        queues = self._streams[kind]  # type: ignore[index]
-        queues.append(queue)
+    async def _stream(self, source: type[BoardMessage] | Topic[Any]) -> AsyncIterator[Any]:
+        """All messages of a kind or readings of a topic; a slow reader loses the oldest."""
+        stream = source, asyncio.Queue[Any](STREAM_MAX)
+        self._streams.append(stream)
+        leave = None
+        if isinstance(source, Topic):
+            leave = self.runtime.bus.subscribe(lambda _, value, time: _put(stream[1], Reading(time, value)), [source])
         try:
-            while (message := await queue.get()) is not None:
-                yield message
+            while (item := await stream[1].get()) is not None:
+                yield item
         finally:
-            queues.remove(queue)
-
-    def _close_streams(self) -> None:
-        for queues in (*self._streams.values(), self._sensor_streams):
-            for queue in queues:
-                _put(queue, None)
+            self._streams.remove(stream)
+            if leave is not None:
+                leave()
 
 
 def _put(queue: asyncio.Queue[Any], item: object) -> None:
-    """Put an item into a queue; a full one loses its oldest."""
     if queue.full():
         queue.get_nowait()
     queue.put_nowait(item)
