@@ -1,23 +1,5 @@
 """Every exception the package raises on purpose.
 
-    Txt1Error
-    ├── ConfigError          a setting is wrong: names the field, the value and the remedy (exit code 2)
-    ├── MissingExtra         a feature needs an optional dependency: names the extra to install
-    ├── HalError             the hardware layer cannot be opened or has failed
-    │   ├── LinkLost         bytes were given to a link that is down: carries the reason
-    │   └── NotCapable       this HAL cannot do that: names the HAL and the capability
-    ├── EncodeError          a message does not fit its frame: names message, field, value and range (also a ValueError)
-    ├── CaptureError         the text of a capture is no hexadecimal: names line and column
-    ├── LightFault           a light sensor cannot be believed: names the sensor and what it does
-    │   └── NoDirection      the four light sensors read the same: they tell nothing about where the light is
-    ├── QTableError          a file is no sound Q-table: names the file, the problem and the remedy
-    ├── RecordingError       a recording cannot be written or read: names the file, the problem and the remedy
-    ├── CommandRefused       a command is not acceptable: not finite, wrong mode, not allowed
-    │   ├── NotArmed         the safety gate is closed: carries the reason
-    │   └── Overruled        another source of commands drives: names both
-    ├── TaskFault            a task raised: carries its name, the cause is chained
-    └── TerminalLost         the drawing process ended unasked
-
 A fault the robot is expected to survive (a missed cycle, a stale command, a clipped set-point) is no exception:
 it is counted in the state and shown.
 """
@@ -50,7 +32,6 @@ class MissingExtra(Txt1Error):
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f"{feature} needs the extra '{extra}': pip install 'txt1[{extra}]'")
-        self.extra = extra
 
 
 class HalError(Txt1Error):
@@ -96,8 +77,6 @@ class EncodeError(Txt1Error, ValueError):
         super().__init__(f"{message}.{field} is {value!r}, its field on the wire takes {takes}")
         self.message = message
         self.field = field
-        self.value = value
-        self.takes = takes
 
 
 class CaptureError(Txt1Error):
@@ -125,7 +104,6 @@ class LightFault(Txt1Error):
     def __init__(self, sensor: str, what: str) -> None:
         super().__init__(f"light sensor {sensor} {what}")
         self.sensor = sensor
-        self.what = what
 
 
 class NoDirection(LightFault):
@@ -139,8 +117,6 @@ class NoDirection(LightFault):
     def __init__(self, reading: float) -> None:
         Txt1Error.__init__(self, f"light sensors FL, FR, RL and RR all read {reading:g} lux: they tell no direction")
         self.sensor = "all"
-        self.what = "tell no direction"
-        self.reading = reading
 
 
 class QTableError(Txt1Error):
@@ -153,7 +129,6 @@ class QTableError(Txt1Error):
 
     def __init__(self, file: str, problem: str, remedy: str) -> None:
         super().__init__(f"{file}: {problem}; {remedy}")
-        self.file = file
         self.problem = problem
         self.remedy = remedy
 

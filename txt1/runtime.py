@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable, Coroutine
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
 from typing import Any, Final
@@ -21,6 +21,7 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
+from txt1.model.odometry import Odometry
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
@@ -61,7 +62,7 @@ class Runtime:
         hal: the hardware layer.
         limits: of the safety gate; None takes the configured ones.
         name: on the screens; None takes the HAL's.
-        scheduler: makes what runs the tasks, given what is told of a task that raised.
+        scheduler: makes what runs the tasks, given the function that is told of a task that raised.
         sensing: whether the configured sensors are opened: on the robot itself, on no board and in no replay.
 
     """
@@ -103,17 +104,22 @@ class Runtime:
         self._open = False
         self._failed = False
         self._offer()
+        self._offer_to_snapshots()
 
     def _offer(self) -> None:
         """Offer what there is to be seen: causes before effects, as the first difference of a replay is named."""
         state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
         can = hal.capabilities
-        bus.offer(encoder.ODOMETRY, lambda: state.odometry if state.odometry_time or can.ticks else None)
+
+        def known_odometry() -> Odometry | None:
+            return state.odometry if state.odometry_time or can.ticks else None
+
+        bus.offer(encoder.ODOMETRY, known_odometry)
         bus.offer(controller.SETPOINT, lambda: state.control)
         if can.pwm:
             bus.offer(controller.GAINS, lambda: (state.gains.linear, state.control.gains))
             bus.offer(controller.PWM, lambda: state.control)
-        bus.offer(encoder.TRANSFORM, lambda: state.odometry if state.odometry_time or can.ticks else None)
+        bus.offer(encoder.TRANSFORM, known_odometry)
         if can.ticks:
             bus.offer(encoder.ENCODERS, lambda: state.encoders)
         if can.pose:
@@ -127,7 +133,6 @@ class Runtime:
         bus.offer(diagnostics.FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
         bus.offer(diagnostics.TASKS, self._task_counts)
         bus.offer(SNAPSHOT, self._recorded_snapshot)
-        self._offer_to_snapshots()
         tap_line = getattr(hal, "tap_line", None)
         if tap_line is not None:
             tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
@@ -191,38 +196,26 @@ class Runtime:
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
-        state, hal, gate, config, send = self.state, self.hal, self.gate, self.config, self._send
-        geometry = config.geometry
-        # in the order in which tasks of equal priority run
-        self._add(
-            "controller", controller.PRIORITY, controller.PERIOD,
-            partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry),
-        )  # fmt: skip
+        state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
+        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry)
         serving = partial(
             serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
         )
+        # in the order in which tasks of equal priority run
+        self._add("controller", controller.PRIORITY, controller.PERIOD, controlling)
         self._notify_serial = self.scheduler.add_sporadic("serial", serial.PRIORITY, self._watched("serial", serving))
         self._periods["serial"] = (serial.PRIORITY, None)
-        self._add(
-            "encoder", encoder.PRIORITY, encoder.PERIOD,
-            partial(encoder.encoder, state=state, hal=hal, geometry=geometry),
-        )  # fmt: skip
-        self._add("mode", mode.PRIORITY, mode.PERIOD, partial(mode.mode, state=state, gate=gate))
-        self._add(
-            "display", display.PRIORITY, display.PERIOD,
-            partial(display.display, state=state, hal=hal),
-        )  # fmt: skip
-        self._add("odometry", odometry.PRIORITY, odometry.PERIOD, partial(odometry.odometry, state=state, send=send))
-        self._add(
-            "battery", battery.PRIORITY, battery.PERIOD,
-            partial(battery.battery, state=state, hal=hal, gate=gate, send=send),
-        )  # fmt: skip
-        self._add(
-            "button", button.PRIORITY, button.PERIOD,
-            partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate),
-        )  # fmt: skip
+        for module, task in (
+            (encoder, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
+            (mode, partial(mode.mode, state=state, gate=gate)),
+            (display, partial(display.display, state=state, hal=hal)),
+            (odometry, partial(odometry.odometry, state=state, send=send)),
+            (battery, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
+            (button, partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate)),
+        ):
+            self._add(task.func.__name__, module.PRIORITY, module.PERIOD, task)
         for name, sensor in made.items():
-            await self.sensors.add(name, sensor, config.sensors[name].period)
+            await self.sensors.add(name, sensor, self.config.sensors[name].period)
         self.scheduler.start()
 
     async def stop(self) -> None:
@@ -232,19 +225,14 @@ class Runtime:
         ended = self._begin("end")
         self._open = False
         self.gate.disarm("the run has ended")
-        try:
+        async with AsyncExitStack() as stack:  # whatever fails on the way; last in, first out
+            stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
+            stack.push_async_callback(self.sensors.close)
+            stack.callback(collector.end)
+            stack.callback(self.bus.flush, ended)
+            stack.callback(self.scheduler.stop)
             if not self._failed:  # else it was made safe then, as far as that was possible
                 self.make_safe(self.now)
-        finally:
-            try:
-                self.scheduler.stop()
-                self.bus.flush(ended)
-            finally:
-                collector.end()
-                try:
-                    await self.sensors.close()
-                finally:
-                    await settled(f"the HAL '{self.hal.name}'", "closed", self.hal.close)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
         """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
@@ -341,8 +329,7 @@ class Runtime:
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
-        now = self._begin("place", values=(x, y, theta))
-        self.hal.place(x, y, theta, now)
+        self.hal.place(x, y, theta, self._begin("place", values=(x, y, theta)))
 
     def look(self) -> Inputs:
         """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""
@@ -350,8 +337,7 @@ class Runtime:
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
-        now = self._begin("tell", text)
-        self.state.tell(now, text)
+        self.state.tell(self._begin("tell", text), text)
 
     def _begin(
         self, kind: str, text: str = "", values: tuple[float, ...] | Message = (), given: float | None = None
@@ -359,11 +345,10 @@ class Runtime:
         """The time at which something is done from outside; who listens is told of it before it takes effect."""
         now = self.now
         if self.bus.wanted(inputs.INPUT):
-            of_it = values if isinstance(values, tuple) else numbers(values)
+            sent = values if isinstance(values, tuple) else numbers(values)
             given = now if given is None else given
-            self.bus.publish(
-                inputs.INPUT, inputs.Input(self.scheduler.steps, self._source, kind, text, given, of_it), now
-            )
+            event = inputs.Input(self.scheduler.steps, self._source, kind, text, given, sent)
+            self.bus.publish(inputs.INPUT, event, now)
         return now
 
     def make_safe(self, now: float) -> None:
@@ -373,22 +358,18 @@ class Runtime:
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task of the user's (see `Scheduler.add`)."""
         self._begin("task", name, (float(priority), period), 0.0)
-        self._add(name, priority, period, task, self._named if self.bus.wanted(inputs.INPUT) else None)
+        self._add(name, priority, period, task, named=self.bus.wanted(inputs.INPUT))
 
-    def _add(
-        self, name: str, priority: int, period: float, task: PeriodicTask, named: Callable[[str], None] | None = None
-    ) -> None:
+    def _add(self, name: str, priority: int, period: float, task: PeriodicTask, named: bool = False) -> None:
         self.scheduler.add(name, priority, period, self._watched(name, task, named))
         self._periods[name] = (priority, period)
 
-    def _named(self, name: str) -> None:
-        """Note the task of the user's that is at work, empty for none: what comes in meanwhile comes from it."""
-        self._source = name
-
-    def _watched(self, name: str, task: PeriodicTask, named: Callable[[str], None] | None = None) -> PeriodicTask:
-        """The task, or the same task with its steps told where somebody wants to know."""
-        told = self._tells_steps and self.bus.wanted(inputs.STEP)
-        if not told and named is None:
+    def _watched(self, name: str, task: PeriodicTask, named: bool = False) -> PeriodicTask:
+        """The task, its steps told where somebody wants to know; `named`: what comes in meanwhile comes from it."""
+        # a run can be repeated only when its steps are known: a simulation on the real clock, no line
+        lone = self.name == self.hal.name and not hasattr(self.hal, "tap_line")
+        told = lone and self.hal.capabilities.simulated and not self._virtual and self.bus.wanted(inputs.STEP)
+        if not told and not named:
             return task
         number = len(self._periods)
 
@@ -396,21 +377,18 @@ class Runtime:
             def begins(now: float) -> None:
                 if told:
                     self.bus.publish(inputs.STEP, (number, now, ticks.missed), now)
-                if named is not None:
-                    named(name)
+                if named:
+                    self._source = name
+
+            def ends() -> None:
+                self._source = ""
 
             ticks.begins = begins
-            if named is not None:
-                ticks.ends = partial(named, "")
+            if named:
+                ticks.ends = ends
             return task(ticks)
 
         return watched
-
-    @property
-    def _tells_steps(self) -> bool:
-        """Whether the run can be repeated only when its steps are known: a simulation on the real clock, no line."""
-        lone = self.name == self.hal.name and not hasattr(self.hal, "tap_line")
-        return lone and self.hal.capabilities.simulated and not self._virtual
 
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""
@@ -428,8 +406,6 @@ class Runtime:
         async for now in ticks:
             self.bus.sample(now)
 
-    # -- inside ------------------------------------------------------------------------------------------------
-
     def _task_reports(self) -> tuple[TaskReport, ...]:
         """The statistics; one task's is brought up to date at a time, as summing them up costs."""
         names = list(self._periods)
@@ -441,15 +417,8 @@ class Runtime:
     def _task_report(self, name: str) -> TaskReport:
         priority, period = self._periods[name]
         task = self.scheduler.statistics()[name]
-        return TaskReport(
-            name,
-            priority,
-            None if period is None else 1.0 / period,
-            task.cycles,
-            task.misses,
-            task.lateness.percentiles(),
-            task.run_time.percentiles(),
-        )
+        times = task.lateness.percentiles(), task.run_time.percentiles()
+        return TaskReport(name, priority, None if period is None else 1.0 / period, task.cycles, task.misses, *times)
 
     def _gate_closed(self, reason: str) -> None:
         blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does
