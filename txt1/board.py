@@ -9,7 +9,6 @@ go out between -3.142 and 3.142; the originals count 0 to 6.283, and hosts have 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
@@ -22,7 +21,7 @@ from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
 from txt1.kernel.ticks import Ticks
-from txt1.link import End, Link, Listener, connect, faulty, listen_pty, listen_tcp, open_link, paced
+from txt1.link import End, Link, connect, faulty, open_link, paced
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.frame import encode
@@ -70,6 +69,10 @@ class Board:
         if manual:
             self.runtime.press(Button.CENTRE)
         self.receiver = Receiver(Role.BOARD, self._take)
+        self.faulty: Final = faulty(self, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
+        """The board behind the configured faults of its line."""
+        self.paced: Final = paced(self.faulty, config.serial.baud)
+        """The same at the line's baud rate: for a line that does not pace the bytes itself."""
         self._loop = asyncio.get_running_loop()
         self.link: Link | None = None
         self._busy_until = -inf  # loop time at which the line falls silent
@@ -93,11 +96,6 @@ class Board:
         if self.link is not None:
             self.link.close()
             self.link = None
-
-    @property
-    def on_line(self) -> bool:
-        """Whether there is a line."""
-        return self.link is not None
 
     # -- the link's end ----------------------------------------------------------------------------------------
 
@@ -208,61 +206,29 @@ class Board:
         self.runtime.state.tell(self.runtime.now, text)
 
 
-Listen = Callable[[Board], Awaitable[Listener]]
-"""What puts a board on a line."""
-
-
-def on_pty(config: Config, path: str) -> Listen:
-    """Puts a board on a pseudo-terminal."""
-
-    async def listen(board: Board) -> Listener:
-        return listen_pty(path, paced(_with_faults(board, config), config.serial.baud))
-
-    return listen
-
-
-def on_tcp(config: Config, host: str, port: int) -> Listen:
-    """Puts a board on a TCP port."""
-
-    async def listen(board: Board) -> Listener:
-        return await listen_tcp(host, port, paced(_with_faults(board, config), config.serial.baud))
-
-    return listen
-
-
-def on_device(config: Config, device: str) -> Listen:
-    """Puts a board on a serial device, which paces the bytes itself."""
-
-    async def listen(board: Board) -> Listener:
-        place = _DevicePlace(board, _with_faults(board, config), device, config.serial.baud)
-        await place.open()
-        return place
-
-    return listen
-
-
-class _DevicePlace:
+class DevicePlace:
     """A board's place on a serial device, which may be unplugged and come back."""
 
-    def __init__(self, board: Board, end: End, device: str, baud: int) -> None:
+    def __init__(self, board: Board, device: str) -> None:
         self.address = device
         self._board = board
-        self._end = end
-        self._baud = baud
         self._link: Link | None = None
         self._keeper: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
         """Open the device, and again whenever it was lost; raises HalError if it cannot be opened the first time."""
-        self._link = await open_link(self.address, self._end, self._baud)
+        await self._open()
         self._keeper = asyncio.ensure_future(self._keep())
+
+    async def _open(self) -> None:
+        self._link = await open_link(self.address, self._board.faulty, self._board.runtime.config.serial.baud)
 
     async def _keep(self) -> None:
         while True:
             await asyncio.sleep(REOPEN)
-            if not self._board.on_line:
+            if self._board.link is None:
                 with suppress(HalError):  # not back yet
-                    self._link = await open_link(self.address, self._end, self._baud)
+                    await self._open()
 
     def close(self) -> None:
         """Let go of it."""
@@ -270,11 +236,6 @@ class _DevicePlace:
             self._keeper.cancel()
         if self._link is not None:
             self._link.close()
-
-
-def _with_faults(board: Board, config: Config) -> End:
-    """The board behind the configured faults of its line."""
-    return faulty(board, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
 
 
 class VirtualPort:
@@ -285,7 +246,6 @@ class VirtualPort:
     def __init__(self, config: Config) -> None:
         self._config = config
         self.board: Board | None = None
-        self._line: End
 
     async def open(self, end: End) -> Link:
         """A link to the board, which is powered up first if need be.
@@ -295,16 +255,14 @@ class VirtualPort:
 
         """
         if self.board is None:
-            config = self._config
-            self.board = board = Board(config, manual=config.serial.control == "host")
-            self._line = paced(_with_faults(board, config), config.serial.baud)
+            self.board = board = Board(self._config, manual=self._config.serial.control == "host")
             await board.power_up()
             # a board that fails hangs up, and the host finds the reason when it tries again
             board.runtime.scheduler.ended.add_done_callback(lambda _: board.hang_up())
         ended = self.board.runtime.scheduler.ended
         if ended.done():
             ended.result()
-        return connect(end, self._line)[0]
+        return connect(end, self.board.paced)[0]
 
     async def close(self) -> None:
         """Power the board down."""

@@ -19,10 +19,11 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
-from txt1.board import Board, on_device, on_pty
+from txt1.board import Board, DevicePlace
 from txt1.config import Config, load
 from txt1.hal.base import Outputs
 from txt1.kernel import Ticks, run
+from txt1.link import listen_pty
 from txt1.protocol.frame import encode
 from txt1.protocol.messages import Velocity
 from txt1.robot import Robot
@@ -89,7 +90,7 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
     async def body() -> None:
         config = load(None, [*ENDLESS, f"board.link_timeout={timeout}"]).config
         board, path = Board(config), tmp_path / "board"
-        listener = await on_pty(config, str(path))(board)
+        listener = listen_pty(str(path), board.paced)
         await board.power_up()
         moving: list[float] = []
 
@@ -221,12 +222,13 @@ def test_a_board_whose_serial_device_is_unplugged_serves_it_again_when_it_is_bac
     async def body() -> None:
         config = load(None, []).config
         board, host = Board(config), adapter()
-        place = await on_device(config, str(device))(board)
+        place = DevicePlace(board, str(device))
+        await place.open()
         await board.power_up()
         try:
             await until(lambda: answers(host))
             os.close(host)
-            await until(lambda: not board.on_line)
+            await until(lambda: board.link is None)
             host = adapter()
             await until(lambda: answers(host))
             os.close(host)

@@ -16,14 +16,14 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1 import board as board_module
-from txt1.board import Board, on_pty, on_tcp
+from txt1.board import Board
 from txt1.config import load
 from txt1.control.limits import Fault as GateFault
 from txt1.errors import HalError, NotArmed, NotCapable, TaskFault
 from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal
 from txt1.kernel import Speed, Ticks, run
-from txt1.link import End, Link
+from txt1.link import End, Link, Listener, listen_pty, listen_tcp
 from txt1.protocol.frame import checksum, encode
 from txt1.protocol.messages import (
     CombinedOdometry,
@@ -111,14 +111,14 @@ async def line(transport: str, directory: Path | None, settings: tuple[str, ...]
         yield ["serial.port=virtual", *common]
         return
     config = load(None, common).config
-    if transport == "pty":
-        assert directory is not None
-        listen = on_pty(config, str(directory / "board"))
-    else:
-        listen = on_tcp(config, "127.0.0.1", 0)
     board = Board(config)
     BOARDS.append(board)
-    listener = await listen(board)
+    listener: Listener
+    if transport == "pty":
+        assert directory is not None
+        listener = listen_pty(str(directory / "board"), board.paced)
+    else:
+        listener = await listen_tcp("127.0.0.1", 0, board.paced)
     await board.power_up()
     try:
         yield [f"serial.port={listener.address}", *common]

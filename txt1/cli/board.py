@@ -6,10 +6,11 @@ import argparse
 import os
 from functools import partial
 
-from txt1.board import Board, Listen, on_device, on_pty, on_tcp
+from txt1.board import Board, DevicePlace
 from txt1.cli.app import App, conclude, live_view, say, view_of
 from txt1.cli.options import add_config, add_log, add_view, host_and_port, positive, warn_of_baud
 from txt1.config import Config, load
+from txt1.link import Listener, listen_pty, listen_tcp
 from txt1.ui.terminal import Terminal
 
 
@@ -43,22 +44,23 @@ def main(arguments: argparse.Namespace) -> int:
     options = {} if arguments.seed is None else {"seed": arguments.seed}
     config = load(arguments.config, [*arguments.set, *faults], os.environ, options).config
     warn_of_baud(config)
-    if arguments.pty is not None:
-        listen = on_pty(config, arguments.pty)
-    elif arguments.tcp is not None:
-        listen = on_tcp(config, *arguments.tcp)
-    else:
-        listen = on_device(config, arguments.port)
     app = App()
-    app.run(_serve(app, arguments, config, listen))
+    app.run(_serve(app, arguments, config))
     return conclude(app, arguments.json)
 
 
-async def _serve(app: App, arguments: argparse.Namespace, config: Config, listen: Listen) -> None:
+async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> None:
     view = await live_view(arguments)
     told = {"board": True, "duration": arguments.duration}
     async with app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board:
-        listener = await listen(board)
+        listener: Listener
+        if arguments.pty is not None:
+            listener = listen_pty(arguments.pty, board.paced)
+        elif arguments.tcp is not None:
+            listener = await listen_tcp(*arguments.tcp, board.paced)
+        else:
+            listener = place = DevicePlace(board, arguments.port)
+            await place.open()
         try:
             say(f"a virtual board is at {listener.address}")
             await board.power_up()
