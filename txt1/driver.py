@@ -23,13 +23,7 @@ It makes itself a `Robot.source`, and commands from there or from a task that it
 
 
 class Wheel:
-    """A robot's commander, with the time and the way to the board.
-
-    Attributes:
-        commander: who decides.
-        runtime: of the robot.
-
-    """
+    """A robot's commander, with the time and the way to the board."""
 
     def __init__(self, runtime: Runtime) -> None:
         self.runtime = runtime
@@ -73,12 +67,7 @@ class Wheel:
 
 
 class CommandSource:
-    """A source of commands; get one from `Robot.source`.
-
-    Attributes:
-        name: for telemetry and messages.
-
-    """
+    """A source of commands, of that name in telemetry and messages; get one from `Robot.source`."""
 
     def __init__(self, name: str, wheel: Wheel) -> None:
         self.name = name
@@ -98,12 +87,8 @@ class CommandSource:
         """Ask for a speed in m/s and a yaw rate in rad/s, until the source's time-out after `time`.
 
         A command that is not zero takes the wheel or holds it, if no other source keeps it from this one; zeros stop
-        the robot and hold nothing. Beyond +-1.5 m/s and abs(v) / R_min commands are clipped and counted.
-
-        Args:
-            v: m/s.
-            omega: rad/s.
-            time: when its author gave it, s of the run; None: now.
+        the robot and hold nothing. Beyond +-1.5 m/s and abs(v) / R_min commands are clipped and counted. Its author
+        gave it at `time`, s of the run; None is now.
 
         Returns:
             Whether it is the robot's set-point now; a refused one is counted.
@@ -136,8 +121,7 @@ class CommandSource:
 
         """
         wheel = self._wheel
-        now = wheel.runtime.now
-        before = wheel.driver.name
+        now, before = wheel.runtime.now, wheel.driver.name
         granted = wheel.commander.request(self.name, now)
         if granted and before not in ("", self.name):
             wheel.send(now)  # zeros in place of what the other one wanted

@@ -57,7 +57,8 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> Non
         if arguments.pty is not None:
             listener = listen_pty(arguments.pty, board.paced)
         elif arguments.tcp is not None:
-            listener = await listen_tcp(*arguments.tcp, board.paced)
+            host, port = arguments.tcp
+            listener = await listen_tcp(host, port, board.paced)
         else:
             listener = place = DevicePlace(board, arguments.port)
             await place.open()

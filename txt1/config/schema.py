@@ -80,7 +80,7 @@ class ControlConfig(Section):
 
 
 def _schedule(angular: Iterable[GainSetConfig]) -> Schedule:
-    return Schedule([GainSet(s.v_max, s.gains()) for s in angular])
+    return Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))
 
 
 class RoomConfig(Section):

@@ -16,6 +16,7 @@ Nothing here knows a clock: `now` is the present and `time` a message's origin, 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
@@ -35,41 +36,27 @@ class SetPoint(NamedTuple):
 
 
 class Driver(NamedTuple):
-    """Who drives.
-
-    Attributes:
-        name: the source that has the wheel; "" for nobody.
-        since: when it took the wheel, or the wheel became free, s of the run.
-        refused: how often each source was refused, by name; those never refused are not named.
-
-    """
+    """Who drives ("" for nobody), since when (s of the run), and how often each source was refused, if it ever was."""
 
     name: str = ""
     since: float = 0.0
     refused: Mapping[str, int] = {}
 
 
+@dataclass(eq=False)
 class _Source:
     """A source's rank and what it last did; times are -inf before it did anything."""
 
-    __slots__ = ("held", "name", "overruled", "priority", "spoke", "timeout")
-
-    def __init__(self, name: str, priority: int, timeout: float) -> None:
-        self.name = name
-        self.priority = priority
-        self.timeout = timeout
-        self.spoke = -inf  # origin of its newest message
-        self.held = -inf  # origin of the newest that holds the wheel
-        self.overruled = ""  # by whom
+    name: str
+    priority: int
+    timeout: float
+    spoke: float = -inf  # origin of its newest message
+    held: float = -inf  # origin of the newest that holds the wheel
+    overruled: str = ""  # by whom
 
 
 class Commander:
-    """Decides whose command goes on to the safety gate.
-
-    Args:
-        timeout: the safety gate's, s: no source may have a longer one.
-
-    """
+    """Decides whose command goes on to the safety gate; no source may have a longer time-out (s) than that."""
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
@@ -81,12 +68,7 @@ class Commander:
         self._setpoint = SetPoint()
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
-        """Make a source known.
-
-        Args:
-            name: for telemetry and messages.
-            priority: the higher outranks the lower; None: by `PRIORITIES`.
-            timeout: age at which its commands are stale, s; None: the gate's.
+        """Make a source known, its priority by `PRIORITIES` if None; its commands are stale after `timeout` s.
 
         Raises:
             ValueError: there is one of that name, or the time-out is not positive or longer than the gate's.
@@ -183,8 +165,6 @@ class Commander:
     def overruled(self, name: str) -> str:
         """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
         return self._sources[name].overruled
-
-    # -- inside ------------------------------------------------------------------------------------------------
 
     def _driver_at(self, now: float) -> _Source | None:
         """The driver, unless its commands have gone stale by `now`."""

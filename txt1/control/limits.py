@@ -51,17 +51,8 @@ class Fault(StrEnum):
 class Outputs(NamedTuple):
     """Outputs to the actuators, made by the safety gate and by nothing else.
 
-    A HAL with the capability `pwm` obeys the counts, any other one the set-point.
-
-    Attributes:
-        motor: PWM counts, forward positive.
-        front: front steering, PWM counts, right positive.
-        rear: rear steering, PWM counts, left positive.
-        pwm4: free servo, PWM counts.
-        pwm5: free servo, PWM counts.
-        v: set-point, m/s.
-        omega: set-point, rad/s.
-
+    A HAL with the capability `pwm` obeys the PWM counts: motor forward, front steering right, rear steering left
+    positive, and two free servos; any other one the set-point v (m/s), omega (rad/s).
     """
 
     motor: int = 0
@@ -91,13 +82,7 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
 
 
 class Gate:
-    """Decides what reaches the actuators.
-
-    Args:
-        limits: what is let through.
-        on_close: told the reason whenever the gate disarms.
-
-    """
+    """Decides what reaches the actuators; `on_close` is told the reason whenever it disarms."""
 
     def __init__(self, limits: Limits, on_close: Callable[[str], None]) -> None:
         self.limits = limits
@@ -115,9 +100,7 @@ class Gate:
         self._motor = 0
         self._servos = (0, 0)
         self._neutral = Outputs()
-        self._runaway = RunawayWatch(
-            limits.runaway_motor, limits.runaway_time, limits.runaway_counts, limits.runaway_speed
-        )
+        self._runaway = RunawayWatch(limits)
 
     def count(self, fault: Fault) -> None:
         """Count a fault."""
@@ -127,8 +110,7 @@ class Gate:
 
     def arm(self, now: float) -> None:
         """Open the gate at `now` and release the emergency stop. Only commands given from then on count."""
-        self.armed, self.stopped, self.reason = True, False, ""
-        self.closed_by = None
+        self.armed, self.stopped, self.reason, self.closed_by = True, False, "", None
         self.renew(now)
         self._runaway.clear()
 
@@ -144,21 +126,21 @@ class Gate:
             if fault is None:
                 self.closed_by = None
             return
-        self.armed, self.reason, self.closed_by = False, reason, fault
-        self._motor = 0
-        if fault is not None:
-            self.count(fault)
-        self._on_close(reason)
+        self.closed_by = fault
+        self._close(reason, fault)
 
     def stop(self) -> None:
         """Emergency stop: disarm and latch, armed or not."""
         self.closed_by = None
-        if self.stopped:
-            return
-        self.stopped, self.armed, self.reason = True, False, "emergency stop"
-        self._motor = 0
-        self.count(Fault.STOP)
-        self._on_close(self.reason)
+        if not self.stopped:
+            self.stopped = True
+            self._close("emergency stop", Fault.STOP)
+
+    def _close(self, reason: str, fault: Fault | None) -> None:
+        self.armed, self.reason, self._motor = False, reason, 0
+        if fault is not None:
+            self.count(fault)
+        self._on_close(reason)
 
     # -- commands on their way in ------------------------------------------------------------------------------
 

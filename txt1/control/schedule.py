@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -20,6 +20,7 @@ class GainSet(NamedTuple):
     gains: Gains
 
 
+@dataclass(frozen=True)
 class Schedule:
     """Gains by speed: the first set whose v_max is at least v; past the end, the last set (thesis 4.3).
 
@@ -30,26 +31,19 @@ class Schedule:
 
     """
 
-    def __init__(self, sets: Sequence[GainSet] = ()) -> None:
-        if len(sets) > SETS_MAX:
-            raise ValueError(f"at most {SETS_MAX} gain sets fit the board, not {len(sets)}")
-        for lower, upper in pairwise(sets):
+    sets: tuple[GainSet, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.sets) > SETS_MAX:
+            raise ValueError(f"at most {SETS_MAX} gain sets fit the board, not {len(self.sets)}")
+        for lower, upper in pairwise(self.sets):
             if not lower.v_max < upper.v_max:
                 raise ValueError(f"v_max must rise from set to set: {upper.v_max} follows {lower.v_max}")
-        self.sets = tuple(sets)
-        self._v_max = [s.v_max for s in sets]
-        last = sets[-1].gains if sets else Gains()
-        self._gains = [*(s.gains for s in sets), last]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Schedule) and self.sets == other.sets
-
-    def __hash__(self) -> int:
-        return hash(self.sets)
 
     def at(self, v: float) -> Gains:
         """The gains for a measured, signed speed v in m/s."""
-        return self._gains[bisect_left(self._v_max, v)]
+        above = bisect_left(self.sets, v, key=lambda each: each.v_max)
+        return self.sets[min(above, len(self.sets) - 1)].gains if self.sets else Gains()
 
 
 LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)

@@ -96,13 +96,7 @@ class Port(Protocol):
 
 
 class DevicePort:
-    """A serial device, or socket://host:port.
-
-    Args:
-        address: where; None: the only device there is, wherever it turns up after it was unplugged.
-        baud: bits a second.
-
-    """
+    """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in."""
 
     def __init__(self, address: str | None, baud: int) -> None:
         self._wanted = address
@@ -142,9 +136,9 @@ class SerialHal:
 
     Args:
         port: where it is.
-        wrap: what stands between this HAL and the link, such as line faults; None for nothing.
-        control: who closes the velocity loops: the board, or this host with PWM test messages (the board has to be in
-            manual mode; experimental).
+        wrap: put between this HAL and the link, such as line faults.
+        control: closes the velocity loops: the board, or (experimental) this host with PWM test messages, to a board in
+            manual mode.
         scale: of the board's lengths and angles; original boards read 6.3 % low.
         simulated: nothing real is behind the port.
 
@@ -164,21 +158,15 @@ class SerialHal:
         self.receiver = Receiver(Role.HOST, self._take)
         on_board = control == "board"
         self.capabilities = Capabilities(
-            pwm=not on_board,
-            gains=on_board,
-            combined=on_board,
-            battery=True,
-            smoothed=True,
-            power=True,
-            servos=True,
+            pwm=not on_board, gains=on_board, combined=on_board, battery=True, smoothed=True, power=True, servos=True,
             simulated=simulated,
-        )
+        )  # fmt: skip
         self._end: End = self if wrap is None else wrap(self)
         self._scale = scale
         self.link: Link | None = None
         self._reconnecting: asyncio.Task[None] | None = None
         self._failure: Exception | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._time: Callable[[], float] = lambda: 0.0  # the loop's
         self._origin = inf  # loop time of the run's start
         self._closed = True
         # what the board said
@@ -190,17 +178,14 @@ class SerialHal:
         self._batteries_heard = -inf
         # what it is told
         self._outputs = Outputs()
-        self._due = -inf  # run time of the next Velocity
+        self._due = self._combined_due = self._pid_due = self._repeat_due = -inf  # run times
         self._lossy_until = -inf  # loop time
-        self._combined_due = -inf
         self._pid_set: bytes | None = None
-        self._pid_due = -inf
         self._asked = False  # sent, and not answered yet
         self._rejections = 0
         self._answered: Callable[[bool], None] = lambda accepted: None
         self._servos: PwmCommand | None = None
         self._switches: dict[Switch, bool] = {}
-        self._repeat_due = -inf
         # what happened
         self._text = f"connecting to {port.address}"
         self._pause = BACKOFF_MIN
@@ -221,10 +206,10 @@ class SerialHal:
 
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""
-        self._loop = asyncio.get_running_loop()
+        self._time = asyncio.get_running_loop().time
         self._origin = inf
         self._outputs = Outputs()
-        self._due = self._combined_due = self._pid_due = self._repeat_due = -inf
+        self._combined_due = -inf  # the others when it is connected
         self._pause = BACKOFF_MIN
         self._closed = False
         try:
@@ -241,7 +226,6 @@ class SerialHal:
         self._closed = True
         if self._reconnecting is not None:
             self._reconnecting.cancel()
-            self._reconnecting = None
         for _ in range(FAREWELLS):
             if self.link is not None:
                 self._send_outputs(Outputs(0, 0, 0, *self._outputs[3:5]))
@@ -284,8 +268,7 @@ class SerialHal:
         self.receiver.close()
         self._down(f"link lost: {reason}")
         if not self._closed and (self._reconnecting is None or self._reconnecting.done()):
-            assert self._loop is not None
-            self._reconnecting = self._loop.create_task(self._reconnect())
+            self._reconnecting = asyncio.ensure_future(self._reconnect())
 
     def received(self, data: bytes) -> None:
         """Take what the board sent."""
@@ -333,14 +316,10 @@ class SerialHal:
     def _take_answer(self, accepted: bool) -> None:
         if not self._asked:
             return  # somebody else's, or a late one
-        if not accepted:
-            self._rejections += 1
-            if self._rejections < REJECTIONS_MAX:
-                return  # it is sent again
-        self._asked = False
-        self._rejections = 0
-        self._pid_due = inf
-        self._answered(accepted)
+        self._rejections += not accepted
+        if accepted or self._rejections >= REJECTIONS_MAX:  # else it is sent again
+            self._asked, self._rejections, self._pid_due = False, 0, inf
+            self._answered(accepted)
 
     def _down(self, reason: str) -> None:
         """The board is lost, if it was there."""
@@ -363,10 +342,6 @@ class SerialHal:
         """Seconds since the run started, to the ns, at a time of the loop's; 0 before."""
         return round(max(0.0, time - self._origin), 9)
 
-    def _time(self) -> float:
-        assert self._loop is not None
-        return self._loop.time()
-
     # -- for the tasks -----------------------------------------------------------------------------------------
 
     def read(self, now: float) -> Inputs:
@@ -382,12 +357,9 @@ class SerialHal:
         if report is None or report.ready is not ready:
             report = self._report = BoardLink(ready, self._losses, self._reason, self._text, self._counts())
         return Inputs(
-            odometry=self._odometry,
-            odometry_time=self._run_time(self._heard),
-            batteries=self._batteries,
-            link=report,
-            battery_time=self._run_time(self._batteries_heard),
-        )
+            odometry=self._odometry, odometry_time=self._run_time(self._heard),
+            batteries=self._batteries, battery_time=self._run_time(self._batteries_heard), link=report,
+        )  # fmt: skip
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send what is due: the set-point 20 times a second and at once on a stop, servos when they move, gains."""

@@ -62,7 +62,6 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     one: float | None = None
     two: float | None = None
     bad_since: float | None = None
-    told = False
     time: float | None = None
     weight = 0.0 if hal.capabilities.smoothed else OLD_WEIGHT
     async for now in ticks:
@@ -77,8 +76,9 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
         if judged is BatteryState.BAD:
             bad_since = now if bad_since is None else bad_since
         elif judged is not None:
-            bad_since, told = None, False
+            bad_since = None
         exhausted = bad_since is not None and now - bad_since >= BAD_TIME
+        newly = exhausted and not state.battery.exhausted
         state.battery = Battery(one, two, judged, remaining, now if time is None else time, exhausted)
         if one is not None and two is not None:
             send(BatteryLevels(one, two))
@@ -87,8 +87,7 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
 
         if inputs.cut_off:
             gate.disarm("batteries cut off", Fault.BATTERY)
-        if exhausted and not told:
-            told = True
+        if newly:
             gate.disarm("batteries bad", Fault.BATTERY)
             state.tell(now, "batteries bad: change them, or shut the computer down (Robot.shutdown_host)")
 

@@ -74,10 +74,7 @@ class BatteryState(StrEnum):
 class Battery(NamedTuple):
     """Smoothed voltages (V), state, and remaining time under full load (s); None where the HAL has no battery.
 
-    Attributes:
-        time: when the voltages were read or received, s of the run.
-        exhausted: the state has been bad for so long that it is believed.
-
+    The voltages were read or received at `time`, s of the run; `exhausted`: bad for so long that it is believed.
     """
 
     battery1: float | None = None
@@ -89,7 +86,7 @@ class Battery(NamedTuple):
 
 
 class LinkState(NamedTuple):
-    """What the mode task found in the last second."""
+    """Whether the host was heard in the last second, and combined odometry came often enough."""
 
     alive: bool = False
     combined: bool = False
@@ -103,16 +100,7 @@ class Source(StrEnum):
 
 
 class Control(NamedTuple):
-    """What the controller did in its last cycle.
-
-    Attributes:
-        outputs: as they left the safety gate.
-        v: set-point in force, m/s.
-        omega: set-point in force, rad/s.
-        source: of the measured velocities.
-        gains: angular gains in force.
-
-    """
+    """The controller's last cycle: outputs behind the gate; set-point (m/s, rad/s) and angular gains in force."""
 
     outputs: Outputs = Outputs()
     v: float = 0.0
@@ -190,9 +178,7 @@ SURROUNDINGS: Final = _told(
     "/surroundings", Surroundings, "the simulated room with light and obstacles, the robot's size"
 )
 VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
-    "/vehicles",
-    tuple[tuple[float, float, float], ...],
-    "the other robots' poses: m, rad",
+    "/vehicles", tuple[tuple[float, float, float], ...], "the other robots' poses: m, rad"
 )
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")

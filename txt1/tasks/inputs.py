@@ -10,16 +10,10 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 
 class Input(NamedTuple):
-    """Something given to the tasks from outside.
+    """Something given to the tasks from outside: a message or an action of that `kind`, with its numbers and text.
 
-    Attributes:
-        step: steps of the scheduler before it; where a task gave it, that task's own included.
-        source: the task of the user's or the driver's that gave it, empty for none.
-        kind: the message's or the action's name.
-        text: of a disarming, the reason.
-        given: when its author gave it, s of the run.
-        values: its numbers.
-
+    `step` counts the scheduler's steps before it, that of the `source` included: the task of the user's or the driver's
+    that gave it, empty for none. Its author gave it at `given`, s of the run.
     """
 
     step: int

@@ -119,7 +119,7 @@ def gain_table(message: PidSet) -> GainTable | None:
     if not all(map(isfinite, values)):
         return None
     try:
-        schedule = Schedule([GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular])
+        schedule = Schedule(tuple(GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular))
     except ValueError:
         return None
     return GainTable(Gains(*message.linear), schedule, loaded=True)

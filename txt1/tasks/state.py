@@ -28,28 +28,17 @@ from txt1.telemetry.bus import Bus
 from txt1.telemetry.topics import Rule, Topic, declare
 
 WRITERS: Final = {
-    "command": "serial",
-    "manual_pwm": "serial",
-    "combined": "serial",
-    "gains": "serial",
-    "power": "serial",
-    "servos": "serial",
-    "received": "serial",
-    "velocity_count": "serial",
-    "combined_count": "serial",
-    "encoders": "encoder",
-    "odometry": "encoder",
-    "odometry_time": "encoder",
-    "pose": "encoder",
-    "board": "encoder",
-    "link": "mode",
-    "control": "controller",
-    "battery": "battery",
-    "panel": "button",
-    "backlight": "button",
-    "transmitted": "odometry",
-}
-"""The one task that writes each field."""
+    "serial": (
+        "command", "manual_pwm", "combined", "gains", "power", "servos", "received", "velocity_count", "combined_count",
+    ),
+    "encoder": ("encoders", "odometry", "odometry_time", "pose", "board"),
+    "mode": ("link",),
+    "controller": ("control",),
+    "battery": ("battery",),
+    "button": ("panel", "backlight"),
+    "odometry": ("transmitted",),
+}  # fmt: skip
+"""The fields that each task writes, and no other task."""
 
 _INFO: Final = 20
 _WARN: Final = 30
@@ -67,15 +56,14 @@ LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVEN
 class State:
     """The shared state. `WRITERS` names the one task that may assign to each field."""
 
-    __slots__ = (*WRITERS, "bus", "events", "line_faults")
-
     def __init__(self, bus: Bus | None = None) -> None:
+        self.bus = Bus() if bus is None else bus
         self.command: Command | None = None
         self.manual_pwm: ManualPwm | None = None
         self.combined: CombinedSample | None = None
         self.gains = GainTable()
         self.power = Power()
-        self.servos = (0, 0)
+        self.servos: tuple[int, int] = (0, 0)
         self.received = 0
         self.velocity_count = 0
         self.combined_count = 0
@@ -92,7 +80,6 @@ class State:
         self.transmitted = 0
         self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
-        self.bus = Bus() if bus is None else bus
         self.line_faults: dict[str, int] = {}
         """What went wrong on the line to the host, by name; kept by whoever reads it."""
 

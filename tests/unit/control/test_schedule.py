@@ -29,7 +29,7 @@ def test_below_the_first_set_the_first_and_past_the_end_the_last_is_in_force() -
 
 @given(st.floats(-3.0, 3.0), st.lists(st.floats(-2.0, 2.0), min_size=1, max_size=14, unique=True))
 def test_the_first_set_whose_v_max_reaches_v_is_in_force(v: float, limits: list[float]) -> None:
-    sets = [GainSet(v_max, Gains(float(k), 0.0, 0.0)) for k, v_max in enumerate(sorted(limits))]
+    sets = tuple(GainSet(v_max, Gains(float(k), 0.0, 0.0)) for k, v_max in enumerate(sorted(limits)))
     expected = next((s.gains for s in sets if s.v_max >= v), sets[-1].gains)
     assert Schedule(sets).at(v) == expected
 
@@ -49,8 +49,8 @@ def test_an_empty_schedule_steers_nothing(v: float) -> None:
 
 
 def test_more_sets_than_the_board_has_room_for_are_refused() -> None:
-    sets = [GainSet(0.1 * k, Gains()) for k in range(15)]
-    assert Schedule(sets[:14]).sets == tuple(sets[:14])
+    sets = tuple(GainSet(0.1 * k, Gains()) for k in range(15))
+    assert Schedule(sets[:14]).sets == sets[:14]
     with pytest.raises(ValueError, match="at most 14 gain sets fit the board, not 15"):
         Schedule(sets)
 
@@ -58,7 +58,7 @@ def test_more_sets_than_the_board_has_room_for_are_refused() -> None:
 @pytest.mark.parametrize("limits", [(0.5, 0.5), (0.5, 0.4), (0.1, 0.5, 0.3), (0.1, float("nan"))])
 def test_limits_that_do_not_rise_are_refused(limits: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="v_max must rise from set to set"):
-        Schedule([GainSet(v_max, Gains()) for v_max in limits])
+        Schedule(tuple(GainSet(v_max, Gains()) for v_max in limits))
 
 
 def test_schedules_are_equal_when_their_sets_are() -> None:

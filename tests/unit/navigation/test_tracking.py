@@ -86,7 +86,7 @@ def test_the_steering_follows_closely_forward_and_loosely_backward_with_the_thes
 
 
 def test_gains_that_follow_backward_too_need_no_slowing_down() -> None:
-    alike = Schedule([GainSet(1.5, Gains(6.0, 170.0, 0.0))])
+    alike = Schedule((GainSet(1.5, Gains(6.0, 170.0, 0.0)),))
     assert curve_speed(0.4, -1.0, alike, GEOMETRY) == 0.4
 
 
