@@ -97,8 +97,6 @@ class Board:
             self.link.close()
             self.link = None
 
-    # -- the link's end ----------------------------------------------------------------------------------------
-
     def connected(self, link: Link) -> None:
         """A host may be at the other side."""
         self.link = link
@@ -149,8 +147,6 @@ class Board:
         with suppress(LinkLost):  # `lost` is on its way
             self.link.write(frame)
 
-    # -- the safety gate ---------------------------------------------------------------------------------------
-
     def _idle(self, now: float) -> bool:
         """Whether the host has asked for nothing for a while, and the vehicle stands."""
         return now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
@@ -167,8 +163,6 @@ class Board:
                 with suppress(NotArmed):
                     runtime.arm()
 
-    # -- for who looks at it -----------------------------------------------------------------------------------
-
     @property
     def snapshot(self) -> Snapshot:
         """Everything that the board tells, by topic, as it is now."""
@@ -182,9 +176,7 @@ class Board:
     def arm(self) -> None:
         """Release the emergency stop, or obey again at once.
 
-        Raises:
-            NotArmed: the safety gate may not be opened now; the message says why.
-
+        Raises NotArmed: the safety gate may not be opened now; the message says why.
         """
         self.runtime.arm()
 
@@ -250,9 +242,7 @@ class VirtualPort:
     async def open(self, end: End) -> Link:
         """A link to the board, which is powered up first if need be.
 
-        Raises:
-            TaskFault: a task of the board has failed.
-
+        Raises TaskFault: a task of the board has failed.
         """
         if self.board is None:
             self.board = board = Board(self._config, manual=self._config.serial.control == "host")

@@ -93,10 +93,8 @@ class CommandSource:
         Returns:
             Whether it is the robot's set-point now; a refused one is counted.
 
-        Raises:
-            CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force,
-                until it is stale.
-
+        Raises CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force,
+        until it is stale.
         """
         wheel = self._wheel
         now = wheel.runtime.now
@@ -134,12 +132,7 @@ class CommandSource:
             self._wheel.send(now)
 
     def begin(self) -> None:
-        """Ask for the wheel.
-
-        Raises:
-            Overruled: another source keeps it.
-
-        """
+        """Ask for the wheel; raises Overruled: another source keeps it."""
         if not self.request():
             raise Overruled(self.name, self.overruled)
 
@@ -163,9 +156,7 @@ class CommandSource:
 def require_finite(message: str, **values: float) -> None:
     """Nothing happens for finite numbers.
 
-    Raises:
-        CommandRefused: one is something else; names it.
-
+    Raises CommandRefused: one is something else; names it.
     """
     for name, value in values.items():
         try:

@@ -80,12 +80,7 @@ class EncodeError(Txt1Error, ValueError):
 
 
 class CaptureError(Txt1Error):
-    """A capture given as text holds something else than hexadecimal digits.
-
-    >>> raise CaptureError(2, 7, "'G' is no hexadecimal digit")
-    Traceback (most recent call last):
-    txt1.errors.CaptureError: line 2, column 7: 'G' is no hexadecimal digit
-    """
+    """A capture given as text holds something else than hexadecimal digits."""
 
     def __init__(self, line: int, column: int, what: str) -> None:
         super().__init__(f"line {line}, column {column}: {what}")
@@ -94,12 +89,7 @@ class CaptureError(Txt1Error):
 
 
 class LightFault(Txt1Error):
-    """A light sensor cannot be believed, so there is no direction to go by.
-
-    >>> raise LightFault("FR", "reads nan, which is no reading")
-    Traceback (most recent call last):
-    txt1.errors.LightFault: light sensor FR reads nan, which is no reading
-    """
+    """A light sensor cannot be believed, so there is no direction to go by."""
 
     def __init__(self, sensor: str, what: str) -> None:
         super().__init__(f"light sensor {sensor} {what}")
@@ -107,12 +97,7 @@ class LightFault(Txt1Error):
 
 
 class NoDirection(LightFault):
-    """The four sensors read the same: no light, or one too far away, and nothing says where.
-
-    >>> raise NoDirection(1.0)
-    Traceback (most recent call last):
-    txt1.errors.NoDirection: light sensors FL, FR, RL and RR all read 1 lux: they tell no direction
-    """
+    """The four sensors read the same: no light, or one too far away, and nothing says where."""
 
     def __init__(self, reading: float) -> None:
         Txt1Error.__init__(self, f"light sensors FL, FR, RL and RR all read {reading:g} lux: they tell no direction")
@@ -120,12 +105,7 @@ class NoDirection(LightFault):
 
 
 class QTableError(Txt1Error):
-    """A Q-table cannot be read from or written to a file.
-
-    >>> raise QTableError("out/qtable.json", "it ends in the middle", "take a copy or learn it again")
-    Traceback (most recent call last):
-    txt1.errors.QTableError: out/qtable.json: it ends in the middle; take a copy or learn it again
-    """
+    """A Q-table cannot be read from or written to a file."""
 
     def __init__(self, file: str, problem: str, remedy: str) -> None:
         super().__init__(f"{file}: {problem}; {remedy}")

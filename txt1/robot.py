@@ -167,9 +167,7 @@ class Robot:
     async def linked(self, timeout: float = inf) -> None:
         """Wait until the link is alive: the host is heard and, behind a line, the board answers.
 
-        Raises:
-            HalError: it is not, after `timeout` s.
-
+        Raises HalError: it is not, after `timeout` s.
         """
         ends = self.now + timeout
         while not self.runtime.linked:
@@ -247,9 +245,7 @@ class Robot:
     def sensor(self, name: str) -> Reading[Any] | None:
         """The last reading of a sensor: its value, and the time (s of the run) at which it was taken; None: none yet.
 
-        Raises:
-            ConfigError: there is no sensor of that name.
-
+        Raises ConfigError: there is no sensor of that name.
         """
         try:
             return self.sensors[name].last
@@ -265,10 +261,7 @@ class Robot:
     async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
         """Open a sensor of your own and read it from now on; it is closed with the robot.
 
-        Raises:
-            HalError: it cannot be opened.
-            ValueError: the name is taken.
-
+        Raises HalError: it cannot be opened; ValueError: the name is taken.
         """
         return await self.runtime.sensors.add(name, sensor, period)
 
@@ -277,9 +270,7 @@ class Robot:
     def arm(self) -> None:
         """Let commands through, and release the emergency stop.
 
-        Raises:
-            NotArmed: the robot may not be armed now; the message says why.
-
+        Raises NotArmed: the robot may not be armed now; the message says why.
         """
         self._wheel.clear()  # nothing from before counts
         self.runtime.arm()
@@ -303,9 +294,7 @@ class Robot:
         is by name: keys 50, gamepad 40, web 30, ros 20, any other 10. Commands are stale after `timeout` s; None takes
         ``commander.timeouts``, or the safety gate's.
 
-        Raises:
-            ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
-
+        Raises ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
         """
         return self._wheel.source(name, priority, timeout)
 
@@ -321,9 +310,7 @@ class Robot:
             Whether it is the set-point now: not while a source of higher priority drives, nor after it has let go
             until this one has commanded zero once (see `CommandSource.command`).
 
-        Raises:
-            CommandRefused: a value is not finite; the command before stays in force, until it is stale.
-
+        Raises CommandRefused: a value is not finite; the command before stays in force, until it is stale.
         """
         return self.program.command(v, omega)
 
@@ -345,9 +332,7 @@ class Robot:
 
         The loops use it while more than two a second come and the last is at most 0.1 s old.
 
-        Raises:
-            CommandRefused: a value is not finite.
-
+        Raises CommandRefused: a value is not finite.
         """
         self._post(CombinedOdometry, x=x, y=y, theta=theta, v=v, omega=omega)
 
@@ -359,9 +344,7 @@ class Robot:
         Returns:
             True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
 
-        Raises:
-            CommandRefused: one is not finite, or does not fit its field on the wire.
-
+        Raises CommandRefused: one is not finite, or does not fit its field on the wire.
         """
         control = self.config.loops()
         gains = control.linear.gains() if linear is None else linear
@@ -393,9 +376,7 @@ class Robot:
     async def set_manual(self, manual: bool) -> None:
         """Enter or leave manual mode, where `pwm_test` sets the outputs and the velocity loops rest.
 
-        Raises:
-            NotCapable: the HAL takes set-points, no PWM.
-
+        Raises NotCapable: the HAL takes set-points, no PWM.
         """
         self._require("pwm")
         if self.runtime.state.panel.manual is not manual:
@@ -408,10 +389,8 @@ class Robot:
 
         The motor is limited to `safety.motor_max` and the steering to +-18000.
 
-        Raises:
-            CommandRefused: the robot is in controller mode, or a value is not finite.
-            NotCapable: the HAL takes set-points, no PWM.
-
+        Raises CommandRefused: the robot is in controller mode, or a value is not finite; NotCapable: the HAL takes
+        set-points, no PWM.
         """
         self._require("pwm")
         self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
@@ -423,10 +402,7 @@ class Robot:
     ) -> None:
         """Hold all five PWM channels by hand for `duration` seconds, then go neutral.
 
-        Raises:
-            CommandRefused: as `pwm_test`.
-            NotArmed: the gate is closed, or closes on the way.
-
+        Raises CommandRefused: as `pwm_test`; NotArmed: the gate is closed, or closes on the way.
         """
         await self._repeat(lambda: self.pwm_test(motor, front, rear, pwm4, pwm5), duration)
         self.pwm_test(0, 0, 0, pwm4, pwm5)
@@ -448,10 +424,8 @@ class Robot:
     def switch_power(self, switch: Switch, on: bool) -> None:
         """Turn the ATX supply or the ESC on or off.
 
-        Raises:
-            NotCapable: the HAL has no such switch.
-            CommandRefused: the ATX supply cannot be turned off while armed: it feeds the encoders and the computer.
-
+        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply cannot be turned off while armed:
+        it feeds the encoders and the computer.
         """
         self._require("power")
         self.runtime.post(PowerControl(switch, on), self.now)
@@ -461,9 +435,7 @@ class Robot:
     async def shutdown_host(self) -> None:
         """Power the host down; never returns if it succeeds.
 
-        Raises:
-            CommandRefused: `host.allow_shutdown` is off, the robot is armed, or the system refused.
-
+        Raises CommandRefused: `host.allow_shutdown` is off, the robot is armed, or the system refused.
         """
         if not self.config.host.allow_shutdown:
             raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
@@ -476,10 +448,7 @@ class Robot:
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room, at rest; m and rad. Its odometry goes on.
 
-        Raises:
-            NotCapable: it is not simulated.
-            ValueError: it would stick into a wall.
-
+        Raises NotCapable: it is not simulated; ValueError: it would stick into a wall.
         """
         self._require("place")
         self.runtime.place(x, y, theta)

@@ -178,15 +178,8 @@ class Runtime:
         topics = {topic.name for topic in self.bus.offered} - measured
         return Snapshot.take(self.bus, self.now, self.name, topics)
 
-    # -- life --------------------------------------------------------------------------------------------------
-
     async def start(self) -> None:
-        """Open the hardware and start the tasks.
-
-        Raises:
-            HalError: the hardware cannot be opened.
-
-        """
+        """Open the hardware and start the tasks; raises HalError: the hardware cannot be opened."""
         if self._virtual and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
@@ -237,16 +230,11 @@ class Runtime:
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
         """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
 
-        Raises:
-            ConfigError: there is no such driver, or its settings are wrong.
-            HalError: it cannot be imported or made.
-
+        Raises ConfigError: there is no such driver, or its settings are wrong; HalError: it cannot be imported or made.
         """
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
-
-    # -- for the host side -------------------------------------------------------------------------------------
 
     @property
     def now(self) -> float:
@@ -283,12 +271,7 @@ class Runtime:
         return self.state.link.alive and (board is None or board.ready)
 
     def arm(self) -> None:
-        """Open the safety gate.
-
-        Raises:
-            NotArmed: it may not be opened now; the message says why.
-
-        """
+        """Open the safety gate; raises NotArmed: it may not be opened now; the message says why."""
         now = self._begin("arm")
         reason = self._reason_not_to_arm(now)
         if reason is not None:

@@ -15,6 +15,7 @@ Nothing here knows a clock: `now` is the present and `time` a message's origin, 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -63,16 +64,13 @@ class Commander:
         self._sources: dict[str, _Source] = {}
         self._driver: _Source | None = None
         self._since = 0.0
-        self._refused: dict[str, int] = {}
-        self._report = Driver()
+        self._refused: Counter[str] = Counter()
         self._setpoint = SetPoint()
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
         """Make a source known, its priority by `PRIORITIES` if None; its commands are stale after `timeout` s.
 
-        Raises:
-            ValueError: there is one of that name, or the time-out is not positive or longer than the gate's.
-
+        Raises ValueError: there is one of that name, or the time-out is not positive or longer than the gate's.
         """
         if name in self._sources or not name:
             raise ValueError(f"source {name!r}: there is one of that name already; choose another")
@@ -85,24 +83,20 @@ class Commander:
         rank = PRIORITIES.get(name, PRIORITIES["program"]) if priority is None else priority
         self._sources[name] = _Source(name, rank, limit)
 
-    # -- what a source does ------------------------------------------------------------------------------------
-
     def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
         """Take a source's command; v in m/s, omega in rad/s.
 
         Returns:
             Whether it is the set-point now. A zero is where nobody else has the wheel.
 
-        Raises:
-            ValueError: a number is not finite, or `time` lies in the future.
-
+        Raises ValueError: a number is not finite, or `time` lies in the future.
         """
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
             raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: finite numbers, and no later than now")
         source, moves = self._sources[name], v != 0.0 or omega != 0.0
         driver = self._driver_at(now)
         if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer one
-            self._refuse(source)
+            self._refused[name] += 1
             return False
         source.spoke = time = min(time, now)
         if not moves:
@@ -149,8 +143,6 @@ class Commander:
             self._free(now)
         self._setpoint = SetPoint()
 
-    # -- what came of it ---------------------------------------------------------------------------------------
-
     def setpoint(self, now: float) -> SetPoint:
         """The set-point in force at `now`; 0 when the command behind it is stale."""
         driver, setpoint = self._driver_at(now), self._setpoint
@@ -159,8 +151,8 @@ class Commander:
 
     def driver(self, now: float) -> Driver:
         """Who drives at `now`."""
-        self._driver_at(now)
-        return self._report
+        driver = self._driver_at(now)
+        return Driver("" if driver is None else driver.name, self._since, dict(self._refused))
 
     def overruled(self, name: str) -> str:
         """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
@@ -178,13 +170,12 @@ class Commander:
         if source.overruled or _rules(driver, source):
             if driver is not None and driver is not source:
                 source.overruled = driver.name
-            self._refuse(source)
+            self._refused[source.name] += 1
             return False
         if driver is not source:
             if driver is not None:
                 driver.overruled = source.name
             self._driver, self._since = source, time
-            self._tell()
         source.held = max(source.held, time)
         return True
 
@@ -192,15 +183,6 @@ class Commander:
         """The wheel is nobody's from `time` on."""
         self._driver, self._since = None, time
         self._setpoint = SetPoint(time=self._setpoint.time)
-        self._tell()
-
-    def _refuse(self, source: _Source) -> None:
-        self._refused[source.name] = self._refused.get(source.name, 0) + 1
-        self._tell()
-
-    def _tell(self) -> None:
-        name = "" if self._driver is None else self._driver.name
-        self._report = Driver(name, self._since, dict(self._refused))
 
 
 def _rules(driver: _Source | None, source: _Source) -> bool:

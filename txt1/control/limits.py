@@ -106,8 +106,6 @@ class Gate:
         """Count a fault."""
         self.counts[fault] += 1
 
-    # -- arming ------------------------------------------------------------------------------------------------
-
     def arm(self, now: float) -> None:
         """Open the gate at `now` and release the emergency stop. Only commands given from then on count."""
         self.armed, self.stopped, self.reason, self.closed_by = True, False, "", None
@@ -142,8 +140,6 @@ class Gate:
             self.count(fault)
         self._on_close(reason)
 
-    # -- commands on their way in ------------------------------------------------------------------------------
-
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
         if not (isfinite(v) and isfinite(omega)):
@@ -170,8 +166,6 @@ class Gate:
         if any(abs(c) > PWM_MAX for c in counts):
             self.count(Fault.PWM)
         return tuple(int(clip(c, PWM_MAX)) for c in counts)
-
-    # -- outputs on their way out ------------------------------------------------------------------------------
 
     def passes(self, given: float | None, epoch: int, now: float) -> bool:
         """Whether a command given at that time (s of the run), in that epoch, may move the robot now.
@@ -227,8 +221,6 @@ class Gate:
         pwm4, pwm5 = self._servos
         # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
         return tuple.__new__(Outputs, (self._motor, int(front), int(rear), pwm4, pwm5, v, omega))
-
-    # -- watching what the robot makes of it -------------------------------------------------------------------
 
     def watch(self, right: int, left: int, v: float, v_combined: float | None, dt: float) -> None:
         """Disarm on a runaway, given what the last dt seconds brought (see `RunawayWatch.check`)."""

@@ -26,9 +26,7 @@ class Schedule:
 
     An empty schedule is all zeros: nothing steers.
 
-    Raises:
-        ValueError: there are more than 14 sets, or v_max does not rise from set to set.
-
+    Raises ValueError: there are more than 14 sets, or v_max does not rise from set to set.
     """
 
     sets: tuple[GainSet, ...] = ()

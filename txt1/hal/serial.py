@@ -202,8 +202,6 @@ class SerialHal:
         """Let all bytes be known to `tap` as they come ("in") and go ("out")."""
         self._tap = tap
 
-    # -- life --------------------------------------------------------------------------------------------------
-
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""
         self._time = asyncio.get_running_loop().time
@@ -251,8 +249,6 @@ class SerialHal:
             except Exception as error:
                 self._failure = error
                 return
-
-    # -- the link's end ----------------------------------------------------------------------------------------
 
     def connected(self, link: Link) -> None:
         """A fresh line: nothing of what came before counts."""
@@ -341,8 +337,6 @@ class SerialHal:
     def _run_time(self, time: float) -> float:
         """Seconds since the run started, to the ns, at a time of the loop's; 0 before."""
         return round(max(0.0, time - self._origin), 9)
-
-    # -- for the tasks -----------------------------------------------------------------------------------------
 
     def read(self, now: float) -> Inputs:
         """The newest odometry and battery levels that have arrived."""
