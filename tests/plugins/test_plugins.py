@@ -21,7 +21,7 @@ from tests.e2e.test_record_view import messages, served, subscribed
 from txt1.cli import execute
 from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui import sensors
+from txt1.ui import tables
 from txt1.ui.viewer import Viewer
 
 SITE = Path(__file__).parent / "site"
@@ -76,7 +76,7 @@ def test_its_readings_are_on_the_sensors_screen() -> None:
             await robot.drive(0.5, 0.0, 2.0)
             snapshot = Snapshot.decode(Snapshot.take(robot.runtime.bus, robot.now, "txt1").encode())
         console = Console(width=100, record=True, file=io.StringIO())
-        console.print(sensors.screen(snapshot, Viewer(), 100, 20))
+        console.print(tables.sensors(snapshot, Viewer(), 100, 20))
         return console.export_text()
 
     (line,) = [line for line in txt1.run(main(), speed="max").splitlines() if "inside" in line]

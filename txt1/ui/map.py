@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
-from math import ceil, cos, degrees, floor, hypot, isfinite, log10, sin
+from math import ceil, cos, degrees, dist, floor, isfinite, log10, sin
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -39,6 +39,9 @@ _STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
 
 AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
+Point = tuple[float, float]
+"""x and y, m."""
+
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """MAP for a body of width x rows cells."""
@@ -63,12 +66,8 @@ class Bounds(NamedTuple):
 class Canvas:
     """Braille dots over a rectangle of the plane, x to the right, y up, the same scale on both axes.
 
-    Args:
-        bounds: what has to be visible, m; it is centred.
-        columns: width in cells.
-        rows: height in cells.
-        scale: m per dot; None for the smallest at which the bounds fit.
-
+    What has to be visible, `bounds` in m, is centred on so many columns and rows of cells, at `scale` m per dot; None
+    for the smallest at which it fits.
     """
 
     def __init__(self, bounds: Bounds, columns: int, rows: int, scale: float | None = None) -> None:
@@ -80,16 +79,26 @@ class Canvas:
         self._layers = [[0] * columns for _ in range(rows)]
         self._marks: dict[tuple[int, int], tuple[str, str]] = {}
 
-    def line(self, start: tuple[float, float], end: tuple[float, float], layer: int) -> None:
+    def line(self, start: Point, end: Point, layer: int) -> None:
         """Draw a straight line between two points, m; what lies outside is left out."""
         x0, y0 = self._dots(start)
         x1, y1 = self._dots(end)
         steps = min(10_000, max(1, ceil(max(abs(x1 - x0), abs(y1 - y0)))))
         for step in range(steps + 1):
             share = step / steps
-            self._dot(_whole(x0 + share * (x1 - x0)), _whole(y0 + share * (y1 - y0)), layer)
+            x, y = _whole(x0 + share * (x1 - x0)), _whole(y0 + share * (y1 - y0))
+            column, row = x >> 1, y >> 2
+            if 0 <= column < self.columns and 0 <= row < self.rows:
+                self._bits[row][column] |= _BITS[x & 1][y & 3]
+                # the highest layer gives its cell the colour
+                self._layers[row][column] = max(layer, self._layers[row][column])
 
-    def path(self, points: Sequence[tuple[float, float]], layer: int) -> None:
+    def outline(self, corners: Sequence[Point], layer: int) -> None:
+        """Draw lines from corner to corner, and from the last one to the first."""
+        for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+            self.line(start, end, layer)
+
+    def path(self, points: Sequence[Point], layer: int) -> None:
         """Draw lines from point to point; points within the same dot cost nothing."""
         dots = [(_whole(x), _whole(y)) for x, y in map(self._dots, points)]
         drawn = 0
@@ -98,37 +107,26 @@ class Canvas:
                 self.line(points[drawn], points[index], layer)
                 drawn = index
 
-    def mark(self, point: tuple[float, float], character: str, style: str) -> None:
+    def mark(self, point: Point, character: str, style: str) -> None:
         """Put a character over the cell of a point, m."""
         x, y = self._dots(point)
         self._marks[_whole(y) >> 2, _whole(x) >> 1] = (character, style)
 
     def lines(self) -> list[Text]:
-        """The canvas, one text per row of cells."""
-        return [self._line(row) for row in range(self.rows)]
+        """The canvas, one text per row of cells; cells of the same colour are one piece of it."""
+        lines = []
+        for row, (bits, layers) in enumerate(zip(self._bits, self._layers, strict=True)):
+            cells = (
+                self._marks.get((row, column)) or (chr(_BLANK + dots) if dots else " ", _STYLES[layer])
+                for column, (dots, layer) in enumerate(zip(bits, layers, strict=True))
+            )
+            runs = (("".join(cell[0] for cell in run), style) for style, run in groupby(cells, key=itemgetter(1)))
+            lines.append(Text.assemble(*runs, no_wrap=True))
+        return lines
 
-    def _dots(self, point: tuple[float, float]) -> tuple[float, float]:
+    def _dots(self, point: Point) -> Point:
         """Column and row of a point in dots, as fractions."""
         return (point[0] - self._left) / self.scale, (self._top - point[1]) / self.scale
-
-    def _dot(self, x: int, y: int, layer: int) -> None:
-        """Set one dot; the higher layer gives its cell the colour."""
-        column, row = x >> 1, y >> 2
-        if 0 <= column < self.columns and 0 <= row < self.rows:
-            self._bits[row][column] |= _BITS[x & 1][y & 3]
-            if layer > self._layers[row][column]:
-                self._layers[row][column] = layer
-
-    def _line(self, row: int) -> Text:
-        """One row, cells of the same colour in one piece."""
-        cells = [
-            self._marks.get((row, column)) or (chr(_BLANK + bits) if bits else " ", _STYLES[layer])
-            for column, (bits, layer) in enumerate(zip(self._bits[row], self._layers[row], strict=True))
-        ]
-        text = Text(no_wrap=True)
-        for style, run in groupby(cells, key=itemgetter(1)):
-            text.append("".join(character for character, _ in run), style)
-        return text
 
 
 def _whole(dots: float) -> int:
@@ -138,61 +136,48 @@ def _whole(dots: float) -> int:
 
 def fitting_scale(bounds: Bounds, columns: int, rows: int) -> float:
     """The smallest m per dot at which the bounds fit, with one dot to spare on every side."""
-    return max(
-        (bounds.right - bounds.left) / max(1, 2 * columns - 2),
-        (bounds.top - bounds.bottom) / max(1, 4 * rows - 2),
-    )
+    left, bottom, right, top = bounds
+    return max((right - left) / max(1, 2 * columns - 2), (top - bottom) / max(1, 4 * rows - 2))
 
 
 def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> list[Text]:
     """The map and, as its last row, the legend with the scale."""
     rows = max(1, rows - 1)
     about = snapshot.get(SURROUNDINGS, Surroundings())
-    room = about.room
-    if room is None:
+    if about.room is None:
         bounds = around(snapshot, viewer)
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
-        canvas = Canvas(walls(*room), columns, rows)
-        _draw_room(canvas, walls(*room))
-    _draw_axes(canvas)
+        x, y = 0.5 * about.room[0], 0.5 * about.room[1]  # it lies around the origin
+        canvas = Canvas(Bounds(-x, -y, x, y), columns, rows)
+        canvas.outline([(-x, -y), (x, -y), (x, y), (-x, y)], WALL)
+    arm = 4.0 * canvas.scale
+    canvas.line((-arm, 0.0), (arm, 0.0), AXES)
+    canvas.line((0.0, -arm), (0.0, arm), AXES)
     for obstacle in about.obstacles:
-        _draw_outline(canvas, obstacle, WALL)
-    for pose in snapshot.get(VEHICLES, ()):
-        _draw_robot(canvas, pose, about.body, OTHER)
+        canvas.outline(obstacle, WALL)
+    for other in snapshot.get(VEHICLES, ()):
+        _draw_robot(canvas, other, about.body, OTHER)
     canvas.path(viewer.path, PATH)
-    x, y, theta = pose_of(snapshot)
-    if isfinite(x) and isfinite(y) and isfinite(theta):
-        _draw_robot(canvas, (x, y, theta), about.body, ROBOT)
+    pose = pose_of(snapshot)
+    if all(map(isfinite, pose)):
+        _draw_robot(canvas, pose, about.body, ROBOT)
     if about.light is not None:
         canvas.mark(about.light, "✶", "bold bright_yellow")
     return [*canvas.lines(), _legend(snapshot, canvas.scale)]
 
 
-def walls(length: float, width: float) -> Bounds:
-    """The room, which lies around the origin."""
-    return Bounds(-length / 2.0, -width / 2.0, length / 2.0, width / 2.0)
-
-
 def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
-    """What a view without a room has to show: path, robot and light, with a margin, on a coarse grid.
-
-    The grid keeps the picture still while the robot moves.
-    """
-    x, y, _ = pose_of(snapshot)
+    """The view without a room: path, robot and light, with a margin; a coarse grid keeps the picture still."""
     about = snapshot.get(SURROUNDINGS, Surroundings())
-    points = [*viewer.path, (x, y), *([about.light] if about.light else [])]
+    points = [*viewer.path, pose_of(snapshot)[:2], *([about.light] if about.light else [])]
     xs = [x for x, _ in points if isfinite(x)] or [0.0]
     ys = [y for _, y in points if isfinite(y)] or [0.0]
-    span = max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))
-    grid = 10.0 ** floor(log10(span))
+    grid = 10.0 ** floor(log10(max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))))
     margin = 0.5 * about.body[0]
-    return Bounds(
-        floor((min(xs) - margin) / grid) * grid,
-        floor((min(ys) - margin) / grid) * grid,
-        ceil((max(xs) + margin) / grid) * grid,
-        ceil((max(ys) + margin) / grid) * grid,
-    )
+    low = (floor((min(values) - margin) / grid) * grid for values in (xs, ys))
+    high = (ceil((max(values) + margin) / grid) * grid for values in (xs, ys))
+    return Bounds(*low, *high)
 
 
 def round_up(scale: float) -> float:
@@ -201,42 +186,18 @@ def round_up(scale: float) -> float:
     return power * next((step for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if step * power >= scale), 10.0)
 
 
-def _draw_room(canvas: Canvas, room: Bounds) -> None:
-    corners = [
-        (room.left, room.bottom),
-        (room.right, room.bottom),
-        (room.right, room.top),
-        (room.left, room.top),
-    ]
-    _draw_outline(canvas, corners, WALL)
-
-
-def _draw_outline(canvas: Canvas, corners: Sequence[tuple[float, float]], layer: int) -> None:
-    """Lines from corner to corner, and from the last one to the first."""
-    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        canvas.line(start, end, layer)
-
-
-def _draw_axes(canvas: Canvas) -> None:
-    """A small cross at the origin."""
-    arm = 4.0 * canvas.scale
-    canvas.line((-arm, 0.0), (arm, 0.0), AXES)
-    canvas.line((0.0, -arm), (0.0, arm), AXES)
-
-
-def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float], layer: int) -> None:
+def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: Point, layer: int) -> None:
     """The outline of a body of this length and width (m), and a pointer out of its front."""
     x, y, theta = pose
     enlarge = max(1.0, BODY_DOTS * canvas.scale / body[0])
     front, side = 0.5 * enlarge * body[0], 0.5 * enlarge * body[1]
     c, s = cos(theta), sin(theta)
 
-    def place(ahead: float, left: float) -> tuple[float, float]:
+    def place(ahead: float, left: float) -> Point:
         return x + ahead * c - left * s, y + ahead * s + left * c
 
-    outline = [place(front, side), place(-front, side), place(-front, -side), place(front, -side)]
-    _draw_outline(canvas, outline, layer)
-    canvas.line(place(0.0, 0.0), place(2.0 * front, 0.0), layer)
+    canvas.outline([place(front, side), place(-front, side), place(-front, -side), place(front, -side)], layer)
+    canvas.line((x, y), place(2.0 * front, 0.0), layer)
 
 
 def _legend(snapshot: Snapshot, scale: float) -> Text:
@@ -244,15 +205,14 @@ def _legend(snapshot: Snapshot, scale: float) -> Text:
     length, cells = scale_bar(scale)
     light = snapshot.get(SURROUNDINGS, Surroundings()).light
     x, y, theta = pose_of(snapshot)
-    legend = Text(no_wrap=True, overflow="ellipsis")
-    legend.append(f"├{'─' * (cells - 2)}┤", "white").append(f" {length:g} m  ", "white")
+    legend = Text(no_wrap=True, overflow="ellipsis").append(f"├{'─' * (cells - 2)}┤ {length:g} m  ", "white")
     if light is not None:
         legend.append("✶", "bold bright_yellow").append(" light  ", DIM)
     legend.append("⣀", _STYLES[PATH]).append(" path  ", DIM)
     legend.append("room" if snapshot.get(POSE) is not None else "odometry", "cyan")
     legend.append(f" x {x:.2f} y {y:.2f} m θ {degrees(theta):.0f}°")
     if light is not None:
-        legend.append(f"  to light {hypot(x - light[0], y - light[1]):.2f} m", DIM)
+        legend.append(f"  to light {dist((x, y), light):.2f} m", DIM)
     return legend
 
 

@@ -19,7 +19,6 @@ from typing import Final
 from rich.align import Align
 from rich.console import RenderableType
 from rich.layout import Layout
-from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
@@ -28,20 +27,20 @@ from txt1.tasks.display import buzzer
 from txt1.tasks.fields import TRAFFIC, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui import status
-from txt1.ui.text import BAD, DIM, clean, field_table, run_time
+from txt1.ui.status import state_of
+from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, run_time, styled, table
 from txt1.ui.viewer import DRIVING, Viewer
 
 HEADER_ROWS = 2
 FOOTER_ROWS = 1
 SCREENS: Final = {
     "STATUS": "txt1.ui.status:screen",
-    "PWM": "txt1.ui.pwm:screen",
-    "ENCODERS": "txt1.ui.encoders:screen",
-    "PID GAINS": "txt1.ui.gains:screen",
+    "PWM": "txt1.ui.tables:pwm",
+    "ENCODERS": "txt1.ui.tables:encoders",
+    "PID GAINS": "txt1.ui.tables:gains",
     "MAP": "txt1.ui.map:screen",
-    "SENSORS": "txt1.ui.sensors:screen",
-    "TASKS": "txt1.ui.tasks:screen",
+    "SENSORS": "txt1.ui.tables:sensors",
+    "TASKS": "txt1.ui.tables:tasks",
 }
 """Our screens in the order of the joystick: the LCD's four, and more that it could not show."""
 
@@ -81,8 +80,8 @@ def _screen(name: str, snapshot: Snapshot, viewer: Viewer, width: int, rows: int
         draw: Render = installed()[name].load()
         return draw(snapshot, viewer, width, rows)
     except Exception as error:  # a stranger's screen must not take the keys of the robot along
-        told = Text(f"this screen failed: {type(error).__name__}: {clean(str(error))}", style=BAD)
-        return Panel(told, title=name, border_style=DIM)
+        told = f"this screen failed: {type(error).__name__}: {clean(str(error))}"
+        return table(name, (Column(fold=True),), ((styled(told, BAD),),))
 
 
 def current(snapshot: Snapshot) -> str:
@@ -93,9 +92,8 @@ def current(snapshot: Snapshot) -> str:
 
 def _header(snapshot: Snapshot, current: str, width: int) -> RenderableType:
     """Name, HAL, time of the run, and the screens' names, where they have room, with the current one marked."""
-    left = Text(no_wrap=True, overflow="crop").append(" TXT-1 ", "bold reverse")
-    left.append(f" {clean(snapshot.name)} {run_time(snapshot.time)}")
-    tabs = Text(no_wrap=True)
+    left = Text.from_markup(f"[bold reverse] TXT-1 [/] {clean(snapshot.name)} {run_time(snapshot.time)}")
+    tabs = Text()
     names = list(installed())
     if left.cell_len + sum(len(name) + 2 for name in names) > width:
         tabs.append(f"{names.index(current) + 1}/{len(names)} ", DIM)
@@ -107,21 +105,19 @@ def _header(snapshot: Snapshot, current: str, width: int) -> RenderableType:
 
 def _state_line(snapshot: Snapshot) -> RenderableType:
     """Armed or not, large; buzzer, link and the two LEDs, which toggle with each message."""
-    indicators = Text(no_wrap=True)
     alive, traffic = snapshot.get(MODE, Mode()).link.alive, snapshot.get(TRAFFIC, Traffic())
-    if buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state):
-        indicators.append(" BUZZER ", "bold black on yellow")
-    indicators.append("  link alive" if alive else "  link lost", "green" if alive else "red")
-    indicators.append("  RX ").append(*_led(traffic.received)).append("  TX ").append(*_led(traffic.transmitted))
-    return _edges(status.state_of(snapshot), indicators)
+    sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state)
+    link = styled("link alive", GOOD) if alive else styled("link lost", "red")
+    leds = (f"  {name} {_led(count)}" for name, count in (("RX", traffic.received), ("TX", traffic.transmitted)))
+    return _edges(state_of(snapshot), f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {link}{''.join(leds)}")
 
 
-def _led(count: int) -> tuple[str, str]:
-    """An LED that toggles with every message, and its colour."""
-    return ("●", "bright_green") if count % 2 else ("○", DIM)
+def _led(count: int) -> str:
+    """An LED that toggles with every message."""
+    return styled("●", "bright_green") if count % 2 else styled("○", DIM)
 
 
-def _edges(left: Text, right: Text) -> Table:
+def _edges(left: str | Text, right: str | Text) -> Table:
     """One row: `left` at the left edge, cut where `right` at the right edge begins."""
     row = Table.grid(expand=True, padding=0)
     row.add_column(ratio=1, no_wrap=True)
@@ -141,26 +137,22 @@ def _keys(viewer: Viewer, width: int) -> Text:
 
 def _help(viewer: Viewer) -> RenderableType:
     """What every key does."""
-    if viewer.keys != DRIVING:
-        return Panel(field_table(*viewer.keys.items()), title="HELP", border_style="cyan")
-    return Panel(
-        field_table(
-            ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
-            ("m", "arm: opens the safety gate; also the way back from an emergency stop"),
-            ("w s", "drive forwards, backwards"),
-            ("a d", "steer left, right while driving; the wheel's side also in reverse"),
-            ("", "a key counts for 0.7 s after its last press, then fades in 0.3 s"),
-            ("+ -", "speed of w and s, 0.1 to 1.5 m/s"),
-            ("← →", "screen: " + ", ".join(installed())),
-            ("↑ ↓", "scroll the table of gains"),
-            ("c", "joystick centre: controller or manual mode"),
-            ("?", "this help, and back"),
-            ("q", "quit: outputs neutral, terminal as it was"),
-            ("", ""),
-            ("–", "a value that this hardware layer cannot know"),
-            ("BUZZER", "link lost or battery low"),
-            ("RX TX", "toggle with every message received and sent"),
-        ),
-        title="HELP",
-        border_style="cyan",
+    driving = (
+        ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
+        ("m", "arm: opens the safety gate; also the way back from an emergency stop"),
+        ("w s", "drive forwards, backwards"),
+        ("a d", "steer left, right while driving; the wheel's side also in reverse"),
+        ("", "a key counts for 0.7 s after its last press, then fades in 0.3 s"),
+        ("+ -", "speed of w and s, 0.1 to 1.5 m/s"),
+        ("← →", "screen: " + ", ".join(installed())),
+        ("↑ ↓", "scroll the table of gains"),
+        ("c", "joystick centre: controller or manual mode"),
+        ("?", "this help, and back"),
+        ("q", "quit: outputs neutral, terminal as it was"),
+        (),
+        (DASH, "a value that this hardware layer cannot know"),
+        ("BUZZER", "link lost or battery low"),
+        ("RX TX", "toggle with every message received and sent"),
     )
+    rows = driving if viewer.keys == DRIVING else tuple(viewer.keys.items())
+    return table("HELP", (NAME, Column(fold=True)), rows, border="cyan")

@@ -1,11 +1,19 @@
-"""How values are written: numbers with units, durations, bars, and a dash for what nobody can know."""
+"""How values are written: numbers with units, durations, bars, tables, and a dash for what nobody can know.
+
+All strings are rich's markup; `clean` takes the meaning out of what came from elsewhere.
+"""
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Final, NamedTuple
 
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.markup import escape
+from rich.panel import Panel
+from rich.segment import Segment
 from rich.table import Table
-from rich.text import Text
 
 DASH: Final = "–"
 """Stands for a value that this HAL cannot know."""
@@ -29,15 +37,16 @@ def duration(s: float) -> str:
     """A short time in at most six characters, in ns, µs, ms or s."""
     if s == 0.0:
         return "0"
-    if s < 0.9995e-6:
-        return f"{s * 1e9:.0f}ns"
-    if s < 0.9995e-3:
-        return f"{s * 1e6:.0f}µs"
-    if s < 0.09995:
-        return f"{s * 1e3:.1f}ms"
-    if s < 0.9995:
-        return f"{s * 1e3:.0f}ms"
-    return f"{s:.2f}s" if s < 99.995 else f"{s:.0f}s"
+    for below, factor, decimals, unit in (
+        (0.9995e-6, 1e9, 0, "ns"),
+        (0.9995e-3, 1e6, 0, "µs"),
+        (0.09995, 1e3, 1, "ms"),
+        (0.9995, 1e3, 0, "ms"),
+        (99.995, 1.0, 2, "s"),
+    ):
+        if s < below:
+            return f"{s * factor:.{decimals}f}{unit}"
+    return f"{s:.0f}s"
 
 
 def count(n: int, digits: int) -> str:
@@ -53,54 +62,89 @@ def count(n: int, digits: int) -> str:
 
 def run_time(s: float) -> str:
     """Time of the run as h:mm:ss.t."""
-    tenths = int(s * 10.0)
-    minutes, tenths = divmod(tenths, 600)
+    minutes, tenths = divmod(int(s * 10.0), 600)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{tenths // 10:02d}.{tenths % 10}"
 
 
-def minutes(s: float | None) -> str:
-    """A long time in minutes; a dash for None."""
-    return DASH if s is None else f"{s / 60.0:.0f} min"
-
-
-def on_off(on: bool) -> Text:
-    """ "on" or "off"."""
-    return Text("on", style=GOOD) if on else Text("off", style=WARNING)
+def styled(text: str, style: str) -> str:
+    """The text in a style."""
+    return f"[{style}]{text}[/]" if style else text
 
 
 def clean(text: str) -> str:
-    """The text without anything a terminal could obey: a message may quote what came over a wire."""
-    return "".join(c if c.isprintable() else " " for c in text)
+    """The text without anything a terminal or rich could obey: a message may quote what came over a wire."""
+    return escape("".join(c if c.isprintable() else " " for c in text))
 
 
-def centred_bar(share: float, width: int) -> Text:
+def centred_bar(share: float, width: int) -> str:
     """A bar from the middle to the left (share < 0) or right, full at -1 and 1."""
     half = max(1, (width - 1) // 2)
     length = min(half, round(abs(share) * half))
-    left = ("█" * length if share < 0.0 else "").rjust(half, "·")
-    right = ("█" * length if share > 0.0 else "").ljust(half, "·")
-    return _bar(left + "│" + right)
+    full, rest, empty = styled("█" * length, "bright_blue"), "·" * (half - length), "·" * half
+    return styled(f"{rest}{full}│{empty}" if share < 0.0 else f"{empty}│{full}{rest}", DIM)
 
 
-def bar(share: float, width: int) -> Text:
+def bar(share: float, width: int) -> str:
     """A bar from the left, full at 1."""
     length = min(width, max(0, round(share * width)))
-    return _bar("█" * length + "·" * (width - length))
+    return styled("█" * length, "bright_blue") + styled("·" * (width - length), DIM)
 
 
-def _bar(characters: str) -> Text:
-    """The bar with its empty part dimmed."""
-    text = Text(characters, style="bright_blue", no_wrap=True)
-    text.highlight_regex("[·│]+", DIM)
-    return text
+class Column(NamedTuple):
+    """A column of a table: its heading, style, alignment, folded or cut where it is too long, least width in cells."""
+
+    heading: str = ""
+    style: str = ""
+    right: bool = False
+    fold: bool = False
+    least: int | None = None
 
 
-def field_table(*rows: tuple[str, str | Text]) -> Table:
-    """Two columns: names and values."""
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style=LABEL, no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
+NAME: Final = Column(style=LABEL)
+FIELDS: Final = (NAME, Column())
+"""Names and values."""
+
+
+class Kept:
+    """A renderable that is drawn once for each size and remembered."""
+
+    def __init__(self, content: RenderableType) -> None:
+        self._content = content
+        self._drawn: dict[tuple[int, int | None], list[Segment]] = {}
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterable[Segment]:
+        size = options.max_width, options.height
+        if size not in self._drawn:
+            self._drawn[size] = list(console.render(self._content, options))
+        return self._drawn[size]
+
+
+@lru_cache(maxsize=64)
+def table(
+    title: str,
+    columns: tuple[Column, ...],
+    rows: tuple[tuple[str, ...], ...],
+    *,
+    gap: int = 2,
+    padding: tuple[int, int] = (0, 1),
+    border: str = DIM,
+) -> Kept:
+    """Rows of cells in a frame with a title; a table that is as before is not drawn again.
+
+    `gap` is the cells between columns, `padding` the rows and columns between frame and table.
+    """
+    grid = Table.grid(padding=(0, gap))
+    grid.show_header, grid.header_style = any(column.heading for column in columns), LABEL
+    for heading, style, right, fold, least in columns:
+        grid.add_column(
+            heading,
+            style=style,
+            justify="right" if right else "left",
+            overflow="fold" if fold else "ellipsis",
+            no_wrap=not fold,
+            min_width=least,
+        )
+    for row in rows:
+        grid.add_row(*row)
+    return Kept(Panel(grid, title=title, border_style=border, padding=padding))

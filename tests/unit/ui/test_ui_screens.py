@@ -18,9 +18,9 @@ from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import EVENTS, GAIN_TABLE, TRAFFIC, Battery, Event, GainTable, LinkState, Panel, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.gains import in_force, visible
 from txt1.ui.screens import SCREENS, render
-from txt1.ui.text import count, duration, minutes, number, run_time
+from txt1.ui.tables import in_force, visible
+from txt1.ui.text import count, duration, number, run_time
 from txt1.ui.viewer import Viewer
 
 NAMES = list(SCREENS)
@@ -232,7 +232,13 @@ def test_values_are_written_for_people() -> None:
     assert number(-0.001, 2) == "0.00"
     assert number(None, 2, "V") == "–"
     assert number(11.836, 2, "V") == "11.84 V"
-    assert minutes(None) == "–"
     assert run_time(3725.67) == "1:02:05.6"
     assert [count(n, 4) for n in (0, 9999, 10_000, 12_345_678)] == ["0", "9999", "10k", "12M"]
     assert count(123_456_789, 7) == "123457k" or count(123_456_789, 7) == "123.5M"
+
+
+def test_brackets_in_an_event_a_reason_or_a_name_stay_what_they_are() -> None:
+    told = full().replaced({EVENTS: (Event(1.0, r"[bold]gains[/] of [0.5] \[x] \ "),)}, name="[red]")
+    text = "\n".join(printed(mode(told, reason="[/nothing]", armed=False), Viewer(), 120, 24))
+    assert r"[bold]gains[/] of [0.5] \[x] \ " in text
+    assert "disarmed ([/nothing])" in text and " [red] " in text and "failed" not in text
