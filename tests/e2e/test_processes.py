@@ -38,7 +38,7 @@ def what_the_test_itself_does_may_block(blocking_calls_fail: BlockBuster) -> Non
     """Starting processes and looking at files; and a pseudo-terminal is made before the board has power."""
     for function in blocking_calls_fail.functions.values():
         function.can_block_in("tests/e2e/test_processes.py", {"process", "until", "body", "adapter", "answers"})
-        function.can_block_in("txt1/link/pty.py", {"listen_pty", "close"})
+        function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
 
 
 TXT1 = (sys.executable, "-m", "txt1")

@@ -131,7 +131,7 @@ async def line(transport: str, directory: Path | None, settings: tuple[str, ...]
 @pytest.fixture(autouse=True)
 def a_pseudo_terminal_is_made_before_the_board_has_power(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/link/pty.py", {"listen_pty", "close"})
+        function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
 
 
 # -- one body over everything ----------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """Byte links: a serial device, a TCP connection, a pseudo-terminal or a pair in memory, all with the same two faces.
 
-A `Link` is what one writes to; an `End` is who uses it and is told what happens. `open_link` is the host's way to a
-board, `listen_pty` and `listen_tcp` are the virtual board's way to its hosts, `connect` joins two ends in memory.
-`paced` and `faulty` put a baud rate and a bad line between an end and any of these, and they can be nested:
+A `Link` is written to; its `End` is told what happens. `open_link` leads a host to a board, `listen_pty` and
+`listen_tcp` lead hosts to the virtual board, `connect` joins two ends in memory. `paced` and `faulty` put a baud rate
+and a bad line between an end and any of these, and they can be nested:
 `listen_pty(path, paced(faulty(board, faults, seed), 57600))`.
 """
 

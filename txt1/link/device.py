@@ -7,7 +7,6 @@ import errno
 import os
 import stat
 import termios
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -17,7 +16,7 @@ from serial_asyncio import SerialTransport
 from txt1.errors import HalError
 from txt1.link.base import End, Link
 from txt1.link.ports import access_problem, candidates
-from txt1.link.stream import StreamLink
+from txt1.link.stream import Explain, StreamLink
 
 
 class _Device(Serial):
@@ -77,12 +76,7 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
 
 
 async def open_device(address: str, end: End, baud: int) -> Link:
-    """The link to a serial device, 8N1 and ours alone; `end` is connected.
-
-    Raises:
-        HalError: it cannot be opened; the message says what to do.
-
-    """
+    """The link to a serial device, 8N1 and ours alone; a HalError when it cannot be opened."""
     loop = asyncio.get_running_loop()
     opening = loop.run_in_executor(None, open_port, address, baud)
     try:
@@ -101,24 +95,19 @@ async def open_device(address: str, end: End, baud: int) -> Link:
     return link
 
 
-_Opened = tuple[_Device, Callable[[str, Exception | None], str]]
+_Opened = tuple[_Device, Explain]
 
 
 def open_port(address: str, baud: int) -> _Opened:
-    """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack.
-
-    Raises:
-        HalError: it cannot be opened.
-
-    """
+    """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack."""
     if baud <= 0:  # the kernel takes 0 for "hang up"
-        raise HalError(_bad_rate(address, baud))
+        raise _bad_rate(address, baud)
     try:
         if not stat.S_ISCHR(os.stat(address).st_mode):
             raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
         device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
     except (ValueError, OverflowError) as error:
-        raise HalError(_bad_rate(address, baud)) from error
+        raise _bad_rate(address, baud) from error
     except OSError as error:  # SerialException is one
         raise HalError(_why_not_open(address, error)) from error
     except termios.error as error:  # and this is none: the device has gone in the middle of it
@@ -133,8 +122,8 @@ def _close_port(opening: asyncio.Future[_Opened]) -> None:
         opening.result()[0].close()
 
 
-def _bad_rate(address: str, baud: int) -> str:
-    return f"{address} does not work at {baud} baud: the board's rate is 57600"
+def _bad_rate(address: str, baud: int) -> HalError:
+    return HalError(f"{address} does not work at {baud} baud: the board's rate is 57600")
 
 
 def _why_not_open(address: str, error: OSError) -> str:

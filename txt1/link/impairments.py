@@ -6,17 +6,20 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.random import SeedSequence
 
-from txt1.link.base import BACKLOG, BaseLink, End, Link, Wrapper
+from txt1.link.base import BACKLOG, End, Link, Wrapper
 from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
 
 
 class Carrier(Protocol):
-    """What decides when which bytes arrive: `Line`, `Pace`."""
+    """Decides when which bytes arrive: `Line`, `Pace`."""
+
+    ends: float
+    """When the line is lost, s of the loop's clock."""
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
         """Return when which pieces of these bytes, given at `now` (s), arrive."""
@@ -73,24 +76,16 @@ class Way:
         self._set_timer()
 
 
-class _Carriers(NamedTuple):
-    """What a connection goes through, and when it is cut, s of the loop's clock."""
-
-    outgoing: Carrier
-    incoming: Carrier
-    ends: float = float("inf")
-
-
 class _Through(Wrapper):
-    """An end behind two carriers: to a link it is the end, and to the end it shows a link of its own."""
+    """An end behind two carriers, outgoing and incoming: to a link it is the end; the end sees a link of its own."""
 
-    def __init__(self, end: End, carriers: Callable[[float], _Carriers]) -> None:
+    def __init__(self, end: End, carriers: Callable[[float], tuple[Carrier, Carrier]]) -> None:
         self._end = end
         self._carriers = carriers
         self._link: _ThroughLink
 
     def connected(self, link: Link) -> None:
-        self._link = _ThroughLink(self._end, link, self._carriers(asyncio.get_running_loop().time()))
+        self._link = _ThroughLink(self._end, link, *self._carriers(asyncio.get_running_loop().time()))
         self._end.connected(self._link)
 
     def received(self, data: bytes) -> None:
@@ -100,53 +95,49 @@ class _Through(Wrapper):
         self._link.lose(reason)
 
     def release(self) -> None:
-        """The link was closed without asking the end."""
-        self._link.release()
+        self._link.shut()
 
 
-class _ThroughLink(BaseLink):
+class _ThroughLink(Link):
     """The link that an end behind carriers sees."""
 
-    def __init__(self, end: End, link: Link, carriers: _Carriers) -> None:
+    def __init__(self, end: End, link: Link, outgoing: Carrier, incoming: Carrier) -> None:
         super().__init__(link.address, end)
         self._link = link
-        self.outgoing = Way(carriers.outgoing, link.write)
-        self.incoming = Way(carriers.incoming, end.received)
+        self.outgoing = Way(outgoing, link.write)
+        self.incoming = Way(incoming, end.received)
         self._cutter: asyncio.TimerHandle | None = None
-        if carriers.ends < float("inf"):
-            self._cutter = asyncio.get_running_loop().call_at(carriers.ends, self._cut, carriers.ends)
+        if outgoing.ends < float("inf"):
+            self._cutter = asyncio.get_running_loop().call_at(outgoing.ends, self._cut, outgoing.ends)
 
     @property
     def overflows(self) -> int:
         return self.outgoing.overflows + self.incoming.overflows + self._link.overflows
 
-    def write(self, data: bytes) -> None:
-        self.require_up()
+    def _send(self, data: bytes) -> None:
         self.outgoing.send(data)
 
     def close(self) -> None:
-        self.release()
+        self.shut()
         self._link.close()
 
-    def release(self) -> None:
-        if self.shut():
-            self._stop()
+    def shut(self) -> bool:
+        self._stop()
+        return super().shut()
 
     def lose(self, reason: str) -> None:
-        """Tell the end, and forget what is under way."""
-        if self.up:
-            self._stop()
+        self._stop()
         super().lose(reason)
 
     def _cut(self, now: float) -> None:
         for way in (self.outgoing, self.incoming):
             way.deliver_until(now)  # it was there in time, even if its timer comes after this one
-        link, up = self._link, self.up
-        self.lose(f"{self._address}: the line was cut, as its faults say")
-        if up:
-            link.close()
+        if self.up:
+            self.lose(f"{self.address}: the line was cut, as its faults say")
+            self._link.close()
 
     def _stop(self) -> None:
+        """Forget what is under way."""
         self.outgoing.stop()
         self.incoming.stop()
         if self._cutter is not None:
@@ -159,7 +150,7 @@ def paced(end: End, baud: int) -> End:
     What was written at once is delivered at once, when its last byte has passed: faults at either end hit whole frames.
     """
     Pace(baud)  # a wrong rate is a mistake here, not when a host connects
-    return _Through(end, lambda now: _Carriers(Pace(baud), Pace(baud)))
+    return _Through(end, lambda _: (Pace(baud), Pace(baud)))
 
 
 def faulty(
@@ -168,22 +159,11 @@ def faulty(
     """The end with a bad line between it and its links, both ways; itself when nothing is wrong with the line.
 
     Each connection is a new line: `cut` counts from its start. The seed repeats what happens over all of them.
-
-    Args:
-        end: who uses the line.
-        faults: what is wrong with it, in each direction.
-        seed: of the random values.
-        on_fault: see `Line`; told of both directions.
-
+    `on_fault` (see `Line`) is told of both directions.
     """
     if faults.harmless:
         return end
     seeds = SeedSequence(seed) if isinstance(seed, int) else seed
     outgoing, incoming = (np.random.default_rng(child) for child in seeds.spawn(2))
     line = partial(Line, faults, on_fault=on_fault)
-
-    def carriers(now: float) -> _Carriers:
-        ends = now + faults.cut if faults.cut else float("inf")
-        return _Carriers(line(rng=outgoing, start=now), line(rng=incoming, start=now), ends)
-
-    return _Through(end, carriers)
+    return _Through(end, lambda now: (line(rng=outgoing, start=now), line(rng=incoming, start=now)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
-from txt1.link.base import BaseLink, End, Link
+from txt1.link.base import End, Link
 
 
-class _MemoryLink(BaseLink):
+class _MemoryLink(Link):
     """One end of a pair; delivery is the loop's next business, so it takes no virtual time."""
 
     peer: _MemoryLink
@@ -16,16 +16,13 @@ class _MemoryLink(BaseLink):
         super().__init__("memory", end)
         self._loop = asyncio.get_running_loop()
 
-    def write(self, data: bytes) -> None:
-        self.require_up()
+    def _send(self, data: bytes) -> None:
         self._loop.call_soon(self.peer.arrive, data)
 
-    def close(self) -> None:
-        if self.shut():
-            self._loop.call_soon(self.peer.lose, "the other end of the link in memory was closed")
+    def _let_go(self) -> None:
+        self._loop.call_soon(self.peer.lose, "the other end of the link in memory was closed")
 
     def arrive(self, data: bytes) -> None:
-        """Hand on what the peer has written."""
         if self.up:
             self._end.received(data)
 

@@ -11,13 +11,13 @@ from contextlib import suppress
 from typing import Final
 
 from txt1.errors import HalError
-from txt1.link.base import BACKLOG, BaseLink, End, Listener
+from txt1.link.base import BACKLOG, End, Link, Listener
 
 LOOK_EVERY: Final = 0.05
 """Seconds between two looks whether a host has opened the pseudo-terminal."""
 
 
-class _PtyLink(BaseLink):
+class _PtyLink(Link):
     """The board's side of a pseudo-terminal: a line that is up whether or not a host listens at its other end.
 
     The host's side is opened here for moments only: as long as nobody else has it open, the kernel says so.
@@ -36,9 +36,8 @@ class _PtyLink(BaseLink):
         if self.up:
             self._look()
 
-    def write(self, data: bytes) -> None:
-        self.require_up()
-        if self._nobody():  # it would lie there until the next host takes it for news
+    def _send(self, data: bytes) -> None:
+        if self._poll.poll(0):  # nobody is there: it would lie there until the next host takes it for news
             return
         try:
             sent = os.write(self._master, data)
@@ -47,22 +46,15 @@ class _PtyLink(BaseLink):
         except OSError:  # the host has left this very moment
             return
         self._used = True
-        if sent < len(data):
-            self._overflows += 1
+        self._overflows += sent < len(data)
 
-    def close(self) -> None:
-        if not self.shut():
-            return
+    def _let_go(self) -> None:
         if self._timer is None:
             self._loop.remove_reader(self._master)
         else:
             self._timer.cancel()
-        _remove_link(self._address, self._slave)
+        _remove_link(self.address, self._slave)
         os.close(self._master)  # last, for until then no other pseudo-terminal can have its name
-
-    def _nobody(self) -> bool:
-        """Whether no host has its side open."""
-        return bool(self._poll.poll(0))
 
     def _look(self) -> None:
         """Read what a host has sent, if one is or was there; else look again later."""
@@ -75,12 +67,11 @@ class _PtyLink(BaseLink):
             data = os.read(self._master, BACKLOG)
         except BlockingIOError:
             self._used = True
-            return
         except OSError:
             self._hung_up()
-            return
-        self._used = True
-        self._end.received(data)
+        else:
+            self._used = True
+            self._end.received(data)
 
     def _hung_up(self) -> None:
         """No host is there, and all that the last one sent is read. A reader would wake the loop without end now."""
@@ -119,12 +110,7 @@ def listen_pty(path: str, end: End) -> Listener:
 
 
 def _make_link(path: str, slave: str) -> None:
-    """Put a symbolic link to the pseudo-terminal at `path`, in place of one that a killed board has left.
-
-    Raises:
-        HalError: that cannot be.
-
-    """
+    """Put a symbolic link to the pseudo-terminal at `path`, in place of one that a killed board has left."""
     try:
         if os.path.islink(path) and os.readlink(path).startswith("/dev/pts/"):
             os.unlink(path)
@@ -138,9 +124,8 @@ def _make_link(path: str, slave: str) -> None:
 
 
 def _remove_link(path: str, slave: str) -> None:
-    """Remove the symbolic link, unless it is another's by now."""
     with suppress(OSError):
-        if os.readlink(path) == slave:
+        if os.readlink(path) == slave:  # else it is another's by now
             os.unlink(path)
 
 

@@ -5,31 +5,30 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from txt1.link.base import BACKLOG, BaseLink, End
+from txt1.link.base import BACKLOG, End, Link
+
+Explain = Callable[[str, Exception | None], str]
+"""Puts the loss of an address into words."""
 
 
-class StreamLink(BaseLink, asyncio.Protocol):
-    """A link over one of asyncio's transports. `explain` puts the reason of a loss into words."""
+class StreamLink(Link, asyncio.Protocol):
+    """A link over one of asyncio's transports."""
 
     transport: asyncio.Transport
 
-    def __init__(self, address: str, end: End, explain: Callable[[str, Exception | None], str]) -> None:
+    def __init__(self, address: str, end: End, explain: Explain) -> None:
         super().__init__(address, end)
         self._explain = explain
 
-    def write(self, data: bytes) -> None:
-        """Send, or drop when too much waits already."""
-        self.require_up()
+    def _send(self, data: bytes) -> None:
         waiting = self.transport.get_write_buffer_size()
         if waiting and waiting + len(data) > BACKLOG:
             self._overflows += 1
         else:
             self.transport.write(data)
 
-    def close(self) -> None:
-        """Let go at once."""
-        if self.shut():
-            self.transport.abort()
+    def _let_go(self) -> None:
+        self.transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Connect the end, unless nobody waits for it any more."""
@@ -50,4 +49,4 @@ class StreamLink(BaseLink, asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Tell the end why."""
-        self.lose(self._explain(self._address, exc))
+        self.lose(self._explain(self.address, exc))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import socket
+from contextlib import ExitStack
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -22,13 +23,15 @@ ANSWER: Final = 3.0
 """Seconds a TCP peer has to accept a connection."""
 
 
+_NO_PORT: Final = {
+    errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any that is free",
+    errno.EACCES: "ports below 1024 are reserved; choose a higher one, or 0 for any that is free",
+    errno.EADDRNOTAVAIL: "this computer has no such address; 127.0.0.1 is itself",
+}
+
+
 async def open_socket(address: str, end: End) -> Link:
-    """The link to `socket://host:port`; `end` is connected.
-
-    Raises:
-        HalError: the address is none, or nobody takes the connection; the message says what to do.
-
-    """
+    """The link to `socket://host:port`; a HalError when the address is none, or nobody takes the connection."""
     host, port = _host_and_port(address)
     link = StreamLink(address, end, broken_off)
     loop = asyncio.get_running_loop()
@@ -56,33 +59,21 @@ async def _connected_socket(host: str, port: int) -> socket.socket:
     loop = asyncio.get_running_loop()
     refusal = OSError(errno.EHOSTUNREACH, "it has no address")
     for family, kind, protocol, _, where in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-        try:
-            sock = socket.socket(family, kind, protocol)
-        except OSError as error:  # such as IPv6 on a computer without it
-            refusal = error
-            continue
-        try:
-            sock.setblocking(False)
-            tune(sock)
-            await loop.sock_connect(sock, where)
-        except OSError as error:
-            sock.close()
-            refusal = error
-        except BaseException:
-            sock.close()
-            raise
-        else:
-            return sock
+        with ExitStack() as opened:
+            try:
+                sock = opened.enter_context(socket.socket(family, kind, protocol))
+                sock.setblocking(False)
+                tune(sock)
+                await loop.sock_connect(sock, where)
+            except OSError as error:  # such as IPv6 on a computer without it
+                refusal = error
+            else:
+                opened.pop_all()
+                return sock
     raise refusal
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
-    """The two parts of `socket://host:port`.
-
-    Raises:
-        HalError: it is none.
-
-    """
     form = "write a device's path or socket://host:port, such as socket://127.0.0.1:5000"
     try:
         url = urlsplit(address)
@@ -124,19 +115,17 @@ class _HostLink(StreamLink):
         self._listener = listener
         self._loop = asyncio.get_running_loop()
         self.heard = self._loop.time()
-        """When it last sent something, s."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self.transport = transport
-        self._address = socket_address(transport.get_extra_info("peername"))
+        self.address = socket_address(transport.get_extra_info("peername"))
         before = self._listener.host
         if before is not None and before.up:
             if self._loop.time() - before.heard < SILENT:
                 self._down = "another host is connected"
-                transport.abort()
+                transport.close()
                 return
-            before.give_way()
+            before.lose(f"{before.address} was silent, and another host took its place")
+            before.transport.abort()
         tune(transport.get_extra_info("socket"))
         self._listener.host = self
         super().connection_made(transport)
@@ -145,30 +134,20 @@ class _HostLink(StreamLink):
         self.heard = self._loop.time()
         super().data_received(data)
 
-    def give_way(self) -> None:
-        """Let go, because another host has come and this one is silent."""
-        self.lose(f"{self._address} was silent, and another host took its place")
-        self.transport.abort()
-
 
 class _TcpListener:
     """A TCP port that serves one host at a time."""
+
+    address: str
+    server: asyncio.Server
 
     def __init__(self, end: End) -> None:
         self.end = end
         self.host: _HostLink | None = None
         """The one that is or was connected last."""
 
-    @property
-    def address(self) -> str:
-        return self._address
-
-    def serve(self, server: asyncio.Server) -> None:
-        self._server = server
-        self._address = socket_address(server.sockets[0].getsockname())
-
     def close(self) -> None:
-        self._server.close()
+        self.server.close()
         if self.host is not None:
             self.host.close()
 
@@ -192,26 +171,18 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
         if port == 0:  # on one address only: a name that has two would get two different ports
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
             host = str(found[0][4][0])
-        listener.serve(await loop.create_server(lambda: _HostLink(listener), host, port))
+        listener.server = await loop.create_server(lambda: _HostLink(listener), host, port)
     except socket.gaierror as error:
         raise HalError(f"cannot listen on {where}: {host!r} is no name or address of this computer") from error
     except OSError as error:
-        match error.errno:
-            case errno.EADDRINUSE:
-                why = "it is in use, perhaps by another board; choose another port, or 0 for any that is free"
-            case errno.EACCES:
-                why = "ports below 1024 are reserved; choose a higher one, or 0 for any that is free"
-            case errno.EADDRNOTAVAIL:
-                why = "this computer has no such address; 127.0.0.1 is itself"
-            case _:
-                why = str(error)
-        raise HalError(f"cannot listen on {where}: {why}") from error
+        raise HalError(f"cannot listen on {where}: {_NO_PORT.get(error.errno or 0, error)}") from error
+    listener.address = socket_address(listener.server.sockets[0].getsockname())
     return listener
 
 
 def socket_address(name: Any) -> str:
     """The address of a socket the way `open_link` takes it."""
-    if not name:  # the peer was gone before we could ask
+    if not name:  # the peer was gone before anyone could ask
         return "socket://?"
     host, port = name[:2]
     return f"socket://[{host}]:{port}" if ":" in host else f"socket://{host}:{port}"

@@ -60,9 +60,6 @@ class Line:
             first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
         start: when the line came up, s.
 
-    Attributes:
-        counts: how many faults of each kind there were.
-
     """
 
     def __init__(
@@ -151,20 +148,16 @@ class Pace:
     """The time that bytes take at a baud rate: ten bits each, and they queue behind those still under way.
 
     What is given together arrives together, at the instant the last byte has passed, as a USB adapter hands it on.
-
-    Args:
-        baud: bits per second.
-
-    Attributes:
-        busy_until: when the last byte given so far has passed, s.
-
     """
+
+    ends = float("inf")
 
     def __init__(self, baud: int) -> None:
         if baud <= 0:
             raise ValueError(f"a baud rate is positive, not {baud}")
         self.baud = baud
         self.busy_until = 0.0
+        """When the last byte given so far has passed, s."""
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
         """The bytes with the instant at which they have passed, s."""
