@@ -37,8 +37,8 @@ from txt1.robot import Robot
 Capture = pytest.CaptureFixture[str]
 CONFIG = load().config
 OVER = -1
-OUTSIDE = ("/light", "/learning/step", "/sensors", "/driver")
-"""Topics of those who command the robot, which a verification has not."""
+OUTSIDE = ("/light", "/learning/step", "/sensors", "/driver", "/snapshot")
+"""Topics of those who command the robot, which a verification has not, and the snapshot, which tells of them."""
 
 
 @pytest.fixture
