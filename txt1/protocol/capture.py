@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from enum import Enum
-from string import hexdigits
 from typing import Any
 
 from txt1.errors import CaptureError
 from txt1.protocol.decoder import Decoder, Event, FrameFault
+from txt1.protocol.messages import Message
 
 
 def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Event]]:
@@ -18,15 +19,15 @@ def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Even
     for read in reads:
         events = decoder.feed(read)
         yield from zip(decoder.offsets, events, strict=True)
-    events = decoder.expire()
-    yield from zip(decoder.offsets, events, strict=True)
+    last = decoder.expire()
+    yield from zip(decoder.offsets, last, strict=True)
 
 
 def describe(offset: int, event: Event) -> str:
     """One line of text: the offset, what it is, and its fields in SI units."""
     if isinstance(event, FrameFault):
-        return f"{offset:8d}  fault: {event.reason.value}  [{event.head.hex(' ').upper()}]"
-    values = (f"{field.name}={_plain(getattr(event, field.name))}" for field in fields(event))
+        return f"{offset:8d}  fault: {event.reason.value}  [{_hexadecimal(event.head)}]"
+    values = (f"{name}={value}" for name, value in _values(event).items())
     return f"{offset:8d}  {type(event).__name__}  {' '.join(values)}"
 
 
@@ -36,13 +37,9 @@ def as_dict(offset: int, event: Event) -> dict[str, Any]:
     A fault has a reason in words and its first bytes as hexadecimal text.
     """
     if isinstance(event, FrameFault):
-        return {
-            "offset": offset,
-            "type": "FrameFault",
-            "reason": event.reason.value,
-            "head": event.head.hex(" ").upper(),
-        }
-    values = {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
+        values: dict[str, Any] = {"reason": event.reason.value, "head": _hexadecimal(event.head)}
+    else:
+        values = _values(event)
     return {"offset": offset, "type": type(event).__name__, **values}
 
 
@@ -62,38 +59,35 @@ def summary(decoder: Decoder) -> str:
 def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
     """The bytes of each line of hexadecimal text.
 
-    Bytes may stand together (FAFB04) or be parted by blanks or commas, with or without 0x; what follows a # is a
-    comment.
+    Bytes may stand together (FAFB04) or be parted by blanks or commas, with or without 0x; a # begins a comment.
 
     Raises:
         CaptureError: something is no hexadecimal digit, or half a byte is left over; it names line and column, from 1.
 
     """
     for number, line in enumerate(lines, 1):
-        yield _read_line(number, line.partition("#")[0].replace(",", " "))
+        digits = ""
+        for token in re.finditer(r"(?:0[xX])?([^\s,]*)", line.partition("#")[0]):
+            wrong = re.search("[^0-9a-fA-F]", token[1])
+            if wrong is not None:
+                raise CaptureError(number, token.start(1) + wrong.start() + 1, f"{wrong[0]!r} is no hexadecimal digit")
+            if len(token[1]) % 2 or (token[0] and not token[1]):
+                why = f"'{token[0]}' ends in half a byte: write two digits for each"
+                raise CaptureError(number, token.start() + 1, why)
+            digits += token[1]
+        yield bytes.fromhex(digits)
 
 
-def _read_line(number: int, line: str) -> bytes:
-    read = bytearray()
-    column = 1
-    for token in line.split():
-        column = line.index(token, column - 1) + 1
-        digits = token[2:] if token[:2] in ("0x", "0X") else token
-        skipped = len(token) - len(digits)
-        for place, digit in enumerate(digits, column + skipped):
-            if digit not in hexdigits:
-                raise CaptureError(number, place, f"{digit!r} is no hexadecimal digit")
-        if len(digits) % 2 or not digits:
-            raise CaptureError(number, column, f"'{token}' ends in half a byte: write two digits for each")
-        read += bytes.fromhex(digits)
-        column += len(token)
-    return bytes(read)
+def _hexadecimal(data: bytes) -> str:
+    return data.hex(" ").upper()
+
+
+def _values(message: Message) -> dict[str, Any]:
+    return {field.name: _plain(getattr(message, field.name)) for field in fields(message)}
 
 
 def _plain(value: Any) -> Any:
     """A field's value as JSON knows it: a switch by its name, gain sets as lists."""
     if isinstance(value, Enum):
         return value.name
-    if isinstance(value, tuple):
-        return [_plain(each) for each in value]
-    return value
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value

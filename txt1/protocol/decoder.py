@@ -52,25 +52,21 @@ class Decoder:
     """The frames of a stream, as one end of the line receives them.
 
     `Decoder(Role.HOST)` understands what boards send, `Decoder(Role.BOARD)` what hosts send. It keeps no more than one
-    unfinished frame, at most 241 bytes, whatever comes in, and takes time proportional to the bytes.
-
-    Attributes:
-        position: bytes fed so far.
-        offsets: where in the stream each event of the last `feed` or `expire` began, one for one.
-        messages: how many of each type of message were delivered.
-        faults: how many there were for each reason.
-        skipped: bytes that are part of no intact frame: noise, damaged frames and foreign ones.
-
+    unfinished frame, at most 241 bytes, whatever comes in, and takes time proportional to the bytes. `messages` and
+    `faults` count what was delivered, by type and reason.
     """
 
     def __init__(self, role: Role) -> None:
         self.role = role
         self.position = 0
+        """Bytes fed so far."""
         self.offsets: list[int] = []
+        """Where in the stream each event of the last `feed` or `expire` began, one for one."""
         self._table = receivable(role)
         self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
         self.skipped = 0
+        """Bytes that are part of no intact frame: noise, damaged frames and foreign ones."""
         self._commands = {pair[1] for pair in self._table}
         self._tail = b""
         self._wanted = 0  # fewer bytes than this decide nothing
@@ -92,11 +88,7 @@ class Decoder:
         return self._scan(stream, final=False)
 
     def expire(self) -> list[Event]:
-        """What is left after giving up on a half frame, because the line was silent for 50 ms.
-
-        Every beginning of a frame among the bytes held back is a fault EXPIRED, and frames that are whole behind a
-        false header are delivered. Nothing is held back afterwards.
-        """
+        """Give up on a half frame: its beginnings are faults EXPIRED, whole frames behind a false header count."""
         return self._scan(self._tail, final=True)
 
     def _scan(self, stream: bytes, *, final: bool) -> list[Event]:

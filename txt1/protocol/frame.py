@@ -9,7 +9,7 @@ from collections.abc import Callable
 from struct import Struct
 from typing import Final, NamedTuple
 
-from txt1.protocol.layout import LAYOUTS, BadValue, Layout, Role
+from txt1.protocol.layout import LAYOUTS, Layout, Role
 from txt1.protocol.messages import Message
 
 __all__ = ["Role", "checksum", "encode"]
@@ -26,9 +26,8 @@ OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
 def checksum(data: bytes) -> int:
     """The checksum, 0 .. 65535, of a frame's command and data.
 
-    Pairs of bytes, the first one the high one, are added modulo 65536; an odd last byte is XORed into the low byte. It
-    notices any single flipped bit; of frames filled at random one in 65536 passes, and so does one in which two flips
-    cancel out (the same bit of two pairs, once up and once down) or two pairs changed places.
+    Pairs of bytes, the first one the high one, are added modulo 65536; an odd last byte is XORed into the low byte. Any
+    single flipped bit is noticed; two that cancel out, or two pairs that changed places, are not.
     """
     total = sum(data[0:-1:2]) * 256 + sum(data[1::2])
     return (total ^ data[-1] if len(data) % 2 else total) & 0xFFFF
@@ -70,10 +69,6 @@ def _receivable(layout: Layout, count: int) -> Receivable:
     return Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
 
 
-def _nothing(_buffer: bytes, _at: int) -> Message:
-    raise BadValue("this is no frame")
-
-
 def receivable(role: Role) -> dict[bytes, Receivable]:
     """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
     return {
@@ -84,5 +79,5 @@ def receivable(role: Role) -> dict[bytes, Receivable]:
     }
 
 
-ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, _nothing, None)
+ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, lambda *_: Message(), None)
 """What every other pair is: no frame, and its four bytes tell."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from operator import attrgetter, index
+from operator import index
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -49,12 +49,10 @@ class BadValue(ValueError):
 
 
 class Kind(NamedTuple):
-    """The meaning of a field's integers."""
+    """The meaning of a field's integers: ValueError, TypeError and BadValue say that a value or integer has none."""
 
     to_wire: Callable[[Any], int]
-    """The integer of a value; a ValueError or TypeError says that there is none."""
     from_wire: Callable[[int], Any]
-    """The value of an integer; BadValue says that there is none."""
     from_number: Callable[[float], Any]
     """The value of a number that a recording has for it."""
     takes: str
@@ -87,7 +85,7 @@ class Layout:
     message: type[Message]
     command: int
     code: str
-    """The letter in `struct` of every integer of the data."""
+    """The letter in `struct` of every integer of the data: "h", "i", "H" or "B"."""
     counts: Sequence[int]
     """How many integers there may be."""
     kind: Kind
@@ -106,13 +104,7 @@ class Layout:
         return Struct(f">{count}{self.code}")
 
     def pack(self, message: Message) -> bytes:
-        """The data of a message's frame.
-
-        Raises:
-            EncodeError: a value is not finite, is no whole number where one is asked for, or does not fit its field;
-                or a PID set has more than 14 angular sets or one that is not four numbers.
-
-        """
+        """The data of a message's frame; an EncodeError names the field that is not finite or does not fit."""
         bits = 8 * Struct(f">{self.code}").size
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
         integers = []
@@ -150,14 +142,8 @@ def declare(
 ) -> None:
     """Give a message its place in the protocol: from now on it is encoded, decoded, listed and recorded.
 
-    Args:
-        message: a frozen dataclass that is a HostMessage or a BoardMessage.
-        command: of its frames.
-        code: the letter in `struct` of every integer of the data: "h", "i", "H" or "B".
-        counts: how many integers there are, or may be.
-        kind: their meaning.
-        values: every value of a message with its field's name; None: its fields.
-        make: the message of such values; None: the class itself.
+    `message` is a frozen dataclass that is a HostMessage or a BoardMessage; see `Layout` for the others. Its values are
+    its fields, and it makes itself of them, unless `values` and `make` say otherwise.
 
     Raises:
         ValueError: its receiver understands another message with this command and length.
@@ -175,10 +161,7 @@ def declare(
 
 def _fields_of(message: type[Message]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
     names = [field.name for field in fields(message)]
-    if len(names) == 1:
-        return lambda one: [(names[0], getattr(one, names[0]))]
-    values = attrgetter(*names)
-    return lambda one: zip(names, values(one), strict=True)
+    return lambda one: [(name, getattr(one, name)) for name in names]
 
 
 def numbers(message: Message) -> tuple[float, ...]:
@@ -200,7 +183,6 @@ def from_numbers(name: str, values: Sequence[float]) -> Message:
 
 
 def _gains(message: PidSet) -> Iterable[tuple[str, Any]]:
-    """The gains by name; EncodeError when they are not 3 and at most 14 times 4."""
     if len(message.linear) != 3:
         raise EncodeError("PidSet", "linear", message.linear, "three numbers")
     if len(message.angular) > SETS_MAX:
