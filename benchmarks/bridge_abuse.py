@@ -135,7 +135,7 @@ async def time_to_stale(abuse: str) -> float:
                 while robot.now < driven + 0.9:
                     await asyncio.sleep(0.01)
                 last = robot.now
-                while not beside.silent:
+                while not beside.counts["silent"]:
                     last = robot.runtime.state.command.time if robot.runtime.state.command else last
                     await asyncio.sleep(0.005)
                 return await stale - last

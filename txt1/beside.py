@@ -26,6 +26,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -56,6 +57,8 @@ PERIOD: Final = 0.05
 PRIORITY: Final = -50
 """Of the task `Beside.serve`: behind all the robot's and the user's."""
 
+ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
+
 _STOP: Final = b'"stop"'
 _clock: Final = RealClock()
 
@@ -78,81 +81,64 @@ class Restart(NamedTuple):
 NEVER: Final = Restart()
 
 
+@dataclass(eq=False)
 class Beside:
-    """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task.
+    """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task."""
 
-    Args:
-        target: the function that the process calls with its `Connection` and the options.
-        telemetry: the next line to send, or None when there is nothing new; called when the last one was received.
-        request: told what the process asks for, and with an empty name of every heartbeat without a request.
-        options: keyword arguments of the function.
-        beat: s of real time between heartbeats.
-        restart: what to do when it fails.
-        silence: s without a heartbeat after which it is ended as hung; None: never.
-        tell: told in words when it fails, falls silent or is started again.
-        lost: called at once when it has gone.
+    target: str
+    """The function that the process calls with its `Connection` and the options."""
+    telemetry: Callable[[], bytes | None]
+    """The next line to send, or None when there is nothing new; called when the last one was received."""
+    request: Callable[[Request], None]
+    """Told what the process asks for, and with an empty name of every heartbeat without a request."""
+    _: KW_ONLY
+    options: Mapping[str, object] = field(default_factory=dict)
+    """Keyword arguments of the function."""
+    beat: float = BEAT
+    """s of real time between heartbeats."""
+    restart: Restart = NEVER
+    silence: float | None = None
+    """s without a heartbeat after which it is ended as hung; None: never."""
+    tell: Callable[[str], None] = lambda text: None
+    """Told in words when it fails, falls silent or is started again."""
+    lost: Callable[[], None] = lambda: None
+    """Called at once when it has gone."""
 
-    """
-
-    def __init__(
-        self,
-        target: str,
-        telemetry: Callable[[], bytes | None],
-        request: Callable[[Request], None],
-        *,
-        options: Mapping[str, object] | None = None,
-        beat: float = BEAT,
-        restart: Restart = NEVER,
-        silence: float | None = None,
-        tell: Callable[[str], None] = lambda text: None,
-        lost: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.target = target
+    def __post_init__(self) -> None:
         self.counts: Counter[str] = Counter()
         """Messages taken, dropped (there were too many) and malformed; restarts; and times it was silent."""
         self.returncode: int | None = None
         """Of the process, once it has ended."""
-        self._telemetry, self._request = telemetry, request
-        self._command = [target, str(beat), json.dumps(options or {})]
-        self._restart, self._silence, self._tell, self._lost = restart, silence, tell, lost
         self._allowance = MESSAGES
         self._ticking = False
         self._child: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
-        self._ending: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
-        self._ended: asyncio.Future[Reason] = self._loop.create_future()
         self._closing = asyncio.Event()
         await self._start()
+        self._life = self._loop.create_task(self._live())
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        # shielded: a second Ctrl-C must not leave the process behind
-        await asyncio.shield(self._end())
-        if self._child is not None:  # it was just being started again
-            await asyncio.shield(self._end())
+        self._drop("")
+        await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left behind
 
     @property
     def pid(self) -> int | None:
         """The process's id; None when there is none."""
         return None if self._child is None else self._child.pid
 
-    @property
-    def silent(self) -> bool:
-        """Whether its heartbeat has been missing for longer than `SILENT`."""
-        return self._child is None or seconds(_clock.now_ns() - self._heard) > SILENT
-
     async def ended(self) -> Reason:
         """Wait until it has ended for good: by itself, or failed more often than it is started again.
 
         Raises whatever `telemetry`, `request` or `lost` raised.
         """
-        return await asyncio.shield(self._ended)
+        return await asyncio.shield(self._life)
 
     async def serve(self, ticks: Ticks) -> None:
         """The task that sends telemetry and reads a flood, of the lowest priority: both wait for the controller."""
@@ -163,11 +149,12 @@ class Beside:
     # -- inside ------------------------------------------------------------------------------------------------
 
     async def _start(self) -> None:
+        command = [self.target, str(self.beat), json.dumps(dict(self.options))]
         ours, theirs = socket.socketpair()
         try:
             with theirs:
                 # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
-                self._child = await asyncio.to_thread(_start, theirs.fileno(), self._command)
+                self._child = await asyncio.to_thread(_start, theirs.fileno(), command)
         except BaseException:
             ours.close()
             raise
@@ -176,6 +163,7 @@ class Beside:
         self._sent = self._received = 0
         self._heard = _clock.now_ns() + nanoseconds(START)
         self._hushed = self._paused = False
+        self._end: asyncio.Future[str | Exception] = self._loop.create_future()
         self._loop.add_reader(ours, self._readable)
 
     def _readable(self) -> None:
@@ -190,7 +178,7 @@ class Beside:
             if not self._ticking:
                 self._loop.call_later(PERIOD, self._turn) if self._paused else self._turn()
         except Exception as error:
-            self._fail(error)
+            self._drop(error)
 
     def _turn(self) -> None:
         """Read on, look after the process, and send the newest telemetry."""
@@ -203,16 +191,16 @@ class Beside:
             self._readable()
             return
         quiet = seconds(_clock.now_ns() - self._heard)
-        if self._silence is not None and quiet > self._silence:
-            self._gone(f"was silent for {quiet:.1f} s")
-        elif quiet > SILENT and not self._hushed:
-            self._hushed = True
-            self.counts["silent"] += 1
-            self._tell("is silent")
         try:
+            if self.silence is not None and quiet > self.silence:
+                self._gone(f"was silent for {quiet:.1f} s")
+            elif quiet > SILENT and not self._hushed:
+                self._hushed = True
+                self.counts["silent"] += 1
+                self.tell("is silent")
             self._send()
         except Exception as error:
-            self._fail(error)
+            self._drop(error)
 
     def _take(self) -> str | None:
         """Act on what has arrived; why the process is lost, if it is."""
@@ -231,7 +219,7 @@ class Beside:
             dropped = lines.pop(0)
             self.counts["dropped"] += dropped.count(b"\n") + 1
             if _STOP in dropped:
-                self._request(Request("stop", {}, 0.0))
+                self.request(Request("stop", {}, 0.0))
         self._allowance -= len(lines)
         for line in lines:
             self._obey(line)
@@ -252,73 +240,61 @@ class Beside:
             return
         self.counts["taken"] += 1
         self._heard, self._received, self._hushed = now, received, False
-        self._request(Request(name, message, age))
+        self.request(Request(name, message, age))
 
     def _send(self) -> None:
         """Send the newest telemetry if the last has been received: never more than one is on its way."""
         if self._socket is None:
             return
         if not self._unsent:
-            line = self._telemetry() if self._received == self._sent else None
+            line = self.telemetry() if self._received == self._sent else None
             if line is None:
                 return
             self._sent, self._unsent = self._sent + 1, line
         with suppress(BlockingIOError, ConnectionError):  # next time, if there is one
             self._unsent = self._unsent[self._socket.send(self._unsent) :]
 
-    def _fail(self, error: Exception) -> None:
-        """Hand on an error of the owner's, which asyncio would only log."""
-        self._closing.set()
-        self._end()
-        if not self._ended.done():
-            self._ended.set_exception(error)
-
     def _gone(self, fault: str) -> None:
         """The process is lost, or is to be ended for a fault."""
-        self._end(fault)
-        self._lost()
+        self.lost()
+        self._drop(fault)
 
-    def _end(self, fault: str = "") -> asyncio.Task[None]:
-        """The task that ends the process, and starts it again if it failed and that is allowed."""
+    def _drop(self, end: str | Exception) -> None:
+        """Hear the process no more and have it ended, for a fault or for an error of the owner's, to be handed on."""
         if self._socket is not None:
             self._loop.remove_reader(self._socket)
             self._socket.close()
             self._socket = None
-        if self._ending is None or self._ending.done():
-            self._ending = self._loop.create_task(self._end_and_restart(fault))
-        return self._ending
+            self._end.set_result(end)
 
-    async def _end_and_restart(self, fault: str) -> None:
-        if self._child is None:
-            return
-        child = self._child
-        self.returncode = await asyncio.to_thread(_end, child, 0.0 if fault else PATIENCE)
-        self._child = None
-        if self._closing.is_set():
-            return
-        if not fault and self.returncode == 0:
-            self._finish("ended")
-            return
-        why = fault or f"ended with {self.returncode}"
-        if self.counts["restarts"] >= self._restart.limit:
-            self._tell(f"{why} and is not started again")
-            self._finish("failed")
-            return
-        pause = self._restart.pause * 2.0 ** self.counts["restarts"]
-        self.counts["restarts"] += 1
-        self._tell(f"{why} and is started again in {pause:g} s")
-        try:
-            await asyncio.wait_for(self._closing.wait(), pause)
-        except TimeoutError:
+    async def _live(self) -> Reason:
+        """End the process when it is dropped, and start it again if it failed and that is allowed."""
+        while True:
+            end = await self._end
+            assert self._child is not None
+            self.returncode = await asyncio.to_thread(_end, self._child, 0.0 if end else PATIENCE)
+            self._child = None
+            if isinstance(end, Exception):
+                raise end
+            if self._closing.is_set() or (not end and self.returncode == 0):
+                return "ended"
+            why = end or f"ended with {self.returncode}"
+            if self.counts["restarts"] >= self.restart.limit:
+                self.tell(f"{why} and is not started again")
+                return "failed"
+            pause = self.restart.pause * 2.0 ** self.counts["restarts"]
+            self.counts["restarts"] += 1
+            self.tell(f"{why} and is started again in {pause:g} s")
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._closing.wait(), pause)
+                return "ended"
             try:
                 await self._start()
             except OSError as error:  # no processes or descriptors left
-                self._tell(f"cannot be started again: {error}")
-                self._finish("failed")
-
-    def _finish(self, reason: Reason) -> None:
-        if not self._ended.done():
-            self._ended.set_result(reason)
+                self.tell(f"cannot be started again: {error}")
+                return "failed"
+            if self._closing.is_set():
+                self._drop("")
 
 
 def _start(fd: int, command: list[str]) -> subprocess.Popen[bytes]:
@@ -424,18 +400,18 @@ class Connection:
                 yield telemetry
 
 
-def _terminated(signum: int, _: FrameType | None) -> None:
+def _terminated(number: int, _: FrameType | None) -> None:
     """End this process by way of every `finally`; once is enough."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    sys.exit(128 + signum)
+    for each in ENDING:
+        signal.signal(each, signal.SIG_IGN)
+    sys.exit(128 + number)
 
 
 def main(fd: str, target: str, beat: str, options: str) -> None:
     """Call the target with the connection that the socket `fd` is."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the robot's process, which then closes the socket
-    signal.signal(signal.SIGTERM, _terminated)
-    signal.signal(signal.SIGHUP, _terminated)
+    for each in ENDING:
+        signal.signal(each, _terminated)
     module, _, function = target.partition(":")
     with socket.socket(fileno=int(fd)) as link, suppress(EOFError, ConnectionError):  # the robot's process ended
         getattr(import_module(module), function)(Connection(link, float(beat)), **json.loads(options))

@@ -71,7 +71,7 @@ async def bridge(
     where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     desk = Desk(robot, name, requests or {})
     beside = Beside(
-        str(where), desk.telemetry, desk.request, options=options, restart=restart, silence=silence,
+        str(where), desk.telemetry, desk.request, options=options or {}, restart=restart, silence=silence,
         tell=lambda text: desk.say(f" {text}"), lost=desk.let_go,
     )  # fmt: skip
     try:
