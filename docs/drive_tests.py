@@ -200,7 +200,7 @@ def tuning(key: str, settings: Sequence[str]) -> list[str]:
         pairs = [Pair(*(run_folder.read(Path(folder, f"{test}-{which}")) for which in Pair._fields)) for test in TESTS]
         for test, pair in zip(TESTS, pairs, strict=True):
             parts.append(old_and_new(pair))
-            figures.draw_steps(pair, FIGURES / f"{test}-tuned-{key}.png")
+            figures.draw(pair, FIGURES / f"{test}-tuned-{key}.png", "steps")
             parts.append(shown(f"{test}-tuned-{key}"))
         parts.append(paragraph(gain(pairs)))
         seeds = range(OTHER_SEED, OTHER_SEED + REPEATS)

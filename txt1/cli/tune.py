@@ -95,7 +95,7 @@ def main(arguments: argparse.Namespace) -> int:
                 for result in runs:
                     run_folder.write(result, arguments.out / f"{test}-{result.label.split()[0]}")
                 figures.draw(runs, arguments.out / f"{test}.svg")
-                figures.draw_steps(runs, arguments.out / f"{test}-steps.svg")
+                figures.draw(runs, arguments.out / f"{test}-steps.svg", "steps")
     if arguments.write is not None:
         arguments.write.write_text(text)
         print(f"{arguments.write}: written; use it with --config")

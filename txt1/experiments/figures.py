@@ -22,38 +22,27 @@ STEP_SHOWN: Final = 1.5  # s of a step that are drawn
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 
 
-def draw(runs: Sequence[Run], file: Path, title: str | None = None) -> None:
-    """Write the figure of one run, or of several of the same kind together; its suffix says the format.
+def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
+    """Write the figure of one run, or of several of one profile together; the file's suffix says the format.
+
+    `layout` is the profile's, or "steps" for a panel with every step's responses side by side.
 
     Raises:
         MissingExtra: matplotlib is not installed.
 
     """
-    figure = _new_figure()
-    kind = runs[0].profile.figure
-    {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery}[kind](figure, runs)
-    figure.suptitle(title or runs[0].profile.title)
-    _save(figure, file)
+    available()
+    import matplotlib
+    from matplotlib.figure import Figure
 
-
-def draw_steps(runs: Sequence[Run], file: Path) -> None:
-    """Write a figure of runs of one profile with a panel for every step, responses side by side.
-
-    Raises:
-        MissingExtra: matplotlib is not installed.
-
-    """
-    figure = _new_figure()
-    _steps(figure, runs)
-    figure.suptitle(f"{runs[0].profile.title}, step by step")
-    _save(figure, file)
-
-
-def _save(figure: Figure, file: Path) -> None:
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    profile = runs[0].profile
+    {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery, "steps": _steps}[
+        layout or profile.figure
+    ](figure, runs)
+    figure.suptitle(profile.title + (", step by step" if layout == "steps" else ""))
     # no date and no random ids, so that the same run makes the same file
     metadata = {"Date": None} if file.suffix == ".svg" else None
-    import matplotlib
-
     with matplotlib.rc_context({"svg.hashsalt": "txt1", "path.simplify_threshold": 0.5}):
         figure.savefig(file, metadata=metadata)
 
@@ -62,13 +51,6 @@ def available() -> None:
     """Raise MissingExtra when nothing can be drawn."""
     if find_spec("matplotlib") is None:
         raise MissingExtra("drawing figures (--no-figure does without)", "plots")
-
-
-def _new_figure() -> Figure:
-    available()
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(7.0, 5.0), layout="constrained")
 
 
 def _velocities(figure: Figure, runs: Sequence[Run]) -> None:

@@ -336,29 +336,18 @@ def cross_track(recording: Recording, leg: Leg) -> Array:
     return distance
 
 
-def on_leg(recording: Recording, legs: Sequence[Leg], number: int) -> NDBool:
-    """Return whether each sample is on a leg and round the corner before it, shape (samples,)."""
-    leg, time = legs[number], recording["time"]
-    ends = legs[number + 1].time if number + 1 < len(legs) else inf
-    x, y = recording.path()
-    (x0, y0), (x1, y1) = leg.start, leg.end
-    norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
-    along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
-    on: NDBool = (time >= leg.time) & (time < ends) & (along >= min(LEG_START, 0.5 * norm))
-    return on
-
-
-NDBool = np.ndarray[Any, np.dtype[np.bool_]]
-
-
 def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
     """The cross-track error of every leg on which there were samples, but the way to the first waypoint."""
     found = []
-    for number, leg in enumerate(legs):
-        on = on_leg(recording, legs, number)
-        if number == 0 or not on.any():
+    time, (x, y) = recording["time"], recording.path()
+    for leg, ends in list(zip(legs, [*(each.time for each in legs[1:]), inf], strict=True))[1:]:
+        (x0, y0), (x1, y1) = leg.start, leg.end
+        norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
+        along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
+        round_the_corner = along >= min(LEG_START, 0.5 * norm)
+        error = cross_track(recording, leg)[(time >= leg.time) & (time < ends) & round_the_corner]
+        if not len(error):
             continue
-        error = cross_track(recording, leg)[on]
         found.append(LegMetrics(leg.start, leg.end, float(np.sqrt((error**2).mean())), float(np.abs(error).max())))
     return found
 
@@ -420,12 +409,10 @@ def judge(recording: Recording, legs: Sequence[Leg], profile: Profile) -> dict[s
         found["steps"] = [step._asdict() for step in steps(recording)]
         found["stops"] = [step._asdict() for step in stops(recording)]
         found["droop"] = [droop._asdict() for droop in droops(recording)]
-        driven = circle(recording) if profile.figure == "path" else None
-        if driven is not None:
+        if profile.figure == "path" and (driven := circle(recording)) is not None:
             found["circle"] = driven._asdict()
     else:
         found["legs"] = [leg._asdict() for leg in leg_metrics(recording, legs)]
-    discharge = battery(recording) if profile.figure == "battery" else None
-    if discharge is not None:
+    if profile.figure == "battery" and (discharge := battery(recording)) is not None:
         found["battery"] = discharge._asdict()
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from math import sqrt
 from typing import Any
 
@@ -68,43 +69,28 @@ def tables(runs: Sequence[Run]) -> list[Titled]:
 def apart(runs: Sequence[Run]) -> list[Titled]:
     """Return the distance of each run's responses and path from those of the first."""
     first, found = runs[0], list[Titled]()
-    responses = [
-        [other.label, *difference_cells(each)]
-        for other in runs[1:]
-        for each in differences(first, other)
-    ]  # fmt: skip
+    channels: tuple[Channel, ...] = ("v", "omega")
+    responses = []
+    for other, channel in product(runs[1:], channels if first.profile.waypoints is None else ()):
+        each = difference(first.recording, other.recording, channel)
+        if each is not None:
+            responses.append([other.label, *difference_cells(each)])
     if responses:
         head = ["run", "of", "later by", "difference, rms", "largest", "one count"]
         found.append((f"Responses, less those of {first.label}, 1/1000 m/s and rad/s", head, responses))
     if first.profile.figure != "velocities":
-        paths = [[other.label, *_distances(paths_apart(first.recording, other.recording))] for other in runs[1:]]
-        found.append((f"Distance from the path of {first.label}", ["run", "rms", "largest"], paths))
+        distances = [(other.label, paths_apart(first.recording, other.recording)) for other in runs[1:]]
+        rows = [[label, *(f"{1000.0 * value:.1f} mm" for value in metres)] for label, metres in distances]
+        found.append((f"Distance from the path of {first.label}", ["run", "rms", "largest"], rows))
     return found
-
-
-def differences(first: Run, other: Run) -> list[Deviation]:
-    """Return the distance of two runs' responses; nothing for waypoints, where the set-points differ, too."""
-    if first.profile.waypoints is not None:
-        return []
-    channels: tuple[Channel, ...] = ("v", "omega")
-    found = [difference(first.recording, other.recording, channel) for channel in channels]
-    return [each for each in found if each is not None]
 
 
 def difference_cells(each: Deviation) -> Row:
     """Return the channel, the delay, the difference and an encoder count."""
     least, most = (1000.0 * delay for delay in each.delay)
-    return [
-        "v" if each.channel == "v" else "ω",
-        f"{least:.0f} ms" if least == most else f"{least:.0f} to {most:.0f} ms",
-        f"{1000.0 * each.rms:.1f}",
-        f"{1000.0 * each.largest:.1f}",
-        f"{1000.0 * QUANTUM[each.channel]:.0f}",
-    ]
-
-
-def _distances(metres: tuple[float, float]) -> Row:
-    return [f"{1000.0 * value:.1f} mm" for value in metres]
+    late = f"{least:.0f} ms" if least == most else f"{least:.0f} to {most:.0f} ms"
+    sizes = f"{1000.0 * each.rms:.1f}", f"{1000.0 * each.largest:.1f}", f"{1000.0 * QUANTUM[each.channel]:.0f}"
+    return ["v" if each.channel == "v" else "ω", late, *sizes]
 
 
 def _entries(result: Run, key: str) -> list[Any]:

@@ -51,6 +51,9 @@ CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * le
 """Number of gains that are tried altogether."""
 
 
+Step = tuple[float, float]  # from one set-point to another, m/s or rad/s
+
+
 class Proposal(NamedTuple):
     """Gains for both loops."""
 
@@ -89,23 +92,16 @@ def linear_gains(
 ) -> Gains:
     """The gains with which the speed settles soonest, with no more overshoot and noise than before."""
 
-    def qualities(gains: Gains, v: float) -> Quality:
-        return _quality([speed_response(plant, gains, v, TRIAL, geometry, seed, motor_max) for seed in SEEDS], 0.0, v)
-
-    bars = [qualities(before, v) for v in SPEEDS]
-
-    def trial(gains: Gains) -> float:
-        tried()
-        return _mean(_cost(qualities(gains, v), bar, MARGIN, NO_OVERSHOOT) for v, bar in zip(SPEEDS, bars, strict=True))
+    def respond(gains: Gains, step: Step) -> list[Array]:
+        return [speed_response(plant, gains, step[1], TRIAL, geometry, seed, motor_max) for seed in SEEDS]
 
     per_count = 1000.0 * plant.speed_gain  # mm/s
-    return _best(
-        trial,
-        (
-            Gains(kp / per_count, kp / per_count * rate / plant.time_constant, 0.0)
-            for kp, rate in product(PROPORTIONAL, RATES)
-        ),
+    candidates = (
+        Gains(kp / per_count, kp / per_count * rate / plant.time_constant, 0.0)
+        for kp, rate in product(PROPORTIONAL, RATES)
     )
+    steps = [(0.0, v) for v in SPEEDS]
+    return _best(respond, steps, before, candidates, MARGIN, NO_OVERSHOOT, tried)
 
 
 def angular_gains(
@@ -121,25 +117,12 @@ def angular_gains(
     highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]
     here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]  # of the set in force in the trials
 
-    def qualities(gains: Gains, turn: tuple[float, float]) -> Quality:
-        return _quality(
-            [yaw_response(plant, gains, CRUISE, *turn, TURN_TRIAL, geometry, seed) for seed in TURN_SEEDS], *turn
-        )
-
-    bars = [qualities(schedule.at(CRUISE), turn) for turn in TURNS]
-
-    def trial(gains: Gains) -> float:
-        tried()
-        return _mean(
-            _cost(qualities(gains, turn), bar, TURN_MARGIN, TURN_NO_OVERSHOOT)
-            for turn, bar in zip(TURNS, bars, strict=True)
-        )
+    def respond(gains: Gains, step: Step) -> list[Array]:
+        return [yaw_response(plant, gains, CRUISE, *step, TURN_TRIAL, geometry, seed) for seed in TURN_SEEDS]
 
     per_count = 1000.0 * plant.steering_gain * here  # mrad/s
-    best = _best(
-        trial,
-        (Gains(kp / per_count, ki / per_count, 0.0) for kp, ki in product(TURN_PROPORTIONAL, TURN_RATES)),
-    )
+    candidates = (Gains(kp / per_count, ki / per_count, 0.0) for kp, ki in product(TURN_PROPORTIONAL, TURN_RATES))
+    best = _best(respond, TURNS, schedule.at(CRUISE), candidates, TURN_MARGIN, TURN_NO_OVERSHOOT, tried)
     return tuple(
         GainSet(v_max, Gains(round(best.kp * here / speed, 3), round(best.ki * here / speed, 3), 0.0))
         for v_max, speed in zip(borders, highest, strict=True)
@@ -151,17 +134,32 @@ def _highest(below: float, v_max: float, borders: Sequence[float]) -> float:
     return V_MAX if v_max in (borders[0], borders[-1]) else max(abs(below), abs(v_max))
 
 
-def _best(trial: Callable[[Gains], float], candidates: Iterable[Gains]) -> Gains:
-    """The best of the candidates, and of what lies between them."""
+def _best(
+    respond: Callable[[Gains, Step], list[Array]],
+    steps: Sequence[Step],
+    before: Gains,
+    candidates: Iterable[Gains],
+    margin: float,
+    no_overshoot: float,
+    tried: Callable[[], None],
+) -> Gains:
+    """The best of the candidates, and of what lies between them, by their responses to the steps."""
+
+    def qualities(gains: Gains) -> list[Quality]:
+        return [_quality(respond(gains, step), *step) for step in steps]
+
+    bars = qualities(before)
+
+    def trial(gains: Gains) -> float:
+        tried()
+        costs = [_cost(one, bar, margin, no_overshoot) for one, bar in zip(qualities(gains), bars, strict=True)]
+        return float(np.mean(costs))
+
     best = min(candidates, key=trial)
     for share in FINER:
         factors = (1.0 - share, 1.0, 1.0 + share)
         best = min((Gains(best.kp * p, best.ki * i, best.kd) for p, i in product(factors, factors)), key=trial)
     return Gains(*(round(value, 3) for value in best))
-
-
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean(list(values)))
 
 
 def _quality(responses: Sequence[Array], before: float, after: float) -> Quality:

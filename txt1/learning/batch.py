@@ -44,8 +44,10 @@ _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
 _pid = compiled(pid, forceinline=True)
+_lux_at = compiled(lux_at)
 
 
+@compiled
 def _control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains) -> None:
     """The controller's tick, on the velocities that the encoders saw a tick before."""
     for i in range(robots.shape[1]):
@@ -69,6 +71,7 @@ def _control(robots: Array, commands: Array, motor_max: float, gains: Array, lin
         robots[OUTPUT + 1, i] = np.trunc(past[0])
 
 
+@compiled
 def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
     """The encoders' tick; `rolled` is where the two wheels were before it, shape (2, n)."""
     for i in range(robots.shape[1]):
@@ -81,6 +84,7 @@ def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_
         robots[SENSED, i], robots[SENSED + 1, i] = (v_right + v_left) / 2.0, (v_right - v_left) / track_width
 
 
+@compiled
 def _look(robots: Array, noise: Array, light: PointLight) -> None:
     """A sample of the light, through the filter; `noise` is a share of each reading, shape (n, 4)."""
     for i in range(robots.shape[1]):
@@ -91,12 +95,7 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
             robots[FILTERED + k, i] = WEIGHT * past + (1.0 - WEIGHT) * reading if past else reading
 
 
-_lux_at = compiled(lux_at)
-_control_all = compiled(_control)
-_encode_all = compiled(_encode)
-_look_all = compiled(_look)
-
-
+@partial(compiled, nogil=True)
 def _run(
     robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
     light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains,
@@ -113,14 +112,11 @@ def _run(
             rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
                 move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
-            _control_all(block, commands[at:until], motor_max, gains, linear)
-            _encode_all(block, rolled, dt, count_length, track_width)
+            _control(block, commands[at:until], motor_max, gains, linear)
+            _encode(block, rolled, dt, count_length, track_width)
             if noise.shape[0]:
-                _look_all(block, noise[k][at:until], light)
+                _look(block, noise[k][at:until], light)
         robots[:, at:until] = block
-
-
-_run_some = compiled(_run, nogil=True)
 
 
 class Batch:
@@ -185,7 +181,7 @@ class Batch:
     def run_with(self, drag: Array, noise: Array) -> None:
         """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
-            _run_some, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
+            _run, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
             float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, LINEAR_GAINS,
         )  # fmt: skip
         if self._threads is None:

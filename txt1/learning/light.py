@@ -68,10 +68,7 @@ def corrected_direction(readings: Readings) -> float:
     they are 4 n D^-(n+1) (a u_x, b u_y), and the quotient leaves u. Exact for a light far away; off by at most
     1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
 
-    Raises:
-        LightFault: a reading is not a positive, finite number.
-        NoDirection: the readings are all alike.
-
+    Raises as `direction` does.
     """
     front, left = _differences(readings)
     return atan2(left / SENSOR_Y, front / SENSOR_X)
@@ -113,20 +110,16 @@ def _odd_one_out(readings: Readings) -> LightFault:
 # -- filter ------------------------------------------------------------------------------------------------------
 
 
-def spread_limit(
-    exponent: float = 2.0, nearest: float = 0.5, noise: float = 0.3, weight: float = FILTER_WEIGHT
-) -> float:
-    """Ratio of the brightest filtered reading to the dimmest that no light at least `nearest` m away exceeds.
+def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
+    """Ratio of the brightest filtered reading to the dimmest that no light at least 0.5 m away exceeds.
 
-    The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n, with the light straight
-    out from one of them: 10.2 at the goal circle for n = 2. The filter leaves sqrt((1 - w) / (1 + w)) of the noise;
-    four standard deviations of the ratio's logarithm are allowed for it.
-
-    `noise` is the standard deviation of one sample as a share of the reading, `nearest` the least distance of light and
-    centre, m, more than r.
+    The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n at a distance D, with the
+    light straight out from one of them: 10.2 at the goal circle for n = 2, the exponent of the light's fall. `noise` is
+    the standard deviation of one sample, as a share of the reading. The filter leaves sqrt((1 - w) / (1 + w)) of it;
+    four standard deviations of the ratio's logarithm are allowed for that.
     """
-    r = hypot(SENSOR_X, SENSOR_Y)
-    filtered = noise * sqrt((1.0 - weight) / (1.0 + weight))
+    nearest, r = 0.5, hypot(SENSOR_X, SENSOR_Y)
+    filtered = noise * sqrt((1.0 - FILTER_WEIGHT) / (1.0 + FILTER_WEIGHT))
     return float(((nearest + r) / (nearest - r)) ** exponent * exp(4.0 * sqrt(2.0) * filtered))
 
 
@@ -136,24 +129,14 @@ Lux = tuple[float, float, float, float]  # `Readings` as plain numbers, which co
 class LightFilter:
     """I(t) = w I(t-1) + (1 - w) I'(t) (5.10), and a watch over the four sensors; see the module for its rules.
 
-    The first sample is taken as it is. A faulty sample leaves the filter as it was.
-
-    The watch needs the `weight` w: who wants to do without the filter takes the direction from the sample. `spread` is
-    the largest believable ratio of two filtered readings. A sensor that rests at its lowest or highest reading, `low`
-    or `high` lux, is not taken for frozen.
+    The first sample is taken as it is. A faulty sample leaves the filter as it was. `spread` is the largest believable
+    ratio of two filtered readings.
     """
 
-    __slots__ = ("_changes", "_filtered", "_latest", "_samples", "high", "low", "spread", "weight")
+    __slots__ = ("_changes", "_filtered", "_latest", "_samples", "spread")
 
-    def __init__(
-        self, weight: float = FILTER_WEIGHT, spread: float | None = None, low: float = LUX_MIN, high: float = LUX_MAX
-    ) -> None:
-        if not 0.0 <= weight < 1.0:
-            raise ValueError(f"the filter's weight is at least 0 and below 1, not {weight:g}")
-        self.weight = weight
-        self.spread = spread_limit(weight=weight) if spread is None else spread
-        self.low = low
-        self.high = high
+    def __init__(self, spread: float | None = None) -> None:
+        self.spread = spread_limit() if spread is None else spread
         self.clear()
 
     def clear(self) -> None:
@@ -188,7 +171,7 @@ class LightFilter:
             self._samples = 1
             return
         past_fl, past_fr, past_rl, past_rr = self._filtered
-        w = self.weight
+        w = FILTER_WEIGHT
         now_fl = w * past_fl + (1.0 - w) * fl
         now_fr = w * past_fr + (1.0 - w) * fr
         now_rl = w * past_rl + (1.0 - w) * rl
@@ -219,40 +202,30 @@ class LightFilter:
         if changes.count(0) != 1 or sum(count >= FROZEN_SAMPLES // 2 for count in changes) != 3:
             return
         frozen = changes.index(0)
-        if self.low < sample[frozen] < self.high:
+        if LUX_MIN < sample[frozen] < LUX_MAX:
             raise LightFault(SENSORS[frozen], f"is frozen at {sample[frozen]:.4g} lux while the others change")
 
 
 # -- state and reward --------------------------------------------------------------------------------------------
 
 
-def sector(angle: float, sectors: int = 8) -> int:
-    """The sector a direction in rad falls into, 0 to sectors - 1 (figure 5.5).
+def sector(angle: float) -> int:
+    """The sector a direction in rad falls into, 0 to 7 (figure 5.5).
 
-    Sector 0 is centred on straight behind, sectors / 2 on straight ahead, and they count counter-clockwise: from the
-    rear over the right to the front. Each of the eight spans 45 degrees, so the boundaries are the odd multiples of
-    22.5 degrees; a direction on one belongs to the sector counter-clockwise of it: 22.5 degrees is front left.
-
-    Raises:
-        ValueError: the direction is not finite, or the number of sectors is not even.
-
+    Sector 0 is centred on straight behind, 4 on straight ahead, and they count counter-clockwise: from the rear over
+    the right to the front. Each spans 45 degrees, so the boundaries are the odd multiples of 22.5 degrees; a direction
+    on one belongs to the sector counter-clockwise of it: 22.5 degrees is front left.
     """
-    if not isfinite(angle):
-        raise ValueError(f"a direction of {angle:g} rad is in no sector")
-    if sectors < 2 or sectors % 2:
-        raise ValueError(f"an even number of sectors has one straight ahead and one behind; {sectors} have not")
-    return (floor(angle / (2.0 * pi / sectors) + 0.5) + sectors // 2) % sectors
+    return (floor(angle / (pi / 4.0) + 0.5) + 4) % 8
 
 
-def reward(before: int, after: int, sectors: int = 8) -> int:
+def reward(before: int, after: int) -> int:
     """The reward r(t+1), -1, 0 or 1, for going from sector s(t) to s(t+1), (5.6) to (5.8).
 
     1 if the light stays straight ahead or comes nearer to it, 0 if it stays in a sector that is neither straight ahead
     nor behind, otherwise -1.
     """
-    s0, s1 = before - sectors // 2, after - sectors // 2
+    s0, s1 = before - 4, after - 4
     if s0 == s1 == 0 or abs(s1) < abs(s0):
         return 1
-    if s1 == s0 and s0 != -(sectors // 2):
-        return 0
-    return -1
+    return 0 if s1 == s0 and s0 != -4 else -1

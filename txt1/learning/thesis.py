@@ -12,7 +12,6 @@ from txt1.config.schema import LearningConfig
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
 from txt1.learning.light import (
-    FILTER_WEIGHT,
     SECTORS,
     LightFilter,
     corrected_direction,
@@ -76,7 +75,7 @@ class ThesisAgent:
         self._rng = rng
         self._commands = commands
         self._direction = direction if settings.direction == "summed" else corrected_direction
-        self.filter = LightFilter(FILTER_WEIGHT, spread_limit(exponent))
+        self.filter = LightFilter(spread_limit(exponent))
         self._sample: Readings | None = None  # where there is no filter
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()

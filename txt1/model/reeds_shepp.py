@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import Final, NamedTuple
 
-from txt1.model.kinematics import move_along_arc, wrap_angle
+from txt1.model.kinematics import wrap_angle
 
 Pose = tuple[float, float, float]  # x and y in m, theta in rad
 
@@ -36,14 +36,6 @@ _Formula = Callable[[float, float, float], _Lengths | None]
 def length(path: Path) -> float:
     """Metres driven along a path, in either gear."""
     return sum(abs(segment.distance) for segment in path)
-
-
-def end(start: Pose, path: Path) -> Pose:
-    """The pose at the end of a path."""
-    x, y, theta = start
-    for curvature, distance in path:
-        x, y, theta = move_along_arc(x, y, theta, distance, curvature, 0.0)
-    return x, y, theta
 
 
 def shortest(start: Pose, goal: Pose, radius: float) -> Path:

@@ -87,18 +87,16 @@ async def go_to(
     wheel = robot.program if source is None else source
     wheel.begin()
     body = robot.config.geometry
-    best: Arrival | None = None
     for plans in range(1, ATTEMPTS + 1):
-        start = _read(poses)
-        make = plan if plans == 1 or _far(start, pose) else plan_with_run_up
+        start = poses.pose()
+        far = _miss(start, pose)[0] > CORRECTION
+        make = plan if plans == 1 or far else plan_with_run_up
         await _drive(robot, wheel, poses, start, make(start, pose, room, body), speed)
-        reached = _read(poses)
+        reached = poses.pose()
         arrival = Arrival(reached, *_miss(reached, pose), plans)
         if arrival.distance <= POSITION and arrival.turn <= HEADING:
-            return arrival
-        best = arrival
-    assert best is not None
-    return best
+            break
+    return arrival
 
 
 async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: Pose, path: Path, speed: float) -> None:
@@ -108,7 +106,7 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
             stretch = Stretch(start, part)
             await _drive_stretch(robot, wheel, poses, stretch, speed)
             start = stretch.end
-            distance, turn = _miss(_read(poses), start)
+            distance, turn = _miss(poses.pose(), start)
             if distance > OFF_POSITION or turn > OFF_HEADING:
                 return
     finally:
@@ -123,7 +121,7 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
     in_curves = curve_speed(speed, stretch.gear, schedule, geometry)
     driven = 0.0
     while True:
-        pose = _read(poses)
+        pose = poses.pose()
         driven = stretch.nearest(pose, driven)
         moving = abs(robot.odometry.v)
         left = stretch.length - driven - moving * SPEED_LAG
@@ -139,7 +137,7 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
     while still < REST:
         wheel.insist(0.0, 0.0)
         await asyncio.sleep(REFRESH)
-        _read(poses)  # the encoders' pose wants to be read all the time
+        poses.pose()  # the encoders' pose wants to be read all the time
         still = still + REFRESH if robot.odometry.v == 0.0 else 0.0
 
 
@@ -168,18 +166,6 @@ def curve_speed(speed: float, gear: float, schedule: Schedule, geometry: Geometr
     return max(close) if close else min(candidates)
 
 
-def _far(pose: Pose, goal: Pose) -> bool:
-    """Whether the goal is too far away for a correction."""
-    return _miss(pose, goal)[0] > CORRECTION
-
-
 def _miss(pose: Pose, goal: Pose) -> tuple[float, float]:
     """Distance in m and angle in rad from a pose to a goal."""
     return hypot(goal[0] - pose[0], goal[1] - pose[1]), abs(wrap_angle(goal[2] - pose[2]))
-
-
-def _read(source: PoseSource) -> Pose:
-    pose = source.read()
-    if pose is None:
-        raise CommandRefused(f"the pose source '{source.name}' does not know where the robot is: wait until it does")
-    return pose

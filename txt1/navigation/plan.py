@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import product
+from itertools import groupby, product
 from math import ceil, inf, isfinite, pi
 from typing import Final
 
@@ -64,7 +64,7 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
     for keep_clear in ROOMS:
-        direct = _first_inside(_by_cost(start, goal, body), start, room, body, keep_clear)
+        direct = _cheapest_inside(start, goal, room, body, keep_clear)
         if direct is not None:
             return direct
     assert room is not None
@@ -84,13 +84,7 @@ def cost(path: Path) -> float:
 
 def stretches(path: Path) -> list[Path]:
     """The parts of a path that are driven in one gear."""
-    parts: list[list[int]] = []
-    for at, segment in enumerate(path):
-        if parts and path[parts[-1][0]].distance * segment.distance > 0.0:
-            parts[-1].append(at)
-        else:
-            parts.append([at])
-    return [tuple(path[at] for at in part) for part in parts]
+    return [tuple(part) for _, part in groupby(path, key=lambda segment: segment.distance > 0.0)]
 
 
 def stays_inside(start: Pose, path: Path, room: Room | None, body: Geometry, keep_clear: float = 0.0) -> bool:
@@ -126,14 +120,9 @@ def plan_with_run_up(start: Pose, goal: Pose, room: Room | None = None, body: Ge
     return min(found, key=cost) if found else plan(start, goal, room, body)
 
 
-def _by_cost(start: Pose, goal: Pose, body: Geometry) -> list[Path]:
-    return sorted((path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min)), key=cost)
-
-
-def _first_inside(
-    candidates: list[Path], start: Pose, room: Room | None, body: Geometry, keep_clear: float
-) -> Path | None:
-    return next((path for path in candidates if stays_inside(start, path, room, body, keep_clear)), None)
+def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
+    every = (path for margin in MARGINS for path in paths(start, goal, margin * body.radius_min))
+    return next((path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear)), None)
 
 
 def _over_a_place(start: Pose, goal: Pose, room: Room, body: Geometry, keep_clear: float) -> Path | None:
@@ -149,10 +138,10 @@ def _over_a_place(start: Pose, goal: Pose, room: Room, body: Geometry, keep_clea
     for via in around:
         if clearance(*via, room, body) < keep_clear:
             continue
-        first = _first_inside(_by_cost(start, via, body), start, room, body, keep_clear)
+        first = _cheapest_inside(start, via, room, body, keep_clear)
         if first is None or cost(first) >= least:
             continue
-        second = _first_inside(_by_cost(via, goal, body), via, room, body, keep_clear)
+        second = _cheapest_inside(via, goal, room, body, keep_clear)
         if second is not None and cost(first) + cost(second) < least:
             best, least = first + second, cost(first) + cost(second)
     return best

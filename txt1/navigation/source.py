@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
-from txt1.errors import NotCapable
+from txt1.errors import CommandRefused, NotCapable
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
@@ -18,6 +18,13 @@ class PoseSource(NamedTuple):
 
     name: str  # for figures and reports
     read: Callable[[], Pose | None]  # the pose now, m and rad; None while it is not known
+
+    def pose(self) -> Pose:
+        """The pose now, m and rad; CommandRefused while it is not known."""
+        pose = self.read()
+        if pose is None:
+            raise CommandRefused(f"the pose source '{self.name}' does not know where the robot is: wait until it does")
+        return pose
 
 
 def true_pose(robot: Robot) -> PoseSource:
@@ -37,27 +44,19 @@ def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
 
     `at` is where the robot is now; None: where its odometry says.
     """
-    return PoseSource("odometry", _WheelPose(robot, at))
+    last: Pose = robot.odometry[:3]
+    pose = last if at is None else at
 
-
-class _WheelPose:
-    """Integrates the odometry's steps as the vehicle's geometry explains them."""
-
-    def __init__(self, robot: Robot, at: Pose | None) -> None:
-        self._robot = robot
-        self._geometry = robot.config.geometry
-        self._last: Pose = robot.odometry[:3]
-        self._pose = self._last if at is None else at
-
-    def __call__(self) -> Pose:
-        now: Pose = self._robot.odometry[:3]
-        distance, turn = step_between(self._last, now)
-        self._last = now
+    def read() -> Pose:
+        nonlocal last, pose
+        before, last = last, robot.odometry[:3]
+        distance, turn = step_between(before, last)
         if distance or turn:
-            distance, turn = straighten(distance, turn, self._geometry)
-            curvature = turn / distance if distance else 0.0
-            self._pose = move_along_arc(*self._pose, distance, curvature, 0.0)
-        return self._pose
+            distance, turn = straighten(distance, turn, robot.config.geometry)
+            pose = move_along_arc(*pose, distance, turn / distance if distance else 0.0, 0.0)
+        return pose
+
+    return PoseSource("odometry", read)
 
 
 def step_between(before: Pose, after: Pose) -> tuple[float, float]:

@@ -44,9 +44,9 @@ def curvature_towards(pose: Pose, point: Point, look_ahead: float) -> float:
     return 2.0 * error / look_ahead
 
 
-def speed_in_curve(speed: float, curvature: float, sideways: float = SIDEWAYS) -> float:
-    """The speed at which a curve costs no more than `sideways` m/s^2, at most `speed`; m/s."""
-    return min(speed, sqrt(sideways / abs(curvature))) if curvature else speed
+def speed_in_curve(speed: float, curvature: float) -> float:
+    """The speed at which a curve costs no more than `SIDEWAYS`, at most `speed`; m/s."""
+    return min(speed, sqrt(SIDEWAYS / abs(curvature))) if curvature else speed
 
 
 async def follow(
@@ -86,7 +86,7 @@ async def follow(
     wheel = robot.program if source is None else source
     wheel.begin()
     sharpest = 1.0 / robot.config.geometry.radius_min
-    pose = _read(poses)
+    pose = poses.pose()
     leg_start: Point = pose[:2]
     legs, in_a_lap = 0, len(points)
     last = laps * in_a_lap if closed else in_a_lap * laps - 1
@@ -97,12 +97,12 @@ async def follow(
                 on_leg(legs, leg_start, leg_end)
             ending = legs + 1 > last
             while True:
-                pose = _read(poses)
+                pose = poses.pose()
                 left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
                 if left <= (0.5 * robot.config.geometry.radius_min if ending else look_ahead):
                     break
-                curvature = curvature_towards(pose, aim(pose, leg_start, leg_end, look_ahead), look_ahead)
-                curvature = clip(curvature, sharpest)
+                point = aim(pose, leg_start, leg_end, look_ahead)
+                curvature = clip(curvature_towards(pose, point, look_ahead), sharpest)
                 v = speed_in_curve(speed, curvature)
                 wheel.insist(v, v * curvature)
                 await asyncio.sleep(REFRESH)
@@ -110,10 +110,3 @@ async def follow(
             legs += 1
     finally:
         wheel.release()
-
-
-def _read(source: PoseSource) -> Pose:
-    pose = source.read()
-    if pose is None:
-        raise CommandRefused(f"the pose source '{source.name}' does not know where the robot is: wait until it does")
-    return pose

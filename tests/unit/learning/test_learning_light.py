@@ -129,21 +129,11 @@ def test_a_boundary_belongs_to_the_sector_counter_clockwise_of_it() -> None:
         assert sector(boundary - 1e-9) == (sector(boundary) - 1) % 8
 
 
-@given(st.floats(-pi, pi), st.integers(1, 32).map(lambda n: 2 * n))
-def test_every_direction_is_in_the_sector_whose_centre_is_nearest(angle: float, sectors: int) -> None:
-    index = sector(angle, sectors)
-    assert 0 <= index < sectors
-    centre = (index - sectors // 2) * 2 * pi / sectors
-    assert cos(angle - centre) >= cos(pi / sectors) - 1e-9
-    assert sector(0.0, sectors) == sectors // 2
-
-
-@pytest.mark.parametrize("angle", [nan, inf, -inf])
-def test_no_sector_for_a_direction_that_is_none(angle: float) -> None:
-    with pytest.raises(ValueError, match="in no sector"):
-        sector(angle)
-    with pytest.raises(ValueError, match="even number"):
-        sector(0.0, 7)
+@given(st.floats(-pi, pi))
+def test_every_direction_is_in_the_sector_whose_centre_is_nearest(angle: float) -> None:
+    index = sector(angle)
+    assert 0 <= index < 8
+    assert cos(angle - (index - 4) * pi / 4) >= cos(pi / 8) - 1e-9
 
 
 # -- reward ------------------------------------------------------------------------------------------------------
@@ -168,11 +158,6 @@ def test_the_reward_of_all_64_pairs_is_that_worked_out_by_hand(before: int, afte
     if (before, after) in {(3, 5), (5, 3), (2, 6), (6, 2), (1, 7), (7, 1)}:
         expected = -1  # from one side to the same distance on the other: neither nearer nor the same
     assert reward(before, after) == expected
-
-
-def test_finer_sectors_are_rewarded_alike() -> None:
-    assert [reward(s, s, 16) for s in (0, 8, 3)] == [-1, 1, 0]
-    assert [reward(3, s, 16) for s in (2, 4, 13, 12)] == [-1, 1, -1, 1]
 
 
 # -- filter ------------------------------------------------------------------------------------------------------
@@ -204,12 +189,6 @@ def test_a_step_of_light_has_arrived_by_nine_tenths_when_the_filter_has_settled(
     assert sense.settled
     assert sense.readings is not None
     assert sense.readings[0] == pytest.approx(19.0, abs=0.15)
-
-
-@pytest.mark.parametrize("weight", [-0.1, 1.0, nan])
-def test_a_filter_without_a_future_is_refused(weight: float) -> None:
-    with pytest.raises(ValueError, match="weight"):
-        LightFilter(weight)
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf, -0.5])

@@ -1,13 +1,14 @@
 """Reeds-Shepp paths lead where they should, and none is shorter than geometry allows."""
 
-from math import hypot, pi
+from math import hypot, inf, pi
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.model.kinematics import wrap_angle
-from txt1.model.reeds_shepp import Pose, Segment, end, length, paths, shortest
+from txt1.model.reeds_shepp import Pose, Segment, length, paths, shortest
+from txt1.navigation.plan import along
 
 R = 0.56
 places = st.floats(-3.0, 3.0, allow_nan=False)
@@ -17,7 +18,7 @@ poses = st.tuples(places, places, st.floats(-pi, pi, allow_nan=False))
 @given(poses, poses)
 def test_every_path_ends_at_the_goal(start: Pose, goal: Pose) -> None:
     for path in paths(start, goal, R):
-        x, y, theta = end(start, path)
+        *_, (x, y, theta) = start, *along(start, path, inf)
         assert hypot(x - goal[0], y - goal[1]) < 1e-6
         assert abs(wrap_angle(theta - goal[2])) < 1e-6
 
