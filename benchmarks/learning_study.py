@@ -24,8 +24,8 @@ import numpy as np
 from txt1.cli.trials import on_robot
 from txt1.config import Config, load
 from txt1.config.schema import LearningConfig
-from txt1.learning.agent import Agent
 from txt1.learning.agents import LEARNERS
+from txt1.learning.experiment import Plan
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.qtable import TABLE_5_3
@@ -46,13 +46,14 @@ def trial(number: int, agent: str, config: Config, seed: int, episodes: int, per
     """The episodes of one trial."""
     order = stream(seed, number, ORDER).permutation(len(COMMANDS)) if permute else np.arange(len(COMMANDS))
     commands = tuple(COMMANDS[k] for k in order)
-    learner: Agent | str = agent
+    learner: ThesisAgent | None = None
     if agent == STORED:
         learner = ThesisAgent(
             stream(seed, number, AGENT), COMMANDS, LearningConfig(policy="greedy", training=0, learn_on=False)
         )
         learner.q = np.array(TABLE_5_3)
-    return on_robot(learner, config, seed, number, episodes, commands=commands).episodes
+    plan = Plan(agent, number, episodes, seed, config)
+    return on_robot(plan, number, agent=learner, commands=commands).episodes
 
 
 # -- where the time goes -----------------------------------------------------------------------------------------
@@ -123,10 +124,18 @@ class Watched(ThesisAgent):
         self.logs.append(self._log)
 
 
+class EveryPath(Plan):
+    """A plan that keeps the paths of all its episodes."""
+
+    def keep_paths(self) -> set[int]:
+        """All of them."""
+        return set(range(1, self.episodes + 1))
+
+
 def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
     """A trial's episodes, and the decisions of those after the 7th."""
     agent = Watched(stream(seed, number, AGENT), config.learning)
-    outcome = on_robot(agent, config, seed, number, episodes, keep_paths=range(1, episodes + 1))
+    outcome = on_robot(EveryPath("thesis", number, episodes, seed, config), number, agent=agent)
     decisions = []
     for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):
         x, y = np.array(outcome.paths[one.number]).T - np.array(config.sim.room.light)[:, None]

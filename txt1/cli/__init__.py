@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Final, NoReturn
 
@@ -30,7 +30,7 @@ COMMANDS: Final = {
     "doctor": "look for what is wrong with the line to the board",
     "decode": "print a capture of the line, a line per message and fault",
 }
-"""Each is a module of this package, whose `add_arguments(parser)` sets `main`: from the arguments to the exit code."""
+"""Each is a module of this package, with `add_arguments(parser)` and `main`: from the arguments to the exit code."""
 
 STDOUT: Final = 1
 
@@ -40,7 +40,7 @@ def execute(argv: Sequence[str]) -> int:
     code = OK
     try:
         try:
-            code = _perform(list(_joined(argv)))
+            code = _perform(_joined(argv))
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output has had enough
@@ -89,20 +89,18 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, epilog=EPILOG)
         if name == named:
-            import_module(f"txt1.cli.{name}").add_arguments(command)
+            module = import_module(f"txt1.cli.{name}")
+            command.set_defaults(main=getattr(module, "main", None))
+            module.add_arguments(command)
     return parser
 
 
-def _joined(argv: Sequence[str]) -> Iterator[str]:
+def _joined(argv: Sequence[str]) -> list[str]:
     """Return the words with a negative value joined to its option: argparse takes ``-0.5,0.4`` for another option."""
-    words = iter(argv)
-    previous = next(words, None)
-    for word in words:
-        if previous is not None and re.match(r"--[a-z-]+$", previous) and re.match(r"-[\d.]", word):
-            previous = f"{previous}={word}"
+    words: list[str] = []
+    for word in argv:
+        if words and re.match(r"--[a-z-]+$", words[-1]) and re.match(r"-[\d.]", word):
+            words[-1] += f"={word}"
         else:
-            if previous is not None:
-                yield previous
-            previous = word
-    if previous is not None:
-        yield previous
+            words.append(word)
+    return words

@@ -7,8 +7,9 @@ import os
 from functools import partial
 
 from txt1.board import Board, DevicePlace
+from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, say, view_of
-from txt1.cli.options import add_config, add_log, add_view, host_and_port, positive, warn_of_baud
+from txt1.cli.options import flag, takes
 from txt1.config import Config, load
 from txt1.link import Listener, listen_pty, listen_tcp
 from txt1.ui.terminal import Terminal
@@ -16,34 +17,29 @@ from txt1.ui.terminal import Terminal
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `board` takes."""
-    add_config(parser)
-    place = parser.add_mutually_exclusive_group(required=True)
-    place.add_argument("--pty", metavar="PATH", help="a pseudo-terminal with a link to it at PATH")
-    place.add_argument("--port", metavar="DEV", help="a serial device, e.g. one end of a null-modem cable")
-    place.add_argument("--tcp", type=host_and_port, metavar="[HOST:]PORT", help="a TCP port; HOST is 127.0.0.1")
-    parser.add_argument(
-        "--tui", dest="headless", action="store_false", help="show the board's screens instead of status lines"
-    )
-    parser.add_argument("--manual", action="store_true", help="start in manual mode, which obeys PWM test")
-    parser.add_argument(
-        "--fault", action="append", default=[], metavar="KIND=VALUE",
-        help="put a fault on the line: drop, duplicate (shares of the frames), flip (of the bits), split=true, delay, "
-        "jitter, stall, stall_every, cut (s); may be repeated",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value")
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds")
-    add_log(parser)
-    add_view(parser)
-    parser.add_argument("--json", action="store_true", help="no status lines; one JSON object at the end")
-    parser.set_defaults(main=main)
+    options.add_one_of(parser, {
+        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
+        "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
+        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
+    }, required=True)  # fmt: skip
+    options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | {
+        "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
+        "--manual": flag("start in manual mode, which obeys PWM test"),
+        "--fault": takes(
+            "KIND=VALUE", "put a fault on the line: drop, duplicate (shares of the frames), flip (of the bits), "
+            "split=true, delay, jitter, stall, stall_every, cut (s); may be repeated", action="append", default=[],
+        ),
+        "--duration": takes("S", "end after S seconds", options.positive),
+        "--json": flag("no status lines; one JSON object at the end"),
+    })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Run a virtual board until the duration is over, the operator quits or a signal comes."""
     faults = [f"board.fault.{fault}" for fault in arguments.fault]
-    options = {} if arguments.seed is None else {"seed": arguments.seed}
-    config = load(arguments.config, [*arguments.set, *faults], os.environ, options).config
-    warn_of_baud(config)
+    given = {} if arguments.seed is None else {"seed": arguments.seed}
+    config = load(arguments.config, [*arguments.set, *faults], os.environ, given).config
+    options.warn_of_baud(config)
     app = App()
     app.run(_serve(app, arguments, config))
     return conclude(app, arguments.json)

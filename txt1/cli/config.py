@@ -7,23 +7,17 @@ import json
 import os
 
 from txt1.cli.exit_codes import OK
-from txt1.cli.options import add_config
+from txt1.cli.options import CONFIGURATION, add_actions, takes
 from txt1.config import flatten, load, origin_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    actions = parser.add_subparsers(required=True, metavar="ACTION")
-    show = actions.add_parser("show", help="print every value in force and where it came from")
-    add_config(show)
-    show.set_defaults(main=show_config)
-    check = actions.add_parser("check", help="say whether a file is a valid configuration")
-    check.add_argument("file", metavar="FILE")
-    check.set_defaults(main=check_config)
+    add_actions(parser, {"show": (show, CONFIGURATION), "check": (check, {"file": takes("FILE")})})
 
 
-def show_config(arguments: argparse.Namespace) -> int:
-    """Print the effective configuration, every value with its origin."""
+def show(arguments: argparse.Namespace) -> int:
+    """Print every value in force and where it came from."""
     loaded = load(arguments.config, arguments.set, os.environ)
     rows = [(f"{key}:", json.dumps(value), origin_of(key, loaded.origins)) for key, value in flatten(loaded.config)]
     key_width = max(len(key) for key, _, _ in rows)
@@ -33,7 +27,7 @@ def show_config(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def check_config(arguments: argparse.Namespace) -> int:
+def check(arguments: argparse.Namespace) -> int:
     """Say whether a file is a valid configuration."""
     load(arguments.file)
     print(f"{arguments.file}: valid")

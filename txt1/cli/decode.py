@@ -7,6 +7,7 @@ import sys
 from contextlib import ExitStack
 
 from txt1.cli.exit_codes import OK
+from txt1.cli.options import add, flag, takes
 from txt1.errors import CaptureError, ConfigError
 from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder
@@ -18,11 +19,12 @@ CHUNK = 1 << 16
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the capture and how it is to be read."""
-    parser.add_argument("file", metavar="FILE", help="the captured bytes; - for standard input")
-    parser.add_argument("--role", choices=("host", "board"), required=True, help="which end of the line received them")
-    parser.add_argument("--hex", action="store_true", help="the file is hexadecimal text")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    parser.set_defaults(main=main)
+    add(parser, {
+        "file": takes("FILE", "the captured bytes; - for standard input"),
+        "--role": {"choices": ("host", "board"), "required": True, "help": "which end of the line received them"},
+        "--hex": flag("the file is hexadecimal text"),
+        "--json": flag("one JSON object a line"),
+    })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -7,13 +7,12 @@ import asyncio
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
-from math import ceil
 from statistics import median
 from typing import Final, NamedTuple
 
 from txt1.cli.app import App
 from txt1.cli.exit_codes import FAULT, OK
-from txt1.cli.options import add_config, add_port, loaded, positive
+from txt1.cli.options import CONFIGURATION, LINE, add, loaded, positive, takes
 from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
 from txt1.link import Link
@@ -37,32 +36,24 @@ ANSWER_MAX: Final = 0.3
 
 
 class Findings:
-    """The host's end of a line, and what it has seen there.
-
-    Attributes:
-        octets: bytes that came.
-        arrivals: when odometry came, s.
-        levels: voltages of both packs, V, every time that they came.
-        faults: what was wrong with what came, by reason.
-        asked: PID sets sent.
-        answers: round trips of those that were answered, s.
-        rejected: answers that said no.
-        gone: why the link was lost meanwhile, if it was.
-        ended: when it was over, s.
-
-    """
+    """The host's end of a line, and what it has seen there."""
 
     def __init__(self) -> None:
         self._time = asyncio.get_running_loop().time
         self.begun = self.ended = self.sent = self._time()
         self.link: Link | None = None
         self.receiver = Receiver(Role.HOST, self._take)
-        self.gone: str | None = None
+        self.gone = ""
+        """Why the link was lost meanwhile, if it was."""
         self.octets = self.asked = self.rejected = 0
+        """Bytes that came, PID sets sent, and answers that said no."""
         self.arrivals: list[float] = []
+        """When odometry came, s."""
         self.levels: list[tuple[float, float]] = []
+        """Voltages of both packs, V, every time that they came."""
         self.faults: Counter[Reason] = Counter()
         self.answers: list[float] = []
+        """Round trips of the PID sets that were answered, s."""
 
     @property
     def duration(self) -> float:
@@ -133,73 +124,62 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
 
 
 class Remark(NamedTuple):
-    """A line of the doctor's: what was looked at, what was found, whether that is well."""
+    """A line of the doctor's: the subject, the finding, and whether that is well; if not, the finding says why."""
 
     subject: str
     text: str
     well: bool = True
 
 
-def remarks(findings: Findings, baud: int) -> Iterator[Remark]:
+def _judged(subject: str, text: str, well: bool, cause: str) -> Remark:
+    return Remark(subject, text if well else f"{text}: {cause}", well)
+
+
+def remarks(f: Findings, baud: int) -> Iterator[Remark]:
     """What the findings mean."""
-    f = findings
-    if f.gone is not None:
+    if f.gone:
         yield Remark("link", f"lost: {f.gone}", False)
     if not f.octets:
-        yield Remark(
-            "bytes", "none came: is the board on? is this its port? are its transmit and receive lines crossed "
-            "(null-modem cable)?", False,
-        )  # fmt: skip
+        cause = "is the board on? is this its port? are its transmit and receive lines crossed (null-modem cable)?"
+        yield Remark("bytes", f"none came: {cause}", False)
         return
-    if not f.arrivals:
+    if f.arrivals:
+        rate = len(f.arrivals) / f.duration
+        yield _judged(
+            "odometry", f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}", rate >= RATE_SHARE * ODOMETRY_RATE,
+            "frames are lost; look at the cable, its ground and its length",
+        )  # fmt: skip
+        yield _judged(
+            "age", f"odometry was at most {1e3 * f.age_max:.0f} ms old", f.age_max <= AGE_MAX,
+            "something holds it up; USB adapters have a latency timer, hubs add to it",
+        )  # fmt: skip
+        if f.levels:
+            one, two = f.levels[-1]
+            yield Remark("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
+        else:
+            yield Remark("battery", "no levels came: a board sends them once a second", False)
+        if f.rejected:
+            text = f"rejected {f.rejected} times: check control.linear and control.angular"
+            yield Remark("PID set", text, False)
+        elif not f.answers:
+            yield Remark("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
+        else:
+            trip, share = median(f.answers), len(f.answers) / f.asked
+            yield _judged(
+                "PID set", f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms",
+                trip <= ANSWER_MAX and share >= 0.75, "long frames are lost or held up on the way",
+            )  # fmt: skip
+    else:
         yield Remark(
             "odometry", f"none among {f.octets} bytes: the baud rate is not {baud}, this is another device, or the "
             "board does not hear this host (transmit line)", False,
         )  # fmt: skip
-    else:
-        rate = len(f.arrivals) / f.duration
-        well = rate >= RATE_SHARE * ODOMETRY_RATE
-        yield Remark(
-            "odometry", f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}"
-            + ("" if well else ": frames are lost; look at the cable, its ground and its length"), well,
-        )  # fmt: skip
-        well = f.age_max <= AGE_MAX
-        yield Remark(
-            "age", f"odometry was at most {1e3 * f.age_max:.0f} ms old"
-            + ("" if well else ": something holds it up; USB adapters have a latency timer, hubs add to it"), well,
-        )  # fmt: skip
-        yield _about_batteries(f)
-        yield _about_answers(f)
-    yield _about_faults(f)
-
-
-def _about_batteries(f: Findings) -> Remark:
-    if not f.levels:
-        return Remark("battery", "no levels came: a board sends them once a second", False)
-    one, two = f.levels[-1]
-    return Remark("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
-
-
-def _about_answers(f: Findings) -> Remark:
-    if f.rejected:
-        return Remark("PID set", f"rejected {f.rejected} times: check control.linear and control.angular", False)
-    if not f.answers:
-        return Remark("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
-    trip, share = median(f.answers), len(f.answers) / f.asked
-    well = trip <= ANSWER_MAX and share >= 0.75
-    text = f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms"
-    return Remark("PID set", text + ("" if well else ": long frames are lost or held up on the way"), well)
-
-
-def _about_faults(f: Findings) -> Remark:
-    if not f.faults:
-        return Remark("faults", "none")
     counted = ", ".join(f"{count} x {reason.value}" for reason, count in f.faults.items())
-    total = sum(f.faults.values())
     if set(f.faults) == {Reason.OLD_COMMAND}:
-        return Remark("faults", f"{counted}: messages of older boards, harmless")
-    well = total <= max(1, ceil(0.01 * (len(f.arrivals) + len(f.levels))))
-    return Remark("faults", counted + ("" if well else ": noise on the line, or not the right baud rate"), well)
+        yield Remark("faults", f"{counted}: messages of older boards, harmless")
+    else:
+        well = f.faults.total() <= max(1, 0.01 * (len(f.arrivals) + len(f.levels)))
+        yield _judged("faults", counted or "none", well, "noise on the line, or not the right baud rate")
 
 
 def ports() -> Iterator[Remark]:
@@ -213,15 +193,10 @@ def ports() -> Iterator[Remark]:
         yield Remark("port", text if problem is None else f"{text}: {problem}", problem is None)
 
 
-# -- the command -----------------------------------------------------------------------------------------------
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the line and the time of listening to it."""
-    add_config(parser)
-    add_port(parser)
-    parser.add_argument("--duration", type=positive, default=5.0, metavar="S", help="of listening; 5 by default")
-    parser.set_defaults(main=main, hal="serial")
+    add(parser, CONFIGURATION | LINE | {"--duration": takes("S", "of listening; 5 by default", positive, default=5.0)})
+    parser.set_defaults(hal="serial")
 
 
 def main(arguments: argparse.Namespace) -> int:

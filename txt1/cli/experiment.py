@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
-from txt1.cli.options import add_arm, add_log, add_robot, loaded, robot_speed, unused
+from txt1.cli.options import ARM, LOG, ROBOT, add, flag, loaded, robot_speed, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder
@@ -42,25 +42,16 @@ class Driven(NamedTuple):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
-    parser.add_argument(
-        "what", metavar="NAME|FILE.yaml|compare",
-        help=f"{', '.join(names())}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs",
-    )  # fmt: skip
-    parser.add_argument("runs", nargs="*", type=Path, metavar="FOLDER", help="of the runs to compare")
-    add_robot(parser)
-    add_arm(parser)
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="of the results; out/NAME when left out, or out/NAME-2 and so on",
-    )
-    add_log(parser)
-    parser.add_argument("--label", metavar="TEXT", help="names the run in figures and tables")
-    parser.add_argument("--no-safe-end", action="store_true", help="drive on when the batteries' time is over")
-    parser.add_argument("--no-figure", action="store_true", help="draw nothing; needs no matplotlib")
-    parser.add_argument("--json", action="store_true", help="print the metrics as one JSON object")
-    parser.set_defaults(main=main)
+    kinds = f"{', '.join(names())}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs"
+    add(parser, {
+        "what": takes("NAME|FILE.yaml|compare", kinds),
+        "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
+        "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", Path),
+        "--label": takes("TEXT", "names the run in figures and tables"),
+        "--no-safe-end": flag("drive on when the batteries' time is over"),
+        "--no-figure": flag("draw nothing; needs no matplotlib"),
+        "--json": flag("print the metrics as one JSON object"),
+    } | ROBOT | ARM | LOG)  # fmt: skip
 
 
 def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:

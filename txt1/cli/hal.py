@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 from types import FrameType
 from typing import NoReturn
 
-from txt1.cli.exit_codes import FAULT, OK, SIGNALS
-from txt1.cli.options import add_config
+from txt1.cli.exit_codes import OK, signals_to
+from txt1.cli.options import CONFIGURATION, add_actions, flag, takes
+from txt1.cli.sensor import print_verdicts
 from txt1.config import load
-from txt1.conformance import BROKEN, verdicts
+from txt1.conformance import verdicts
 from txt1.errors import ConfigError
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
@@ -22,37 +22,24 @@ DRIVES = "the check drives the wheels at full power, both ways"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    actions = parser.add_subparsers(required=True, metavar="ACTION")
-    actions.add_parser("list", help="print the names of those that are installed").set_defaults(main=list_hals)
-    check = actions.add_parser("check", help=f"run one through the conformance suite; {DRIVES}")
-    check.add_argument("name", metavar="NAME")
-    check.add_argument("--wheels-up", action="store_true", help="the wheels are off the ground: do not ask")
-    add_config(check)
-    check.set_defaults(main=check_hal)
+    check = {"name": takes("NAME"), "--wheels-up": flag("the wheels are off the ground: do not ask")} | CONFIGURATION
+    add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check)})
 
 
 def list_hals(_: argparse.Namespace) -> int:
-    """Print the names of the hardware layers that are installed."""
+    """Print the names of those that are installed."""
     print("\n".join(HALS.names()))
     return OK
 
 
 def check_hal(arguments: argparse.Namespace) -> int:
-    """Run a hardware layer through the conformance suite."""
+    """Run one through the conformance suite, which drives the wheels at full power, both ways."""
     config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
     capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
     if not (arguments.wheels_up or getattr(capabilities, "simulated", False)):
         _ask(arguments.name)
-    kept = True
-    before = {number: signal.signal(number, _end) for number in SIGNALS}
-    try:
-        for text, verdict in verdicts(HalConformance, lambda: create(config)):
-            kept = kept and not verdict.startswith(BROKEN)
-            print(f"{text}: {verdict}")
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    return OK if kept else FAULT
+    with signals_to(_end):
+        return print_verdicts(verdicts(HalConformance, lambda: create(config)))
 
 
 def _end(number: int, _: FrameType | None) -> NoReturn:

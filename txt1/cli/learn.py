@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from txt1.cli.app import say
 from txt1.cli.exit_codes import DISARMED, OK
-from txt1.cli.options import add_arm, add_log, add_robot, count, loaded, robot_speed, unused
+from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
 from txt1.cli.trials import conduct
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
@@ -33,21 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "configuration, e.g. --set learning.remedy=hold. A disarm ends it, as nobody is there to arm again: "
         f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
-    parser.add_argument(
-        "--agent", default="thesis", metavar="NAME", help=f"{' or '.join(LEARNERS.names())}; thesis by default"
-    )
-    parser.add_argument("--trials", type=count, default=5, metavar="N", help="each from scratch; 5 by default")
-    parser.add_argument("--episodes", type=count, default=31, metavar="N", help="of each trial; 31 by default")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR",
-        help="where tables, figures and pictures go; out/learn when left out, or out/learn-2 and so on",
-    )  # fmt: skip
-    parser.add_argument("--resume", action="store_true", help="carry on what was begun in DIR")
-    parser.add_argument("--jobs", type=count, metavar="N", help="processes; in simulation, by default one a processor")
-    add_log(parser)
-    add_robot(parser)
-    add_arm(parser)
-    parser.set_defaults(main=main)
+    add(parser, {
+        "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default", default="thesis"),
+        "--trials": takes("N", "each from scratch; 5 by default", count, default=5),
+        "--episodes": takes("N", "of each trial; 31 by default", count, default=31),
+        "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
+        "--resume": flag("carry on what was begun in DIR"),
+        "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
+    } | LOG | ROBOT | ARM)  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:

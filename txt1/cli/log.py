@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from txt1.cli.exit_codes import OK
-from txt1.cli.options import existing
+from txt1.cli.options import RECORDING, add_actions, takes
 from txt1.errors import ConfigError
-from txt1.record.session import MODULES, need
 
 if TYPE_CHECKING:
     from txt1.record.reading import Item
@@ -18,41 +17,29 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    actions = parser.add_subparsers(required=True, metavar="ACTION")
-
-    def add(name: str, main: Callable[[argparse.Namespace], int], about: str) -> argparse.ArgumentParser:
-        action = actions.add_parser(name, help=about)
-        action.add_argument("file", type=existing, metavar="FILE")
-        action.set_defaults(main=main)
-        return action
-
-    add("info", show_info, "print its topics with counts, rates and gaps")
-    cat = add("cat", print_messages, "print its messages, one JSON object a line")
-    export = add("export", export_csv, "write one CSV file per topic")
-    export.add_argument("-o", "--output", type=Path, metavar="DIR", help="where to; FILE's name without .mcap")
-    for chooser in (cat, export):
-        chooser.add_argument(
-            "--topic", action="append", default=[], metavar="TOPIC", help="only this one; may be repeated"
-        )
-        chooser.add_argument("--from", type=float, dest="start", metavar="S", help="only from this time stamp on")
-        chooser.add_argument("--to", type=float, dest="end", metavar="S", help="only up to this time stamp")
-    recover = add("recover", recover_file, "make a complete file of one that breaks off")
-    recover.add_argument("-o", "--output", type=Path, metavar="FILE", help="the new file; FILE.recovered.mcap")
+    chosen = RECORDING | {
+        "--topic": takes("TOPIC", "only this one; may be repeated", action="append", default=[]),
+        "--from": takes("S", "only from this time stamp on", float, dest="start"),
+        "--to": takes("S", "only up to this time stamp", float, dest="end"),
+    }
+    folder = {"-o --output": takes("DIR", "where to; FILE's name without .mcap", Path)}
+    whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", Path)}
+    add_actions(parser, {
+        "info": (show_info, RECORDING), "cat": (print_messages, chosen), "export": (export_csv, chosen | folder),
+        "recover": (recover_file, RECORDING | whole),
+    })  # fmt: skip
 
 
 def show_info(arguments: argparse.Namespace) -> int:
-    """Print a recording's summary."""
-    need("txt1 log", "record", *MODULES)
+    """Print its topics with counts, rates and gaps."""
     from txt1.record import summary
 
-    for line in summary.info(arguments.file):
-        print(line)
+    print(*summary.info(arguments.file), sep="\n")
     return OK
 
 
 def print_messages(arguments: argparse.Namespace) -> int:
-    """Print a recording's messages."""
-    need("txt1 log", "record", *MODULES)
+    """Print its messages, one JSON object a line."""
     from txt1.record import summary
 
     for line in summary.lines(_chosen(arguments)):
@@ -61,8 +48,7 @@ def print_messages(arguments: argparse.Namespace) -> int:
 
 
 def export_csv(arguments: argparse.Namespace) -> int:
-    """Write a recording's topics as CSV."""
-    need("txt1 log", "record", *MODULES)
+    """Write one CSV file per topic."""
     from txt1.record import summary
 
     directory = arguments.output or arguments.file.with_suffix("")
@@ -85,7 +71,6 @@ def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
 
 def recover_file(arguments: argparse.Namespace) -> int:
     """Make a complete file of one that breaks off."""
-    need("txt1 log", "record", *MODULES)
     from txt1.record.recover import recover
 
     target = arguments.output or arguments.file.with_suffix(".recovered.mcap")

@@ -6,9 +6,10 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Any, Final
 
 from txt1.config import Config, load
 from txt1.config.sources import LoadedConfig
@@ -16,6 +17,7 @@ from txt1.errors import ConfigError
 from txt1.hal.registry import is_simulated
 from txt1.kernel.loop import Speed
 from txt1.link import baud_warning
+from txt1.record.session import MODULES, need
 
 # -- values ----------------------------------------------------------------------------------------------------
 
@@ -90,6 +92,12 @@ def existing(text: str) -> Path:
     return path
 
 
+def recording(text: str) -> Path:
+    """Return the path of a recording that is there; raises ArgumentTypeError, and MissingExtra without its reader."""
+    need("reading a recording", "record", *MODULES)
+    return existing(text)
+
+
 def unused(folder: Path) -> Path:
     """Return the folder, or the first of its name with a number that is not there yet."""
     names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
@@ -99,75 +107,94 @@ def unused(folder: Path) -> Path:
 # -- options ---------------------------------------------------------------------------------------------------
 
 
-def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add --config and --set."""
-    parser.add_argument("--config", metavar="FILE", help="YAML file, e.g. config/txt1.yaml")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="set one value, e.g. --set control.linear.kp=9; may be repeated",
-    )  # fmt: skip
+def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = str, **more: Any) -> dict[str, Any]:
+    """Return what argparse is to be told of an argument with a value, which `kind` makes of a word."""
+    return {"metavar": metavar, "help": about, "type": kind, **more}
 
 
-def add_port(parser: argparse.ArgumentParser) -> None:
-    """Add --port and --baud, of the line to the board."""
-    parser.add_argument(
-        "--port", metavar="PORT",
-        help="where the board is (--hal serial): a device, socket://HOST:PORT, or virtual for one in this process; "
+def flag(about: str, **more: Any) -> dict[str, Any]:
+    """Return what argparse is to be told of an option without a value."""
+    return {"action": "store_true", "help": about, **more}
+
+
+Arguments = Mapping[str, dict[str, Any]]
+"""Arguments of a command by their names, from `takes` and `flag`."""
+
+LINE: Final = {
+    "--port": takes(
+        "PORT", "where the board is (--hal serial): a device, socket://HOST:PORT, or virtual for one in this process; "
         "left out, the only device there is",
-    )  # fmt: skip
-    parser.add_argument("--baud", type=int, metavar="N", help="bits a second of the line, 57600 by default")
+    ),
+    "--baud": takes("N", "bits a second of the line, 57600 by default", int),
+}  # fmt: skip
+CONFIGURATION: Final = {
+    "--config": takes("FILE", "YAML file, e.g. config/txt1.yaml"),
+    "--set": takes(
+        "KEY=VALUE", "set one value, e.g. --set control.linear.kp=9; may be repeated", action="append", default=[]
+    ),
+}
+SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
+ROBOT: Final = CONFIGURATION | LINE | SEED | {
+    "--hal": takes("NAME", "hardware layer: sim, serial, or one from another package"),
+    "--speed": takes(
+        "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
+        "when nobody watches", speed,
+    ),
+}  # fmt: skip
+"""Which robot it is, its configuration included, and how fast its time goes."""
+ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
+"""For a command that nobody watches."""
+LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", Path)}
+VIEW: Final = {
+    "--view": takes(
+        "[HOST:]PORT", "serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token "
+        "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
+    ),
+    "--view-token": takes(
+        "FILE", "clients have to present the token in FILE, made if there is none: ws://HOST:PORT/?token=TOKEN", Path
+    ),
+}  # fmt: skip
+RECORDING: Final = {"file": takes("FILE", None, recording)}
 
 
-def add_robot(parser: argparse.ArgumentParser, when_left_out: str = "; a simulation runs at max when left out") -> None:
-    """Add what says which robot it is, its configuration included, and how fast its time goes."""
-    add_config(parser)
-    parser.add_argument("--hal", metavar="NAME", help="hardware layer: sim, serial, or one from another package")
-    add_port(parser)
-    parser.add_argument("--seed", type=int, metavar="N", help="repeats every random value of a simulation")
-    parser.add_argument(
-        "--speed", type=speed, metavar="N|max",
-        help=f"virtual time, N times as fast as real time or as fast as possible{when_left_out}",
-    )  # fmt: skip
+def add(parser: argparse.ArgumentParser, arguments: Arguments) -> None:
+    """Add arguments to a parser."""
+    for names, told in arguments.items():
+        parser.add_argument(*names.split(), **told)
 
 
-def add_arm(parser: argparse.ArgumentParser) -> None:
-    """Add --arm, for a command that nobody watches."""
-    parser.add_argument("--arm", action="store_true", default=None, help="arm at the start; a simulation arms itself")
+def add_one_of(parser: argparse.ArgumentParser, arguments: Arguments, *, required: bool = False) -> None:
+    """Add arguments of which only one can be given."""
+    group = parser.add_mutually_exclusive_group(required=required)
+    for name, told in arguments.items():
+        group.add_argument(name, **told)
 
 
-def add_log(parser: argparse.ArgumentParser) -> None:
-    """Add --log."""
-    parser.add_argument("--log", type=Path, metavar="FILE", help="record everything to this MCAP file")
-
-
-def add_view(parser: argparse.ArgumentParser) -> None:
-    """Add --view and --view-token."""
-    parser.add_argument(
-        "--view", nargs="?", type=host_and_port, const=("127.0.0.1", 8765), metavar="[HOST:]PORT",
-        help="serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token only",
-    )  # fmt: skip
-    parser.add_argument(
-        "--view-token", type=Path, metavar="FILE",
-        help="clients have to present the token in FILE, which is made if there is none: ws://HOST:PORT/?token=TOKEN",
-    )  # fmt: skip
+def add_actions(
+    parser: argparse.ArgumentParser, actions: Mapping[str, tuple[Callable[[argparse.Namespace], int], Arguments]]
+) -> None:
+    """Add actions, each by its name with what does it, whose docstring is its help, and what it takes."""
+    parsers = parser.add_subparsers(required=True, metavar="ACTION")
+    for name, (main, arguments) in actions.items():
+        about = (main.__doc__ or "").rstrip(".")
+        action = parsers.add_parser(name, help=about[:1].lower() + about[1:])
+        action.set_defaults(main=main)
+        add(action, arguments)
 
 
 # -- the configuration they make -------------------------------------------------------------------------------
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
-    """Return the configuration that the words ask for, with the origin of every value.
-
-    Args:
-        arguments: what `add_robot` has added.
-        first: settings that any other source overrides but the defaults.
+    """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone.
 
     Raises:
         ConfigError: a setting is wrong, or the port is of no use to this HAL.
 
     """
-    options = {name: value for name in ("hal", "seed") if (value := getattr(arguments, name, None)) is not None}
-    line = {f"serial.{name}": value for name in ("port", "baud") if (value := getattr(arguments, name)) is not None}
+    given = {name: value for name, value in vars(arguments).items() if value is not None}
+    options = {name: given[name] for name in ("hal", "seed") if name in given}
+    line = {f"serial.{name}": given[name] for name in ("port", "baud") if name in given}
     if line and "hal" not in options:
         options["hal"] = "serial"
     found = load(arguments.config, [*first, *arguments.set], os.environ, options | line)

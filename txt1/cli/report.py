@@ -6,20 +6,17 @@ import argparse
 from pathlib import Path
 
 from txt1.cli.exit_codes import OK
-from txt1.cli.options import existing
-from txt1.record.session import MODULES, need
+from txt1.cli.options import RECORDING, add, takes
+from txt1.record.session import need
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and the names of what is drawn."""
-    parser.add_argument("file", type=existing, metavar="FILE")
-    parser.add_argument("-o", "--output", type=Path, metavar="STEM", help="STEM.png and STEM.html; FILE without .mcap")
-    parser.set_defaults(main=main)
+    add(parser, RECORDING | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", Path)})
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Draw a recording."""
-    need("txt1 report", "record", *MODULES)
     need("txt1 report", "plots", "matplotlib")
     from txt1.record.report import report
 

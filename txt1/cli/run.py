@@ -7,13 +7,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from txt1.bridges.registry import BRIDGES, bridge
+from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
 from txt1.cli.exit_codes import DISARMED, FAULT, OK
-from txt1.cli.options import add_log, add_robot, add_view, bridge_options, existing, loaded, positive, velocity
+from txt1.cli.options import flag, takes
 from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
@@ -31,51 +31,42 @@ DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fau
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` takes."""
-    add_robot(parser, "; simulation only")
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after S seconds of the robot's time")
-    parser.add_argument("--headless", action="store_true", help="no screens; one status line a second")
-    parser.add_argument("--json", action="store_true", help="no screens; one JSON object at the end")
-    add_log(parser)
-    add_view(parser)
-    parser.add_argument("--view-control", action="store_true", help="let the live view's teleop panel drive")
-    parser.add_argument(
-        "--bridge", type=bridge_options, action="append", default=[], metavar="NAME[:KEY=VALUE,...]",
-        help="run this bridge beside the robot (entry points txt1.bridges); may be given again",
-    )  # fmt: skip
-    script = parser.add_mutually_exclusive_group()
-    script.add_argument(
-        "--drive", type=velocity, metavar="V,OMEGA", help="command this velocity throughout: m/s, rad/s"
-    )
-    script.add_argument(
-        "--source", metavar="NAME", help="let this source of commands drive (entry points txt1.sources)"
-    )
-    script.add_argument("--learn", metavar="AGENT", help="let this learner learn to find the light (see txt1 learn)")
-    script.add_argument("--policy", type=existing, metavar="FILE", help="drive to the light by a learned qtable.json")
-    arming = parser.add_mutually_exclusive_group()
-    arming.add_argument("--arm", action="store_true", default=None, help="arm at the start")
-    arming.add_argument("--no-arm", action="store_false", dest="arm", help="do not arm, not even in simulation")
-    parser.set_defaults(main=main)
+    options.add(parser, options.ROBOT | options.LOG | options.VIEW | {
+        "--duration": takes("S", "end after S seconds of the robot's time", options.positive),
+        "--headless": flag("no screens; one status line a second"),
+        "--json": flag("no screens; one JSON object at the end"),
+        "--view-control": flag("let the live view's teleop panel drive"),
+        "--bridge": takes(
+            "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
+            options.bridge_options, action="append", default=[],
+        ),
+    })  # fmt: skip
+    options.add_one_of(parser, {
+        "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", options.velocity),
+        "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
+        "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
+        "--policy": takes("FILE", "drive to the light by a learned qtable.json", options.existing),
+    })  # fmt: skip
+    options.add_one_of(parser, {
+        "--arm": flag("arm at the start", default=None),
+        "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
+    })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
-    config = loaded(arguments).config
-    agent = _agent(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
+    config = options.loaded(arguments).config
+    agent: Agent | None = None
+    if arguments.learn is not None or arguments.policy is not None:
+        from txt1.learning.live import agent_of
+
+        agent = agent_of(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)  # refused before the robot is brought up
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, agent, steer))
     return conclude(app, arguments.json)
-
-
-def _agent(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
-    """Return the learner that was asked for, or one that drives by a table; None for neither."""
-    if learn is None and policy is None:
-        return None
-    from txt1.learning.live import agent_of
-
-    return agent_of(config, learn, policy)
 
 
 async def _operate(
@@ -91,8 +82,8 @@ async def _operate(
             view.drive(lambda v, omega, age: web.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        for name, options in arguments.bridge:
-            await bridges.enter_async_context(bridge(robot, name, options))
+        for name, given in arguments.bridge:
+            await bridges.enter_async_context(bridge(robot, name, given))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
         getting_ready = asyncio.ensure_future(start.go_on())
         try:
@@ -107,7 +98,7 @@ async def _operate(
 
 
 class Start:
-    """What is done when the link is there.
+    """The start of a run, from the link on.
 
     Args:
         robot: running; its link may not be up yet.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable
 from typing import Any
 
 from txt1.cli.exit_codes import FAULT, OK
-from txt1.cli.options import add_config
+from txt1.cli.options import CONFIGURATION, add_actions, takes
 from txt1.config import load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import BROKEN, verdicts
@@ -19,18 +20,12 @@ from txt1.sensors.registry import DRIVERS, create
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    actions = parser.add_subparsers(required=True, metavar="ACTION")
-    show = actions.add_parser("list", help="print the drivers that are installed, and the sensors that are configured")
-    add_config(show)
-    show.set_defaults(main=list_sensors)
-    check = actions.add_parser("check", help="run one through the conformance suite")
-    check.add_argument("name", metavar="NAME", help="a configured sensor, or a driver that needs no options")
-    add_config(check)
-    check.set_defaults(main=check_sensor)
+    name = {"name": takes("NAME", "a configured sensor, or a driver that needs no options")}
+    add_actions(parser, {"list": (list_sensors, CONFIGURATION), "check": (check_sensor, name | CONFIGURATION)})
 
 
 def list_sensors(arguments: argparse.Namespace) -> int:
-    """Print a line for each driver and for each configured sensor."""
+    """Print the drivers that are installed, and the sensors that are configured."""
     for name in DRIVERS.names():
         print(f"driver {name}")
     for name, given in load(arguments.config, arguments.set, os.environ).config.sensors.items():
@@ -39,7 +34,7 @@ def list_sensors(arguments: argparse.Namespace) -> int:
 
 
 def check_sensor(arguments: argparse.Namespace) -> int:
-    """Run a sensor through the conformance suite."""
+    """Run one through the conformance suite."""
     config = load(arguments.config, arguments.set, os.environ).config
     name = arguments.name
     given = config.sensors.get(name) or SensorConfig(driver=name)
@@ -49,8 +44,13 @@ def check_sensor(arguments: argparse.Namespace) -> int:
     def make() -> Sensor[Any]:
         return create(given, Setup(name, given.options, config, pose, hal))
 
+    return print_verdicts(verdicts(SensorConformance, make, speed="max" if make().simulated else None))
+
+
+def print_verdicts(found: Iterable[tuple[str, str]]) -> int:
+    """Print each promise of a conformance suite and its verdict; the exit code."""
     kept = True
-    for text, verdict in verdicts(SensorConformance, make, speed="max" if make().simulated else None):
+    for text, verdict in found:
         kept = kept and not verdict.startswith(BROKEN)
         print(f"{text}: {verdict}")
     return OK if kept else FAULT

@@ -8,17 +8,16 @@ import os
 import queue
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.exit_codes import SIGNALS
-from txt1.config import Config
+from txt1.cli.exit_codes import SIGNALS, signals_to
 from txt1.errors import NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
@@ -44,39 +43,30 @@ def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Tri
         ConfigError: the directory cannot be used, or holds another experiment.
 
     """
-    done = prepare(plan, out, resume)
-    kept = [one for one in done if one.complete or not plan.simulated]
+    kept = [one for one in prepare(plan, out, resume) if one.complete or not plan.simulated]
     for result in kept:
         for episode in result.episodes:
             watch(result.trial, episode)
     missing = sorted(set(range(1, plan.trials + 1)) - {one.trial for one in kept if one.complete})
     begun = {one.trial: one for one in kept if not one.complete}
     logs = recordings(plan, missing, begun, resume)
+    came: list[signal.Signals] = []
     ended: Ended = None
-    with _signals() as came:
+    with signals_to(lambda number, _: came.append(signal.Signals(number))):
         try:
             if plan.jobs > 1 and plan.simulated and len(missing) > 1:
                 _side_by_side(plan, missing, logs, out, watch, came)
             else:
-                _one_by_one(plan, missing, logs, begun, out, watch, came)
+                for number in missing:
+                    if not came:
+                        done, before, log = partial(watch, number), begun.get(number), logs.get(number)
+                        on_robot(plan, number, done=done, before=before, out=out, log=log)
         except Txt1Error as error:
             ended = error
     results = load_results(out)
     if came and not (len(results) >= plan.trials and all(one.complete for one in results)):
         ended = came[0]
     return results, ended
-
-
-@contextmanager
-def _signals() -> Iterator[list[signal.Signals]]:
-    """Within the block, Ctrl-C and other requests to end only add to the list that it yields."""
-    came: list[signal.Signals] = []
-    before = {each: signal.signal(each, lambda number, _: came.append(signal.Signals(number))) for each in SIGNALS}
-    try:
-        yield came
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
 
 
 @contextmanager
@@ -87,29 +77,6 @@ def _deaf() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-
-
-def _one_by_one(
-    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], begun: dict[int, TrialResult], out: Path, watch: Watch,
-    came: list[signal.Signals],
-) -> None:  # fmt: skip
-    """Do the trials in this process."""
-    for number in numbers:
-        if not came:
-            app = App(plan.speed)
-            _trial(plan, number, logs, out, partial(watch, number), app=app, before=begun.get(number))
-            if app.code:
-                came.append(signal.Signals(app.code - 128))
-
-
-def _trial(
-    plan: Plan, number: int, logs: dict[int, Path], out: Path, watch: Callable[[Episode], None], **more: Any
-) -> None:
-    """Do one trial, and write it to its file."""
-    on_robot(
-        plan.agent, plan.config, plan.seed, number, plan.episodes, arm=plan.arm, done=watch,
-        keep_paths=plan.keep_paths(), keep=partial(save_result, out), log=logs.get(number), **more,
-    )  # fmt: skip
 
 
 _stop: Any = None
@@ -130,10 +97,10 @@ def _enter(stop: Any, news: Any) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _work(plan: Plan, number: int, logs: dict[int, Path], out: Path) -> None:
+def _work(plan: Plan, number: int, log: Path | None, out: Path) -> None:
     """Do one trial in a process of its own, unless all are to stop."""
     if not _stop.is_set():
-        _trial(plan, number, logs, out, lambda episode: _news.put((number, episode)), stopped=_stop.is_set)
+        on_robot(plan, number, done=lambda one: _news.put((number, one)), stopped=_stop.is_set, out=out, log=log)
 
 
 def _side_by_side(
@@ -144,23 +111,18 @@ def _side_by_side(
     with _deaf():  # here the process is born that tidies up after the others
         stop, news = context.Event(), context.Queue()
 
-    def listen(timeout: float) -> None:
-        try:
-            while True:
-                watch(*news.get(timeout=timeout))
-                timeout = 0.0
-        except queue.Empty:
-            pass
-
     with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
         with _deaf():
-            futures = [pool.submit(_work, plan, number, logs, out) for number in numbers]
+            futures = [pool.submit(_work, plan, number, logs.get(number), out) for number in numbers]
         try:
             while wait(futures, timeout=0.0).not_done:
                 if came or any(future.done() and future.exception() for future in futures):
                     stop.set()
-                listen(POLL)
-            listen(POLL)
+                with suppress(queue.Empty):
+                    watch(*news.get(timeout=POLL))
+            with suppress(queue.Empty):
+                while True:
+                    watch(*news.get(timeout=POLL))
         except BaseException:
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
@@ -178,40 +140,30 @@ def _side_by_side(
 
 
 def on_robot(
-    learner: Agent | str,
-    config: Config,
-    seed: int,
+    plan: Plan,
     number: int,
-    episodes: int,
     *,
-    app: App | None = None,
-    arm: bool = False,
+    agent: Agent | None = None,
     done: Callable[[Episode], None] = lambda _: None,
     commands: tuple[tuple[float, float], ...] = COMMANDS,
-    keep_paths: Collection[int] = (),
     stopped: Callable[[], bool] = lambda: False,
     before: TrialResult | None = None,
-    keep: Callable[[TrialResult], None] = lambda _: None,
+    out: Path | None = None,
     log: Path | None = None,
 ) -> TrialResult:
-    """Do a trial through the robot's real tasks, and return what came of it.
+    """Do a trial of a plan through the robot's real tasks, and return what came of it.
 
-    Where nobody is there to arm the robot again, a disarm ends it.
+    Where nobody is there to arm the robot again, a disarm ends it, and so does a signal, which is then passed on.
 
     Args:
-        learner: who learns, or its name.
-        config: of everything.
-        seed: with the trial's number, repeats every random value.
+        plan: the experiment.
         number: of the trial, from 1.
-        episodes: how many.
-        app: that runs it, at full speed when left out; a signal to it ends the trial as well.
-        arm: whether to arm a robot that does not arm by itself.
+        agent: who learns, in place of the plan's.
         done: told each episode as it ends.
         commands: (v, omega) of each action, m/s and rad/s.
-        keep_paths: numbers of the episodes whose paths are to be kept.
         stopped: asked all the time; once it says yes the trial ends.
         before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
-        keep: given what has come of it when it ends; with an error, too, if an episode was completed.
+        out: the directory for the result; after an error it gets one too, if an episode was completed.
         log: the file to record it to.
 
     Raises:
@@ -221,20 +173,19 @@ def on_robot(
         TaskFault: a task failed; the robot was stopped first.
 
     """
-    agent = make(learner, config, stream(seed, number, AGENT)) if isinstance(learner, str) else learner
-    trial = new_trial(agent, config, seed, number, episodes, done, keep_paths, commands)
+    config, seed, episodes = plan.config, plan.seed, plan.episodes
+    agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
+    trial = new_trial(agent, config, seed, number, episodes, done, plan.keep_paths(), commands)
     if before is not None:
         agent.recall(before.memory)
         trial.carry_on(before.episodes, before.paths, before.voided)
-
     own, told = robot_config(config, seed, number), recorded_plan(agent.name, seed, number, episodes)
+    app = App(plan.speed)
 
-    app = app or App("max")
-
-    async def conduct() -> None:
+    async def learn() -> None:
         async with app.robot(own, log=log, about=told) as robot:
             await need_light(robot, [seed, number, SENSORS])
-            await get_ready(robot, arm or None)
+            await get_ready(robot, plan.arm or None)
             if robot.hal.capabilities.place:  # always at the same instant
                 await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))
             learning = LearningTask(
@@ -248,13 +199,17 @@ def on_robot(
             if len(trial.episodes) < episodes and not stopped():
                 raise NotArmed(robot.reason)
 
+    error: Txt1Error | None = None
     try:
-        app.run(conduct())
-    except Txt1Error:
+        app.run(learn())
+    except Txt1Error as caught:
         trial.void()
-        if trial.episodes:
-            keep(result_of(trial, number, episodes))
-        raise
+        error = caught
     result = result_of(trial, number, episodes)
-    keep(result)
+    if out is not None and (trial.episodes or error is None):
+        save_result(out, result)
+    if error is not None:
+        raise error
+    if app.code:
+        signal.raise_signal(app.code - 128)
     return result

@@ -13,7 +13,7 @@ from rich.console import Console
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.exit_codes import OK
 from txt1.cli.experiment import configure, drive, progress_bar
-from txt1.cli.options import add_arm, add_robot, count
+from txt1.cli.options import ARM, ROBOT, add, count, flag, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
@@ -33,15 +33,12 @@ TESTS: Final = ("linear-steps", "angular-steps")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `tune` takes."""
-    add_robot(parser)
-    add_arm(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write tables and figures of old and new there")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write the gains to this YAML file")
-    parser.add_argument(
-        "--no-trial", action="store_true", help="propose only; do not drive the tests with old and new gains"
-    )
-    parser.add_argument("--repeats", type=count, default=10, metavar="N", help="runs of a test whose mean is judged")
-    parser.set_defaults(main=main)
+    add(parser, ROBOT | ARM | {
+        "--out": takes("DIR", "write tables and figures of old and new there", Path),
+        "--write": takes("FILE", "write the gains to this YAML file", Path),
+        "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
+        "--repeats": takes("N", "runs of a test whose mean is judged", count, default=10),
+    })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
@@ -61,15 +60,13 @@ def load(
         file: a YAML file; None for the defaults alone.
         overrides: ``a.b=c`` each, as given to ``--set``.
         environment: the variables to look through, usually ``os.environ``; None for none.
-        options: values of command-line options of their own, by dotted key, whose last part is their name; they win.
+        options: values of command-line options, by dotted key, whose last part is the option's name; they win.
 
     Raises:
         ConfigError: with one line that says what is wrong and what to do.
 
     """
-    settings: list[Setting] = []
-    if file is not None:
-        settings += _from_file(Path(file))
+    settings = [] if file is None else _from_file(Path(file))
     settings += _from_environment(environment or {})
     for text in overrides:
         settings += _from_override(text)
@@ -109,25 +106,15 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
 
 def flatten(config: Config) -> Iterator[tuple[str, Any]]:
     """Every value of a configuration as (dotted key, value), in order; lists and free-form options whole."""
-    yield from _leaves(config.model_dump(mode="json"), ())
-
-
-def _leaves(tree: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
-    for key, value in tree.items():
-        if isinstance(value, dict) and value and not _is_free((*path, key)):
-            yield from _leaves(value, (*path, key))
-        else:
-            yield ".".join((*path, key)), value
+    for setting in _walk(config.model_dump(mode="json"), (), ""):
+        yield ".".join(setting.path), setting.value
 
 
 def origin_of(key: str, origins: Mapping[str, str]) -> str:
     """Return the origin of a dotted key's value; a section set as a whole is the origin of all that is in it."""
-    parts = key.split(".")
-    for length in range(len(parts), 0, -1):
-        origin = origins.get(".".join(parts[:length]))
-        if origin is not None:
-            return origin
-    return "default"
+    while key and key not in origins:
+        key = key.rpartition(".")[0]
+    return origins.get(key, "default")
 
 
 # -- the sources -----------------------------------------------------------------------------------------------
@@ -140,12 +127,11 @@ def _from_file(path: Path) -> list[Setting]:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}; check --config") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    tree = _parse(text, str(path), "not valid YAML")
-    if tree is None or tree == {}:
-        return []
+    tree = _parse(text, str(path), "not valid YAML") or {}
     if not isinstance(tree, dict):
-        raise ConfigError(f"{path}: expected 'key: value' lines, found {_kind(tree)}")
-    return list(_walk(tree, (), str(path)))
+        kind = {list: "a list", str: "text", bool: "true or false"}.get(type(tree), "a number")
+        raise ConfigError(f"{path}: expected 'key: value' lines, found {kind}")
+    return list(_walk(tree, (), str(path))) if tree else []
 
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
@@ -176,37 +162,32 @@ def _from_override(text: str) -> Iterator[Setting]:
 def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
     """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
     try:
-        depth = 0  # what is too deep is not read to its end, which would take long
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            opens, closes = (isinstance(event, kind) for kind in (yaml.CollectionStartEvent, yaml.CollectionEndEvent))
-            depth += opens - closes
-            if depth > DEPTH_MAX:
-                raise RecursionError
         value = yaml.safe_load(text)
-        _check_depth(value)
+        if _depth(value) > DEPTH_MAX:
+            raise RecursionError
     except yaml.YAMLError as error:
-        raise ConfigError(f"{origin}{_place(error)}: {problem}: {_problem(error)}") from None
-    except RecursionError:
+        mark, what = getattr(error, "problem_mark", None), getattr(error, "problem", None) or str(error)
+        place = f":{mark.line + 1}:{mark.column + 1}" if mark is not None else ""
+        raise ConfigError(f"{origin}{place}: {problem}: {what.splitlines()[0]}") from None
+    except RecursionError:  # also YAML's own, and that of a value that contains itself
         raise ConfigError(f"{origin}: {problem}: nested more than {DEPTH_MAX} deep") from None
     except (ValueError, LookupError, AttributeError) as error:  # of YAML's constructors, for "!!int x" and the like
         raise ConfigError(f"{origin}: {problem}: {error}") from None
     return value
 
 
-def _check_depth(value: Any, left: int = DEPTH_MAX) -> None:
-    if isinstance(value, dict | list):
-        if not left:
-            raise RecursionError
-        for inner in value.values() if isinstance(value, dict) else value:
-            _check_depth(inner, left - 1)
+def _depth(value: Any) -> int:
+    """Return how many levels of lists and mappings a value has."""
+    if not isinstance(value, dict | list):
+        return 0
+    return 1 + max(map(_depth, value.values() if isinstance(value, dict) else value), default=0)
 
 
 def _insert(tree: dict[str, Any], setting: Setting) -> None:
     for key in setting.path[:-1]:
-        child = tree.get(key)
-        if not isinstance(child, dict):
-            child = tree[key] = {}
-        tree = child
+        if not isinstance(tree.get(key), dict):
+            tree[key] = {}
+        tree = tree[key]
     tree[setting.path[-1]] = setting.value
 
 
@@ -247,13 +228,8 @@ def _check(setting: Setting) -> None:
 @cache
 def _keys(kind: Any) -> dict[str, Any]:
     """The keys of a section with their types; none for anything else."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        names = list(kind.model_fields)
-    elif is_dataclass(kind):
-        names = [field.name for field in fields(kind)]
-    else:
-        return {}
-    hints = get_type_hints(kind)
+    names: Iterable[str] = getattr(kind, "model_fields", ()) or getattr(kind, "__dataclass_fields__", ())
+    hints = get_type_hints(kind) if names else {}
     return {name: hints[name] for name in names}
 
 
@@ -282,16 +258,3 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
     # a list or a mapping is long, and the message names the part of it that is wrong
     given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"
     return f"{key}{given}: {message} (from {origin_of(key, origins)}); see 'txt1 config show' for the defaults"
-
-
-def _place(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    return f":{mark.line + 1}:{mark.column + 1}" if mark is not None else ""
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    return str(getattr(error, "problem", None) or error).splitlines()[0]
-
-
-def _kind(value: Any) -> str:
-    return {list: "a list", str: "text", bool: "true or false"}.get(type(value), "a number")

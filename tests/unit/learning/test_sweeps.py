@@ -10,6 +10,7 @@ import pytest
 
 from txt1.cli.trials import on_robot
 from txt1.config import load
+from txt1.learning.experiment import Plan
 from txt1.learning.metrics import summary
 from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action
 from txt1.learning.trial import COMMANDS, TURN
@@ -92,9 +93,8 @@ def test_a_void_episode_leaves_no_trace() -> None:
 @pytest.mark.long
 def test_it_is_near_the_optimum_after_seven_episodes_in_any_order_of_the_actions() -> None:
     """A few trials of seed 77, which tuning used; benchmarks/learning_study.py has the figures of held-back seeds."""
-    trials = [
-        on_robot("sweeps", CONFIG, 77, number, 12, commands=ORDERS[number % len(ORDERS)]).episodes for number in TRIALS
-    ]
+    plan = Plan("sweeps", len(TRIALS), 12, 77, CONFIG)
+    trials = [on_robot(plan, number, commands=ORDERS[number % len(ORDERS)]).episodes for number in TRIALS]
     figures = summary(trials)
     assert figures["after_episode_7"]["success"] == 1.0
     assert figures["after_episode_7"]["ratio_to_optimum"] < 1.15

@@ -10,6 +10,7 @@ import pytest
 from txt1.cli.trials import on_robot
 from txt1.config import load
 from txt1.config.schema import LearningConfig
+from txt1.learning.experiment import Plan
 from txt1.learning.light import sector
 from txt1.learning.qtable import TABLE_5_3
 from txt1.learning.thesis import ThesisAgent
@@ -203,6 +204,6 @@ def test_the_thesiss_own_table_always_reaches_the_light() -> None:
     for number in range(1, 6):
         driver = agent(policy="greedy", training=0, learn_on=False)
         driver.q = np.array(TABLE_5_3)
-        episodes = on_robot(driver, config, 1, number, 10).episodes
+        episodes = on_robot(Plan("thesis", 5, 10, 1, config), number, agent=driver).episodes
         assert all(one.success for one in episodes)
         assert np.mean([one.time for one in episodes]) < 12.0
