@@ -42,8 +42,7 @@ from txt1.tasks import (
     odometry,
     serial,
 )
-from txt1.tasks.fields import TaskReport
-from txt1.tasks.state import State
+from txt1.tasks.fields import State, TaskReport
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 

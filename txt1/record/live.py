@@ -18,8 +18,8 @@ from txt1.errors import CommandRefused, ConfigError
 from txt1.kernel.clock import RealClock, seconds
 from txt1.record.encoder import Block
 from txt1.record.token_proxy import TokenProxy
+from txt1.tasks.fields import LOG
 from txt1.tasks.inputs import COMMAND
-from txt1.tasks.state import LOG
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic

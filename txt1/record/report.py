@@ -24,7 +24,7 @@ from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
 from txt1.tasks.diagnostics import FAULTS, TASKS
 from txt1.tasks.encoder import ODOMETRY, POSE
-from txt1.tasks.state import LOG
+from txt1.tasks.fields import LOG
 
 PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110

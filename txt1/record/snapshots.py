@@ -16,9 +16,8 @@ from txt1.model.odometry import Odometry
 from txt1.record.reading import Decoding, Reading
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
-from txt1.tasks.fields import EVENTS, Control, Encoders, Event
+from txt1.tasks.fields import EVENTS, LOG, Control, Encoders, Event
 from txt1.tasks.mode import MODE, Mode
-from txt1.tasks.state import LOG
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 from txt1.telemetry.topics import Topic
 

@@ -35,8 +35,8 @@ from txt1.runtime import OnFault, Runtime
 from txt1.sensors.base import SENSORS
 from txt1.tasks import diagnostics
 from txt1.tasks.controller import PERIOD, SETPOINT
+from txt1.tasks.fields import LOG
 from txt1.tasks.inputs import COMMAND, INPUT, STEP, Input
-from txt1.tasks.state import LOG
 from txt1.telemetry.snapshot import SNAPSHOT
 from txt1.telemetry.topics import Topic
 

@@ -11,8 +11,7 @@ from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import remaining_time
 from txt1.protocol.messages import BatteryLevels, BoardMessage
-from txt1.tasks.fields import Battery, BatteryState
-from txt1.tasks.state import State
+from txt1.tasks.fields import Battery, BatteryState, State
 from txt1.telemetry.topics import Rule, Topic, declare
 
 PRIORITY: Final = 1

@@ -8,8 +8,7 @@ from typing import Final
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import Panel
-from txt1.tasks.state import State
+from txt1.tasks.fields import Panel, State
 
 PRIORITY: Final = 1
 PERIOD: Final = 0.1

@@ -9,8 +9,7 @@ from typing import Final
 
 from txt1.hal.base import Hal, Indicators
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import BatteryState
-from txt1.tasks.state import State
+from txt1.tasks.fields import BatteryState, State
 
 PRIORITY: Final = 2
 PERIOD: Final = 0.1

@@ -7,7 +7,7 @@ from typing import Final
 
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import BoardMessage, EncoderOdometry
-from txt1.tasks.state import State
+from txt1.tasks.fields import State
 
 PRIORITY: Final = 2
 PERIOD: Final = 0.05

@@ -27,8 +27,7 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
-from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power
-from txt1.tasks.state import State
+from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power, State
 
 PRIORITY: Final = 4
 
