@@ -16,7 +16,7 @@ MODULES = {
     "protocol": ["messages"],
     "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
     "control": ["commander", "limits", "loops", "pid", "runaway"],
-    "tasks": ["battery", "button", "controller", "display", "encoder", "fields", "mode", "odometry", "serial"],
+    "tasks": ["battery", "controller", "encoder", "fields", "mode", "panel", "serial"],
     "telemetry": ["bus"],
     "hal": ["sim"],
     "": ["driver"],

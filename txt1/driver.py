@@ -90,9 +90,7 @@ class CommandSource:
         the robot and hold nothing. Beyond +-1.5 m/s and abs(v) / R_min commands are clipped and counted. Its author
         gave it at `time`, s of the run; None is now.
 
-        Returns:
-            Whether it is the robot's set-point now; a refused one is counted.
-
+        Returns whether it is the robot's set-point now; a refused one is counted.
         Raises CommandRefused: a value is not finite, or the time lies in the future. The command before stays in force,
         until it is stale.
         """
@@ -114,9 +112,7 @@ class CommandSource:
     def request(self) -> bool:
         """Ask for the wheel, or hold it for another time-out, without a command: the robot stands until one comes.
 
-        Returns:
-            Whether it has the wheel now. A source that was overruled may ask anew when the other has let go.
-
+        Returns whether it has the wheel now. A source that was overruled may ask anew when the other has let go.
         """
         wheel = self._wheel
         now, before = wheel.runtime.now, wheel.driver.name
@@ -139,11 +135,8 @@ class CommandSource:
     def insist(self, v: float, omega: float) -> None:
         """Drive, as `command` does; hold the wheel with zeros, too.
 
-        Raises:
-            NotArmed: the safety gate is closed.
-            Overruled: another source has taken the wheel since this one asked for it.
-            CommandRefused: a value is not finite.
-
+        Raises NotArmed: the safety gate is closed; Overruled: another source has taken the wheel since this one asked
+        for it; CommandRefused: a value is not finite.
         """
         gate = self._wheel.runtime.gate
         if not gate.armed:

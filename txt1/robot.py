@@ -165,10 +165,7 @@ class Robot:
             await runtime.scheduler.ended  # raises the TaskFault
 
     async def linked(self, timeout: float = inf) -> None:
-        """Wait until the link is alive: the host is heard and, behind a line, the board answers.
-
-        Raises HalError: it is not, after `timeout` s.
-        """
+        """Wait for the link (the host is heard; behind a line, the board answers); HalError if not in `timeout` s."""
         ends = self.now + timeout
         while not self.runtime.linked:
             if self.now >= ends:
@@ -268,10 +265,7 @@ class Robot:
     # -- arming ------------------------------------------------------------------------------------------------
 
     def arm(self) -> None:
-        """Let commands through, and release the emergency stop.
-
-        Raises NotArmed: the robot may not be armed now; the message says why.
-        """
+        """Let commands through, and release the emergency stop; raises NotArmed, which says why it may not be."""
         self._wheel.clear()  # nothing from before counts
         self.runtime.arm()
 
@@ -306,10 +300,8 @@ class Robot:
     def command(self, v: float, omega: float) -> bool:
         """Ask for a speed in m/s and a yaw rate in rad/s, for the next 0.25 s, as the source "program".
 
-        Returns:
-            Whether it is the set-point now: not while a source of higher priority drives, nor after it has let go
-            until this one has commanded zero once (see `CommandSource.command`).
-
+        Returns whether it is the set-point now: not while a source of higher priority drives, nor after it has let go
+        until this one has commanded zero once (see `CommandSource.command`).
         Raises CommandRefused: a value is not finite; the command before stays in force, until it is stale.
         """
         return self.program.command(v, omega)
@@ -317,11 +309,8 @@ class Robot:
     async def drive(self, v: float, omega: float, duration: float) -> None:
         """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.
 
-        Raises:
-            CommandRefused: a value is not finite.
-            NotArmed: the gate is closed, or closes on the way; the message says why.
-            Overruled: another source drives, or takes the wheel on the way; the message says which.
-
+        Raises CommandRefused: a value is not finite; NotArmed: the gate is closed, or closes on the way; Overruled:
+        another source drives, or takes the wheel on the way.
         """
         self.program.begin()
         await self._repeat(lambda: self.program.insist(v, omega), duration)
@@ -341,9 +330,7 @@ class Robot:
     ) -> bool:
         """Send the gains, by default the configured ones, once a second until they are acknowledged.
 
-        Returns:
-            True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
-
+        Returns True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
         Raises CommandRefused: one is not finite, or does not fit its field on the wire.
         """
         control = self.config.loops()
@@ -374,10 +361,7 @@ class Robot:
         self.runtime.press(button)
 
     async def set_manual(self, manual: bool) -> None:
-        """Enter or leave manual mode, where `pwm_test` sets the outputs and the velocity loops rest.
-
-        Raises NotCapable: the HAL takes set-points, no PWM.
-        """
+        """Enter or leave manual mode, where `pwm_test` sets the outputs; raises NotCapable without PWM."""
         self._require("pwm")
         if self.runtime.state.panel.manual is not manual:
             self.press(Button.CENTRE)
@@ -389,8 +373,7 @@ class Robot:
 
         The motor is limited to `safety.motor_max` and the steering to +-18000.
 
-        Raises CommandRefused: the robot is in controller mode, or a value is not finite; NotCapable: the HAL takes
-        set-points, no PWM.
+        Raises CommandRefused: it is in controller mode, or a value is not finite; NotCapable: the HAL has no PWM.
         """
         self._require("pwm")
         self._post(PwmTest, motor=motor, front=front, rear=rear, pwm4=pwm4, pwm5=pwm5)
@@ -410,11 +393,7 @@ class Robot:
     def servos(self, pwm4: int, pwm5: int) -> None:
         """Move the two free servos, counts in [-24000, 24000]; they stay there.
 
-        Raises:
-            NotCapable: the HAL has no such channels.
-            NotArmed: the gate is closed; they stay where they are.
-            CommandRefused: a value is not finite.
-
+        Raises NotCapable: the HAL has none; NotArmed: the gate is closed; CommandRefused: a value is not finite.
         """
         self._require("servos")
         if not self.armed:

@@ -29,19 +29,8 @@ from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
-from txt1.tasks import (
-    battery,
-    button,
-    controller,
-    diagnostics,
-    display,
-    encoder,
-    fields,
-    inputs,
-    mode,
-    odometry,
-    serial,
-)
+from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial
+from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
 from txt1.tasks.fields import State, TaskReport
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
@@ -56,12 +45,12 @@ class Runtime:
     """The tasks over a hardware layer.
 
     Args:
-        config: what to run.
+        config: of the robot, or of the board that this is.
         send: called with every message the tasks send to their host.
         hal: the hardware layer.
         limits: of the safety gate; None takes the configured ones.
         name: on the screens; None takes the HAL's.
-        scheduler: makes what runs the tasks, given the function that is told of a task that raised.
+        scheduler: made with the function that is told of a task that raised.
         sensing: whether the configured sensors are opened: on the robot itself, on no board and in no replay.
 
     """
@@ -98,7 +87,7 @@ class Runtime:
         self._reports: dict[str, TaskReport] = {}
         self._next_report = 0
         self._notify_serial: Callable[[], None] = lambda: None
-        self._counts: diagnostics.TaskCounts | None = None
+        self._counts: TaskCounts | None = None
         self._counted_at = 0.0
         self._open = False
         self._failed = False
@@ -129,18 +118,18 @@ class Runtime:
         )
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
-        bus.offer(diagnostics.FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
-        bus.offer(diagnostics.TASKS, self._task_counts)
+        bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
+        bus.offer(TASKS, self._task_counts)
         bus.offer(SNAPSHOT, self._recorded_snapshot)
         tap_line = getattr(hal, "tap_line", None)
         if tap_line is not None:
             tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
 
-    def _task_counts(self) -> diagnostics.TaskCounts | None:
+    def _task_counts(self) -> TaskCounts | None:
         """The statistics; in virtual time, where summing up costs more than it says, only once in ten seconds."""
         now = self.now
         if not (self._virtual and self._open and self._counts) or now >= self._counted_at + 10.0:
-            self._counts, self._counted_at = diagnostics.task_counts(self.statistics(), not self._virtual), now
+            self._counts, self._counted_at = task_counts(self.statistics(), not self._virtual), now
         return self._counts
 
     def _offer_to_snapshots(self) -> None:
@@ -191,21 +180,22 @@ class Runtime:
         state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
         controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry)
         serving = partial(
-            serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send, answered=self._answered
-        )
-        # in the order in which tasks of equal priority run
-        self._add("controller", controller.PRIORITY, controller.PERIOD, controlling)
-        self._notify_serial = self.scheduler.add_sporadic("serial", serial.PRIORITY, self._watched("serial", serving))
-        self._periods["serial"] = (serial.PRIORITY, None)
-        for module, task in (
-            (encoder, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
-            (mode, partial(mode.mode, state=state, gate=gate)),
-            (display, partial(display.display, state=state, hal=hal)),
-            (odometry, partial(odometry.odometry, state=state, send=send)),
-            (battery, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
-            (button, partial(button.button, presses=self._presses, state=state, hal=hal, gate=gate)),
+            serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send,
+            answered=lambda accepted: self._put(PidResponse(accepted), self.now),
+        )  # fmt: skip
+        # priorities and periods (thesis 3.3.3), in the order in which tasks of equal priority run
+        self._add("controller", 4, controller.PERIOD, controlling)
+        self._notify_serial = self.scheduler.add_sporadic("serial", 4, self._watched("serial", serving))
+        self._periods["serial"] = (4, None)
+        for priority, period, task in (
+            (3, controller.PERIOD, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
+            (2, 1.0, partial(mode.mode, state=state, gate=gate)),
+            (2, 0.1, partial(panel.display, state=state, hal=hal)),
+            (2, 0.05, partial(encoder.odometry, state=state, send=send)),
+            (1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
+            (1, 0.1, partial(panel.button, presses=self._presses, state=state, hal=hal, gate=gate)),
         ):
-            self._add(task.func.__name__, module.PRIORITY, module.PERIOD, task)
+            self._add(task.func.__name__, priority, period, task)
         for name, sensor in made.items():
             await self.sensors.add(name, sensor, self.config.sensors[name].period)
         self.scheduler.start()
@@ -253,10 +243,6 @@ class Runtime:
             self.gate.count(Fault.OVERFLOW)
         self._inbox.append((message, time, self.gate.epoch))
         self._notify_serial()
-
-    def _answered(self, accepted: bool) -> None:
-        """The board has answered a PID set."""
-        self._put(PidResponse(accepted), self.now)
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick; the button task takes it at its next tick."""

@@ -86,9 +86,7 @@ class Commander:
     def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
         """Take a source's command; v in m/s, omega in rad/s.
 
-        Returns:
-            Whether it is the set-point now. A zero is where nobody else has the wheel.
-
+        Returns whether it is the set-point now. A zero is where nobody else has the wheel.
         Raises ValueError: a number is not finite, or `time` lies in the future.
         """
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
@@ -112,9 +110,7 @@ class Commander:
     def request(self, name: str, now: float) -> bool:
         """Ask for the wheel, or hold it for another time-out; the set-point is 0 until a command comes.
 
-        Returns:
-            Whether the source has the wheel now.
-
+        Returns whether the source has the wheel now.
         """
         source, driver = self._sources[name], self._driver_at(now)
         if not _rules(driver, source):
@@ -128,9 +124,7 @@ class Commander:
     def release(self, name: str, now: float) -> bool:
         """Command zero once and let go of the wheel.
 
-        Returns:
-            Whether the zero is the set-point now: not where another source has the wheel.
-
+        Returns whether the zero is the set-point now: not where another source has the wheel.
         """
         zero = self.command(name, 0.0, 0.0, now, now)
         if self._driver is self._sources[name]:

@@ -14,9 +14,6 @@ from txt1.protocol.messages import BatteryLevels, BoardMessage
 from txt1.tasks.fields import Battery, BatteryState, State
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PRIORITY: Final = 1
-PERIOD: Final = 1.0
-
 OLD_WEIGHT: Final = 0.6
 """Weight of the old value in the smoothed voltage (the original firmware)."""
 GOOD_V: Final = 9.5

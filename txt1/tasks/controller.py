@@ -16,7 +16,6 @@ from txt1.tasks.fields import Command, Control, ManualPwm, Source, State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PRIORITY: Final = 4
 PERIOD: Final = 0.02
 
 COMBINED_TIMEOUT: Final = 0.1

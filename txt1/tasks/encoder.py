@@ -1,8 +1,11 @@
-"""The encoder task: ticks, wheel speeds, velocities, pose. Priority 3, 50 Hz (thesis 2.3, 3.3.3, 3.7.1)."""
+"""The encoder task, 50 Hz: ticks, wheel speeds, velocities, pose; the odometry task, which sends them on, 20 Hz.
+
+Thesis 2.3, 3.3.3, 3.7.1.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import cos, sin
 from typing import Final
 
@@ -11,12 +14,10 @@ from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.model.vehicle import Geometry
+from txt1.protocol.messages import BoardMessage, EncoderOdometry
 from txt1.tasks.fields import Encoders, State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
-
-PRIORITY: Final = 3
-PERIOD: Final = 0.02
 
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 """The numbers of a pose in the plane, in a ROS message."""
@@ -91,3 +92,13 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
             right, left = counts
             state.encoders = Encoders(right, left) if right or left else STILL
             state.odometry, state.odometry_time = wheels.odometry, now
+
+
+async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:
+    """Send pose and velocities, once per tick, while the host is heard."""
+    async for _ in ticks:
+        if not state.link.alive:
+            continue
+        x, y, theta, v, omega = state.odometry
+        send(EncoderOdometry(x, y, theta, v, omega))
+        state.transmitted += 1  # for the transmit LED; the few other messages do not show beside these

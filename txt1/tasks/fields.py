@@ -217,18 +217,17 @@ WRITERS: Final = {
     "serial": (
         "command", "manual_pwm", "combined", "gains", "power", "servos", "received", "velocity_count", "combined_count",
     ),
-    "encoder": ("encoders", "odometry", "odometry_time", "pose", "board"),
+    "encoder": ("encoders", "odometry", "odometry_time", "pose", "board", "transmitted"),
     "mode": ("link",),
     "controller": ("control",),
     "battery": ("battery",),
-    "button": ("panel", "backlight"),
-    "odometry": ("transmitted",),
+    "panel": ("panel", "backlight"),
 }  # fmt: skip
-"""The fields that each task writes, and no other task."""
+"""The fields that the tasks of each module write, and no others; no two tasks write the same."""
 
 
 class State:
-    """The shared state. `WRITERS` names the one task that may assign to each field."""
+    """The shared state. `WRITERS` names the one module that may assign to each field."""
 
     def __init__(self, bus: Bus | None = None) -> None:
         self.bus = Bus() if bus is None else bus

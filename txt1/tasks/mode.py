@@ -10,9 +10,6 @@ from txt1.tasks.fields import LinkState, Panel, Power, State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PRIORITY: Final = 2
-PERIOD: Final = 1.0
-
 VELOCITY_MIN: Final = 1
 """The link is alive when more Velocity messages than this came in a second (the original firmware)."""
 COMBINED_MIN: Final = 2

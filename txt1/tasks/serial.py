@@ -29,8 +29,6 @@ from txt1.protocol.messages import (
 )
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power, State
 
-PRIORITY: Final = 4
-
 INBOX_MAX: Final = 1000
 """Messages that may wait for the task; a host that floods it loses the oldest."""
 

@@ -11,10 +11,10 @@ from typing import Final
 from txt1.hal.base import Button
 from txt1.model.odometry import Odometry
 from txt1.record.snapshots import Snapshots
-from txt1.tasks.button import press
 from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import GAIN_TABLE, GainTable, Panel
 from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.panel import press
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.terminal import Terminal
 

@@ -23,9 +23,9 @@ from rich.table import Table
 from rich.text import Text
 
 from txt1.tasks.battery import BATTERIES
-from txt1.tasks.display import buzzer
 from txt1.tasks.fields import TRAFFIC, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.panel import buzzer
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.status import state_of
 from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, run_time, styled, table

@@ -4,8 +4,8 @@ import pytest
 
 from txt1.hal.base import Button
 from txt1.tasks.battery import judge
-from txt1.tasks.button import press
 from txt1.tasks.fields import BatteryState, Panel
+from txt1.tasks.panel import press
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from txt1.tasks.display import buzzer
 from txt1.tasks.fields import BatteryState
+from txt1.tasks.panel import buzzer
 
 
 @pytest.mark.parametrize("state", [None, *BatteryState])

@@ -7,7 +7,7 @@ from txt1.control.parameters import Limits
 from txt1.hal.base import BoardLink
 from txt1.kernel.ticks import Ticks
 from txt1.tasks.fields import State
-from txt1.tasks.mode import PERIOD, mode
+from txt1.tasks.mode import mode
 
 RESTARTED = "the board restarted: its odometry jumped"
 
@@ -20,7 +20,7 @@ def test_a_board_that_is_lost_in_the_instant_of_the_mode_task_is_named_as_the_ca
     ready: bool, reason: str, told: str
 ) -> None:
     state, gate = State(), Gate(Limits(), on_close=lambda reason: None)
-    task = mode(Ticks(PERIOD), state, gate)
+    task = mode(Ticks(1.0), state, gate)
     task.send(None)
     state.board, state.velocity_count = BoardLink(True, 0, "", "", {}), 20
     task.send(1.0)

@@ -1,17 +1,16 @@
-"""The button task: edges of the five joystick buttons. Priority 1, 10 Hz (thesis 3.3.3)."""
+"""The board's panel: the button task, 10 Hz, and the display task, 10 Hz: buzzer and LEDs (thesis 3.3.3).
+
+Drawing takes longer than a controller period, so the screens are drawn elsewhere, from snapshots of the bus.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Final
 
 from txt1.control.limits import Gate
-from txt1.hal.base import Button, Hal
+from txt1.hal.base import Button, Hal, Indicators
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import Panel, State
-
-PRIORITY: Final = 1
-PERIOD: Final = 0.1
+from txt1.tasks.fields import BatteryState, Panel, State
 
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:
@@ -53,3 +52,15 @@ def press(panel: Panel, pressed: Button, rows: int, has_pwm: bool) -> Panel:
         case Button.CENTRE if has_pwm:
             return panel._replace(manual=not panel.manual)
     return panel
+
+
+async def display(ticks: Ticks, state: State, hal: Hal) -> None:
+    """Set buzzer and LEDs, once per tick; an LED toggles with every message."""
+    async for _ in ticks:
+        sounds = buzzer(state.link.alive, state.battery.state)
+        hal.indicate(Indicators(sounds, state.received % 2 == 1, state.transmitted % 2 == 1))
+
+
+def buzzer(link_alive: bool, battery: BatteryState | None) -> bool:
+    """Whether the buzzer sounds: the link is lost or a battery is low (thesis 3.6.2)."""
+    return not link_alive or battery in (BatteryState.WARNING, BatteryState.BAD)
