@@ -135,23 +135,21 @@ class Bus:
                 take_cycle(self._cycle, values, now)
         for offer in self._changes:
             value = offer.read()
-            if value is not offer.last and value != offer.last:
+            if value is not offer.last:
                 self._tell(offer, value, now)
         for offer in self._seconds.get(self._count % self._second, ()):
-            value = offer.read()
-            if value != offer.last:
-                self._tell(offer, value, now)
+            self._tell(offer, offer.read(), now)
 
     def flush(self, now: float) -> None:
         """Tell what has changed since it was told last: nothing comes any more."""
         for offer in (*self._changes, *chain.from_iterable(self._seconds.values())):
-            value = offer.read()
-            if value != offer.last:
-                self._tell(offer, value, now)
+            self._tell(offer, offer.read(), now)
 
     # -- inside ------------------------------------------------------------------------------------------------
 
     def _tell(self, offer: _Offer, value: Any, now: float) -> None:
+        if value == offer.last:
+            return
         offer.last = value
         if value is not None:
             for take in self._takers(offer.topic):

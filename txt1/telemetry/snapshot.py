@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
-from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints, overload
+from typing import Any, Final, TypeVar, Union, cast, get_args, get_origin, get_type_hints, overload
 
 from txt1.control.schedule import GainSet, Schedule
 from txt1.telemetry.bus import Bus
@@ -25,14 +25,7 @@ Convert = Callable[[Any], Any]
 
 
 class Snapshot:
-    """The values of topics at one instant.
-
-    Args:
-        time: s of the run.
-        name: of the robot.
-        values: by the topics' names; a topic that has no value is left out.
-
-    """
+    """The values of topics, by their names, at one instant: `time` in s of the run of the robot called `name`."""
 
     def __init__(self, time: float, name: str, values: Mapping[str, Any]) -> None:
         self.time, self.name = time, name
@@ -48,12 +41,7 @@ class Snapshot:
         return cls(time, name, {name: value for name, value in told if value is not None})
 
     def __getitem__(self, topic: Topic[T]) -> T:
-        """The value of a topic.
-
-        Raises:
-            KeyError: it has none.
-
-        """
+        """The value of a topic; KeyError where it has none."""
         value = self.get(topic)
         if value is None:
             raise KeyError(topic.name)
@@ -67,10 +55,10 @@ class Snapshot:
 
     def get(self, topic: Topic[T], default: T | None = None) -> T | None:
         """The value of a topic; the default where it has none, or one that is none of the topic's type."""
-        name = topic.name
+        name, kind = topic.name, cast(Any, topic.type)
         if name not in self._values:
             try:
-                self._values[name] = _reader(topic.type)(self._plain.get(name))
+                self._values[name] = _reader(kind)(self._plain.get(name))
             except (TypeError, ValueError, KeyError, AttributeError):
                 self._values[name] = None
         found: T | None = self._values[name]
@@ -152,61 +140,53 @@ def plain(value: Any) -> Any:
         TypeError: it is of a type that JSON has no word for.
 
     """
-    convert: Convert = _writer(type(value))
-    return convert(value)
-
-
-def _make_writer(kind: Any) -> Convert:
-    """The function that puts a value of type `kind` in JSON's words."""
-    if issubclass(kind, Enum):
-        return lambda value: value.value
+    kind: Any = type(value)
     if kind in (NoneType, bool, int, float, str):
-        return lambda value: value
+        return value
+    if isinstance(value, Enum):
+        return value.value
     if kind is Schedule:
-        return lambda value: plain(value.sets)
-    if hasattr(kind, "_fields") or is_dataclass(kind):
-        names = kind._fields if hasattr(kind, "_fields") else tuple(field.name for field in fields(kind))
-        return lambda value: {name: plain(getattr(value, name)) for name in names}
-    if issubclass(kind, Mapping):
-        return lambda value: {str(key): plain(each) for key, each in value.items()}
-    if issubclass(kind, tuple | list):
-        return lambda value: [plain(each) for each in value]
+        return plain(value.sets)
+    if names := _names(kind):
+        return {name: plain(getattr(value, name)) for name in names}
+    if isinstance(value, tuple | list):
+        return [plain(each) for each in value]
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
     raise TypeError(f"{kind.__name__} has no place in a snapshot")
 
 
-def _make_reader(kind: Any) -> Convert:
-    """The function that makes a value of type `kind` of JSON's words for it."""
-    origin, args = get_origin(kind) or kind, get_args(kind)
-    if origin in (Union, UnionType):  # here always "something or None"
-        (inner,) = (_reader(arg) for arg in args if arg is not NoneType)
-        return inner
-    if origin is Schedule:
-        return _optional(lambda value: Schedule(_reader(tuple[GainSet, ...])(value)))
-    if hasattr(origin, "_fields") or is_dataclass(origin):
-        readers = {name: _reader(hint) for name, hint in get_type_hints(origin).items()}
-        return _optional(
-            lambda value: origin(**{name: readers[name](value[name]) for name in readers.keys() & value.keys()})
-        )
-    if origin is tuple and args[-1:] == (...,):
-        each = _reader(args[0])
-        return _optional(lambda value: tuple(map(each, value)))
-    if origin is tuple and args:
-        several = tuple(map(_reader, args))
-        return _optional(lambda value: tuple(read(each) for read, each in zip(several, value, strict=True)))
-    if origin is tuple:
-        return _optional(tuple)
-    if isinstance(origin, type) and issubclass(origin, Mapping) and args:
-        each_value = _reader(args[1])
-        return _optional(lambda value: {key: each_value(item) for key, item in value.items()})
-    if isinstance(origin, type) and issubclass(origin, Enum):
-        return _optional(origin)
-    return lambda value: value
+@cache
+def _names(kind: Any) -> tuple[str, ...]:
+    """The names of the fields, none where it has none."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else getattr(kind, "_fields", ())
 
 
-def _optional(read: Convert) -> Convert:
-    """The function for a value that may be None."""
+@cache
+def _reader(kind: Any) -> Convert:
+    """The function that makes a value of type `kind`, or None, of JSON's words for it."""
+    read = _make_reader(kind)
     return lambda value: None if value is None else read(value)
 
 
-_writer: Final[Callable[[Any], Convert]] = cache(_make_writer)
-_reader: Final[Callable[[Any], Convert]] = cache(_make_reader)
+def _make_reader(kind: Any) -> Convert:
+    origin, args = get_origin(kind) or kind, get_args(kind)
+    if origin in (Union, UnionType):  # here always "something or None"
+        return _reader(next(arg for arg in args if arg is not NoneType))
+    if origin is Schedule:
+        sets = _reader(tuple[GainSet, ...])
+        return lambda value: Schedule(sets(value))
+    if hasattr(origin, "_fields") or is_dataclass(origin):
+        readers = {name: _reader(hint) for name, hint in get_type_hints(origin).items()}
+        return lambda value: origin(**{name: readers[name](value[name]) for name in readers.keys() & value.keys()})
+    if origin is tuple and args[-1:] == (...,):
+        each = _reader(args[0])
+        return lambda value: tuple(map(each, value))
+    if origin is tuple and args:
+        several = tuple(map(_reader, args))
+        return lambda value: tuple(read(item) for read, item in zip(several, value, strict=True))
+    if isinstance(origin, type) and issubclass(origin, Mapping) and args:
+        item_of = _reader(args[1])
+        return lambda value: {key: item_of(item) for key, item in value.items()}
+    convert: Convert = origin if isinstance(origin, type) and issubclass(origin, (Enum, tuple)) else lambda value: value
+    return convert

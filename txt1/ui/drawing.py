@@ -10,6 +10,7 @@ import os
 import select
 from collections.abc import Mapping
 from io import StringIO
+from itertools import zip_longest
 from typing import Any, Final
 
 from rich.console import Console
@@ -51,19 +52,14 @@ class Painter:
         size = width, height = window()
         console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
         with console.capture() as capture:
-            try:
-                console.print(render(snapshot, viewer, width, height), end="")
-            except Exception as error:  # of another package's screen: the keys go on
-                console.print(f"this screen failed: {error!r}", markup=False)
+            console.print(render(snapshot, viewer, width, height), end="")
         lines = capture.get().split("\n")[:height]
-        output = []
-        if size != self._size or self._frames % REPAINT == 0 or len(lines) != len(self._shown):
-            self._shown = [""] * len(lines)
-            output.append("\x1b[0m\x1b[2J" if size != self._size else "")
-        for row, (line, shown) in enumerate(zip(lines, self._shown, strict=True), start=1):
-            if line != shown:
-                output.append(f"\x1b[{row};1H{line}")
-        tty.write(tty.OUT, "".join(output).encode("utf-8", "replace"))
+        output = "\x1b[0m\x1b[2J" if size != self._size else ""
+        repaint = size != self._size or self._frames % REPAINT == 0
+        for row, (line, shown) in enumerate(zip_longest(lines, self._shown), start=1):
+            if line is not None and (repaint or line != shown):
+                output += f"\x1b[{row};1H{line}"
+        tty.write(output.encode("utf-8", "replace"))
         self._shown, self._size, self._frames = lines, size, self._frames + 1
 
 
@@ -75,7 +71,7 @@ def window() -> tuple[int, int]:
 
 def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     """Draw and report keys until the robot's process or the terminal goes away; `keys` are those to be shown."""
-    with tty.full_screen(tty.IN, tty.OUT):
+    with tty.full_screen():
         run(connection, Viewer(keys or DRIVING))
 
 

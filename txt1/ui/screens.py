@@ -11,14 +11,15 @@ through all of them. They are imported in the drawing process only; one that fai
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Final
+from typing import Final, NamedTuple
 
 from rich.align import Align
-from rich.console import RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.layout import Layout
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -68,20 +69,28 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
     layout.split_column(
         Layout(_header(snapshot, name, width), size=1),
         Layout(_state_line(snapshot), size=1),
-        Layout(_help(viewer) if viewer.help else _screen(name, snapshot, viewer, width, rows)),
+        Layout(_help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, rows)),
         Layout(_keys(viewer, width), size=1),
     )
     return layout
 
 
-def _screen(name: str, snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """The screen of this name, or why it cannot be shown."""
-    try:
-        draw: Render = installed()[name].load()
-        return draw(snapshot, viewer, width, rows)
-    except Exception as error:  # a stranger's screen must not take the keys of the robot along
-        told = f"this screen failed: {type(error).__name__}: {clean(str(error))}"
-        return table(name, (Column(fold=True),), ((styled(told, BAD),),))
+class _Screen(NamedTuple):
+    """The screen of this name, or why it cannot be shown: a stranger's must not take the keys of the robot along."""
+
+    name: str
+    snapshot: Snapshot
+    viewer: Viewer
+    width: int
+    rows: int
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterable[Segment]:
+        try:
+            draw: Render = installed()[self.name].load()
+            return list(console.render(draw(self.snapshot, self.viewer, self.width, self.rows), options))
+        except Exception as error:
+            told = f"this screen failed: {type(error).__name__}: {clean(str(error))}"
+            return console.render(table(self.name, (Column(fold=True),), ((styled(told, BAD),),)), options)
 
 
 def current(snapshot: Snapshot) -> str:

@@ -11,6 +11,7 @@ v's sign.
 
 from __future__ import annotations
 
+from math import inf
 from typing import Final
 
 HOLD: Final = 0.7
@@ -28,37 +29,11 @@ _DRIVE: Final = {"w": 1, "s": -1}
 _STEER: Final = {"a": 1, "d": -1}
 
 
-class Axis:
-    """A direction, -1, 0 or 1, and when its key was last pressed, s."""
-
-    __slots__ = ("direction", "pressed")
-
-    def __init__(self) -> None:
-        self.direction = 0
-        self.pressed = 0.0
-
-    def press(self, direction: int, now: float) -> None:
-        """Take a key press; the opposite key replaces this one at once."""
-        self.direction, self.pressed = direction, now
-
-    def held(self, now: float) -> bool:
-        """Whether the key still counts as held."""
-        return self.direction != 0 and now - self.pressed <= HOLD
-
-    def value(self, now: float) -> float:
-        """The direction times what is left of it, in [-1, 1]."""
-        left = (HOLD + DECAY - (now - self.pressed)) / DECAY
-        return self.direction * min(1.0, max(0.0, left))
-
-
 class Teleop:
     """Velocity commands from key presses. Times are s of the run.
 
-    Args:
-        speed: of w and s, m/s; + and - change it.
-        turn: share of the yaw-rate limit that a and d command, 0 to 1.
-        radius_min: R_min, m: the yaw-rate limit is abs(v) / R_min, (2.16).
-
+    `speed` in m/s is that of w and s, which + and - change; `turn` the share, 0 to 1, of the yaw-rate limit
+    abs(v) / R_min, (2.16), that a and d ask for; `radius_min` is R_min, m.
     """
 
     def __init__(self, speed: float = 0.5, turn: float = 0.8, radius_min: float = 0.56) -> None:
@@ -73,23 +48,22 @@ class Teleop:
 
     def release(self) -> None:
         """Let go of every key at once; the next `command` is None."""
-        self._drive = Axis()
-        self._steer = Axis()
+        self._drive = self._steer = (0, -inf)  # direction and when it was pressed last
         self._active = False
 
     def key(self, key: str, now: float) -> None:
-        """Take a key press; keys of other meaning are ignored."""
+        """Take a key press, which replaces the opposite one at once; keys of other meaning are ignored."""
         if key in _DRIVE:
-            self._drive.press(_DRIVE[key], now)
-            self._active = True
+            self._drive = _DRIVE[key], now
         elif key in _STEER:
-            self._steer.press(_STEER[key], now)
-            self._active = True
-            if self._drive.held(now):
-                self._drive.pressed = now
+            self._steer = _STEER[key], now
+            direction, pressed = self._drive
+            if now - pressed <= HOLD:
+                self._drive = direction, now
         elif key in ("+", "-"):
             speed = self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP)
             self.speed = round(min(SPEED_MAX, max(SPEED_MIN, speed)), 1)
+        self._active |= key in _DRIVE or key in _STEER
 
     def command(self, now: float) -> tuple[float, float] | None:
         """(v, omega) in m/s and rad/s, or None when the keyboard has nothing to say.
@@ -98,7 +72,10 @@ class Teleop:
         """
         if not self._active:
             return None
-        drive, steer = self._drive.value(now), self._steer.value(now)
+        drive, steer = (
+            direction * min(1.0, max(0.0, (HOLD + DECAY - (now - pressed)) / DECAY))
+            for direction, pressed in (self._drive, self._steer)
+        )
         self._active = bool(drive or steer)
         v = self.speed * drive
         return v, steer * self.turn * v / self.radius_min

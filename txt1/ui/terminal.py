@@ -114,7 +114,7 @@ class Terminal:
 
     async def __aenter__(self) -> Self:
         try:
-            self._modes = tty.saved(tty.IN, tty.OUT)
+            self._modes = tty.saved()
         except OSError as error:
             raise TerminalLost(f"standard input and output are no terminal ({error}): run it --headless") from error
         await self._beside.__aenter__()

@@ -22,83 +22,53 @@ Modes = list[Any]
 """What termios.tcgetattr returns."""
 
 
-def saved(tty_in: int, tty_out: int) -> Modes:
-    """The modes of a terminal as they are.
-
-    Raises:
-        OSError: one of the two is no terminal.
-
-    """
-    if not os.isatty(tty_out):
+def saved() -> Modes:
+    """The modes of the terminal as they are; OSError where input or output is none."""
+    if not os.isatty(OUT):
         raise OSError("standard output is no terminal")
     try:
-        return termios.tcgetattr(tty_in)
+        return termios.tcgetattr(IN)
     except termios.error as error:
         raise OSError(*error.args) from error
 
 
-def key_by_key(modes: Modes) -> Modes:
-    """The modes for reading keys: no line editing and no echo; Ctrl-C still interrupts.
-
-    Ctrl-Z does not suspend (a robot would go on without its program) and Ctrl-S does not freeze the screen.
-    """
-    iflag, oflag, cflag, lflag, ispeed, ospeed, characters = modes
-    characters = list(characters)
-    characters[termios.VMIN], characters[termios.VTIME] = 1, 0
-    characters[termios.VSUSP] = b"\x00"  # _POSIX_VDISABLE on Linux
-    return [
-        iflag & ~termios.IXON,
-        oflag,
-        cflag,
-        lflag & ~(termios.ICANON | termios.ECHO),
-        ispeed,
-        ospeed,
-        characters,
-    ]
-
-
 @contextmanager
-def full_screen(tty_in: int, tty_out: int) -> Iterator[None]:
+def full_screen() -> Iterator[None]:
     """Within it the terminal is ours; behind it, whatever happened, it is as it was.
 
+    Keys are read one by one and without echo. Ctrl-C still interrupts; Ctrl-Z does not suspend (a robot would go on
+    without its program) and Ctrl-S does not freeze the screen.
+
     Raises:
-        OSError: one of the two is no terminal.
+        OSError: standard input or output is no terminal.
 
     """
-    before = saved(tty_in, tty_out)
+    before, modes = saved(), saved()
+    modes[0] &= ~termios.IXON
+    modes[3] &= ~(termios.ICANON | termios.ECHO)
+    modes[6][termios.VMIN], modes[6][termios.VTIME] = 1, 0
+    modes[6][termios.VSUSP] = b"\x00"  # _POSIX_VDISABLE on Linux
     try:
         # what was typed before there was anything to see is no command
-        termios.tcflush(tty_in, termios.TCIFLUSH)
-        termios.tcsetattr(tty_in, termios.TCSANOW, key_by_key(before))
-        write(tty_out, ENTER)
+        termios.tcflush(IN, termios.TCIFLUSH)
+        termios.tcsetattr(IN, termios.TCSANOW, modes)
+        write(ENTER)
         yield
     finally:
-        leave_screen(tty_out)
-        restore(tty_in, before)
+        put_back(before, drawn_on=True)
 
 
-def leave_screen(tty_out: int) -> None:
-    """Back to the normal screen with its cursor; gives up on a terminal that is gone or stalled."""
+def put_back(modes: Modes, drawn_on: bool) -> None:
+    """The terminal as it was; never waits for one that is gone or stalled. Unread keys are not for the shell."""
     with suppress(OSError):
-        if select.select([], [tty_out], [], 0.1)[1]:
-            os.write(tty_out, LEAVE)
-
-
-def restore(tty_in: int, modes: Modes) -> None:
-    """Set the modes and drop unread keys, which were not meant for the shell; never waits for output."""
+        if drawn_on and select.select([], [OUT], [], 0.1)[1]:
+            os.write(OUT, LEAVE)
     with suppress(OSError, termios.error):
-        termios.tcflush(tty_in, termios.TCIFLUSH)
-        termios.tcsetattr(tty_in, termios.TCSANOW, modes)
+        termios.tcflush(IN, termios.TCIFLUSH)
+        termios.tcsetattr(IN, termios.TCSANOW, modes)
 
 
-def put_back(modes: Modes, killed: bool) -> None:
-    """Put the terminal back behind a process that was drawing on it, also when it was killed over it."""
-    if killed:
-        leave_screen(OUT)
-    restore(IN, modes)
-
-
-def write(fd: int, data: bytes) -> None:
+def write(data: bytes) -> None:
     """Write everything, waiting for a slow terminal."""
     while data:
-        data = data[os.write(fd, data) :]
+        data = data[os.write(OUT, data) :]
