@@ -20,6 +20,7 @@ from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import HalError, TaskFault, Txt1Error
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
+from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ async def _operate(
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
-        teleop, radius_min = config.teleop, config.geometry.radius_min
+        radius_min = config.geometry.radius_min
+        teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min)
         if view is not None:
             web = robot.source("web")
             view.drive(lambda v, omega, age: web.command(v, omega, max(0.0, robot.now - age)), radius_min)
@@ -87,7 +89,7 @@ async def _operate(
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
         getting_ready = asyncio.ensure_future(start.go_on())
         try:
-            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop.speed, teleop.turn, radius_min)
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
         finally:
             getting_ready.cancel()

@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import Final, Literal, Protocol, Self
 
 from txt1.beside import BEAT, Beside, Request
+from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
-from txt1.kernel.ticks import Ticks
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop
@@ -28,13 +28,7 @@ INTERVAL: Final = 0.1
 BACKLOG: Final = 0.5
 """s: keys older than that, found after this process was held up, no longer drive or arm."""
 
-_BUTTONS: Final = {
-    "left": Button.LEFT,
-    "right": Button.RIGHT,
-    "up": Button.UP,
-    "down": Button.DOWN,
-    "c": Button.CENTRE,
-}
+_BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "q"))
 
 
@@ -65,16 +59,6 @@ class Robot(Protocol):
         """Add to the event log."""
 
 
-class Keys(Protocol):
-    """Where the driving keys' commands go."""
-
-    def command(self, v: float, omega: float, time: float) -> object:
-        """Drive at v m/s and omega rad/s, until the command given at `time` goes stale."""
-
-    def release(self) -> None:
-        """Stop, and leave the driving to others."""
-
-
 class Terminal:
     """``async with Terminal(robot) as terminal: reason = await terminal.wait()``.
 
@@ -82,9 +66,7 @@ class Terminal:
         robot: whom the keys are for.
         keys: takes the driving keys' commands; None where somebody else drives.
         beat: s (real time) between the drawing process's heartbeats.
-        speed: that w and s drive at first, m/s.
-        turn: share of the largest yaw rate that a and d ask for.
-        radius_min: R_min of the vehicle, m.
+        teleop: turns keys into commands.
         shown: the keys to show and their meaning; None: those of a robot.
 
     Raises:
@@ -95,22 +77,23 @@ class Terminal:
     def __init__(
         self,
         robot: Robot,
-        keys: Keys | None = None,
+        keys: CommandSource | None = None,
         beat: float = BEAT,
-        speed: float = 0.5,
-        turn: float = 0.8,
-        radius_min: float = 0.56,
+        teleop: Teleop | None = None,
         shown: Mapping[str, str] | None = None,
     ) -> None:
-        self._robot = robot
-        self._keys = keys
-        self._origin = -inf  # of the newest command, s of the run
-        self._teleop = Teleop(speed, turn, radius_min)
-        self._sent = -inf
-        self._beside = Beside(
-            "txt1.ui.drawing:main", self.telemetry, self.request, options={"keys": shown}, beat=beat, lost=self._lost
-        )
+        self._robot, self._keys = robot, keys
+        self._origin = self._sent = -inf  # of the newest command, and of the newest snapshot, s of the run
+        self._teleop = teleop or Teleop()
+        target, options = "txt1.ui.drawing:main", {"keys": shown}
+        self._beside = Beside(target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost)
         self._quit = asyncio.Event()
+        self.screens = self._beside.serve
+        """A task for the robot's scheduler, of the lowest priority: there the snapshots are sent from now on.
+
+        To make bytes of one takes a quarter of a millisecond. With the heartbeats, which come at any time, one tick of
+        the controller in two hundred would have to wait for it; among the tasks it waits for the controller.
+        """
 
     async def __aenter__(self) -> Self:
         try:
@@ -141,14 +124,6 @@ class Terminal:
         finally:
             ended.cancel()
             quitting.cancel()
-
-    async def screens(self, ticks: Ticks) -> None:
-        """A task for the robot's scheduler, of the lowest priority: there the snapshots are sent from now on.
-
-        To make bytes of one takes a quarter of a millisecond. With the heartbeats, which come at any time, one tick of
-        the controller in two hundred would have to wait for it; among the tasks it waits for the controller.
-        """
-        await self._beside.serve(ticks)
 
     def telemetry(self) -> bytes | None:
         """A snapshot, ten a second."""
