@@ -109,7 +109,6 @@ class Conformance(Generic[P]):
 
     @opened
     async def test_closing_twice_is_harmless(self) -> None:
-        """Hal.close and Sensor.close."""
         await self.part.close()
         await self.closes(self.part, "when closed already")
 

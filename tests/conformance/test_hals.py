@@ -299,12 +299,12 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     ("creeps at neutral", mutant(write=writing(lambda o: o._replace(motor=o.motor + 900))),
      "neutral_outputs_do_not_move_the_robot", "Outputs are neutral when all are 0"),
     ("latches the throttle", mutant(write=write_latched), "neutral_outputs_stop_the_robot", "neutral stops the robot"),
-    ("motor the wrong way round", mutant(write=writing(lambda o: o._replace(motor=-o.motor))), "forward_is_positive",
-     "Inputs.ticks are forward positive, but motor 3000"),
-    ("motor knows no reverse", mutant(write=writing(lambda o: o._replace(motor=abs(o.motor)))), "backward_is_negative",
-     "motor -3000"),
+    ("motor the wrong way round", mutant(write=writing(lambda o: o._replace(motor=-o.motor))),
+     "forward_is_positive_and_backward_negative", "Inputs.ticks are forward positive, but motor 3000"),
+    ("motor knows no reverse", mutant(write=writing(lambda o: o._replace(motor=abs(o.motor)))),
+     "forward_is_positive_and_backward_negative", "motor -3000"),
     ("one encoder the wrong way round", mutant(read=reading(ticks=lambda i: (i.ticks[0], -i.ticks[1]))),
-     "forward_is_positive", "Inputs.ticks are forward positive"),
+     "forward_is_positive_and_backward_negative", "Inputs.ticks are forward positive"),
     ("steering the wrong way round", mutant(write=writing(lambda o: o._replace(front=o.rear, rear=o.front))),
      "front_to_the_left_and_rear_to_the_right_turn_left", "Outputs.front, Outputs.rear turn left"),
     ("encoders exchanged", mutant(read=reading(ticks=lambda i: i.ticks[::-1])),
@@ -361,7 +361,7 @@ def test_a_wrong_set_point_sign_is_noticed() -> None:
             return Backwards()
 
     with pytest.raises(AssertionError, match=r"Inputs.odometry is forward positive, but v 0.5 m/s"):
-        Suite().test_forward_is_positive()
+        Suite().test_forward_is_positive_and_backward_negative()
     with pytest.raises(AssertionError, match=r"Outputs.omega is left positive"):
         Suite().test_front_to_the_left_and_rear_to_the_right_turn_left()
 

@@ -65,13 +65,11 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_name_is_text(self) -> None:
-        """Hal.name."""
         name = self.part.name
         promise(isinstance(name, str) and name.strip() != "", "Hal.name", f"is text that is not empty, not {name!r}")
 
     @opened
     async def test_capabilities_and_name_are_constant(self) -> None:
-        """Hal.capabilities."""
         hal, new = self.part, self.make()
         name, before = new.name, new.capabilities
         kind = type(before).__name__
@@ -84,13 +82,11 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_every_field_of_the_capabilities_is_true_or_false(self) -> None:
-        """Capabilities."""
         for name, value in vars(self.can).items():
             promise(isinstance(value, bool), f"Capabilities.{name}", f"is True or False, not {value!r}")
 
     @opened
     async def test_a_closed_hal_opens_again(self) -> None:
-        """Hal.open."""
         await self.hold(NEUTRAL, PERIOD)
         await self.part.close()
         try:
@@ -101,12 +97,10 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_opening_leaves_the_outputs_neutral(self) -> None:
-        """Hal.open."""
         self.expect_held(NEUTRAL, "Hal.open", "leaves the outputs neutral")
 
     @opened
     async def test_closing_leaves_the_outputs_neutral(self) -> None:
-        """Hal.close."""
         self.requires("simulated")  # nobody wants a real car to be let go at speed, should this fail
         await self.hold(FORWARD, self.drive)
         await self.part.close()
@@ -123,24 +117,20 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_reading_returns_inputs_at_once(self) -> None:
-        """Hal.read."""
         self.read()  # which refuses everything else, coroutines first
 
     @opened
     async def test_reading_and_writing_are_prompt(self) -> None:
-        """Hal.read and Hal.write."""
         await self.expect_prompt("Hal.read", PERIOD, self.read)
         await self.expect_prompt("Hal.write", PERIOD, lambda: self.write(NEUTRAL))
 
     @opened
     async def test_every_input_agrees_with_the_capabilities(self) -> None:
-        """Inputs."""
         self.check_inputs(self.read(), complete=False)
         self.check_inputs(await self.hold(NEUTRAL, self.settle), complete=True)
 
     @opened
     async def test_reading_twice_at_one_instant_changes_nothing(self) -> None:
-        """Hal.read."""
         await self.hold(NEUTRAL, self.settle)
         first, second = self.read(), self.read()
         promise(
@@ -152,7 +142,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_it_survives_many_reads_and_gaps(self) -> None:
-        """Hal.read."""
         for _ in range(500):
             await asyncio.sleep(PERIOD)
             self.check_inputs(self.read(), complete=False)
@@ -163,7 +152,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_writing_accepts_everything_between_the_ends(self) -> None:
-        """Hal.write."""
         for outputs in (NEUTRAL, *EXTREMES, NEUTRAL):
             try:
                 self.write(outputs)
@@ -172,7 +160,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_what_was_written_is_held(self) -> None:
-        """Hal.write."""
         self.write(LEFT)
         self.expect_held(LEFT, "Hal.write", "holds the outputs from `now` on")
         self.write(NEUTRAL)
@@ -180,7 +167,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_neutral_outputs_do_not_move_the_robot(self) -> None:
-        """Outputs."""
         before = await self.hold(NEUTRAL, self.settle)
         after = await self.hold(NEUTRAL, self.drive)
         moved = _moved(before, after)
@@ -188,7 +174,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_neutral_outputs_stop_the_robot(self) -> None:
-        """Hal.write."""
         self.requires("simulated")
         await self.hold(FORWARD, self.drive)
         before = await self.hold(NEUTRAL, self.settle)
@@ -199,18 +184,12 @@ class HalConformance(Conformance[Hal]):
     # -- driving: what is simulated is driven --------------------------------------------------------------------
 
     @opened
-    async def test_forward_is_positive(self) -> None:
-        """Outputs.motor, Outputs.v and Inputs.ticks, Inputs.odometry."""
+    async def test_forward_is_positive_and_backward_negative(self) -> None:
         await self.expect_motion(FORWARD, "forward", 1)
-
-    @opened
-    async def test_backward_is_negative(self) -> None:
-        """Outputs.motor, Outputs.v and Inputs.ticks, Inputs.odometry."""
         await self.expect_motion(BACKWARD, "backward", -1)
 
     @opened
     async def test_front_to_the_left_and_rear_to_the_right_turn_left(self) -> None:
-        """Outputs.front, Outputs.rear, Outputs.omega."""
         self.requires("simulated")
         before = await self.hold(NEUTRAL, self.settle)
         after = await self.hold(LEFT, self.drive)
@@ -229,7 +208,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_switches_work_or_are_refused(self) -> None:
-        """Hal.switch."""
         # the ATX supply of a real robot feeds the computer this runs on
         states = (False, True) if self.can.simulated or not self.can.power else (True,)
         for switch in Switch:
@@ -238,7 +216,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_without_the_esc_nothing_moves(self) -> None:
-        """Hal.switch."""
         self.requires("simulated", "power")
         before = await self.hold(NEUTRAL, self.settle)
         self.part.switch(Switch.ESC, False, self.now)
@@ -249,19 +226,16 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_gains_are_taken_or_refused(self) -> None:
-        """Hal.load_gains."""
         self.offers("gains", "load_gains", GAINS, lambda accepted: None)
 
     @opened
     async def test_combined_odometry_is_taken_or_refused(self) -> None:
-        """Hal.offer_odometry."""
         self.offers("combined", "offer_odometry", COMBINED, self.now)
 
     # -- the rest ----------------------------------------------------------------------------------------------
 
     @opened
     async def test_indicators_are_set_or_ignored(self) -> None:
-        """Hal.indicate."""
         for indicators in (Indicators(), Indicators(True, True, True)):
             try:
                 self.called("indicate", indicators)
@@ -270,7 +244,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_robot_is_placed_or_it_is_refused(self) -> None:
-        """Hal.place."""
         await self.hold(NEUTRAL, PERIOD)
         self.offers("place", "place", 0.1, -0.2, 0.3, self.now)
         self.requires("place", "pose")
@@ -280,7 +253,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_a_robot_put_down_is_at_rest(self) -> None:
-        """Hal.place."""
         self.requires("place", "pose")
         await self.hold(FORWARD, self.drive)
         self.write(NEUTRAL)
@@ -291,7 +263,6 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_robot_is_not_placed_where_it_cannot_stand(self) -> None:
-        """Hal.place."""
         self.requires("place")
         for pose in ((nan, 0.0, 0.0), (0.0, inf, 0.0)):
             try:

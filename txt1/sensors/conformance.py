@@ -35,21 +35,18 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @opened
     async def test_the_topic_says_how_its_values_are_told(self) -> None:
-        """Sensor.topic."""
         topic = self.part.topic
         promise(isinstance(topic, Topic), "Sensor.topic", f"is a Topic, not {type(topic).__name__}")
         promise(topic.rule is Rule.EVENT, "Sensor.topic", f"is told as it comes (Rule.EVENT), not {topic.rule.value}")
 
     @opened
     async def test_the_period_is_a_time(self) -> None:
-        """Sensor.period."""
         period = self.part.period
         fine = isinstance(period, float | int) and 0.0 < period < inf
         promise(fine, "Sensor.period", f"is a positive number of seconds, not {period!r}")
 
     @opened
     async def test_topic_and_period_are_constant(self) -> None:
-        """Sensor.topic and Sensor.period."""
         before = self.part.topic, self.part.period
         await self.reading()
         await self.part.close()
@@ -57,12 +54,10 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @unopened
     async def test_closing_what_was_never_opened_is_harmless(self) -> None:
-        """Sensor.close."""
         await self.closes(self.part, "when it was never opened")
 
     @opened
     async def test_a_closed_sensor_opens_again(self) -> None:
-        """Sensor.open."""
         before = await self.reading()
         await self.part.close()
         try:
@@ -74,7 +69,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @unopened
     async def test_hardware_that_is_not_there_is_told_in_one_line(self) -> None:
-        """Sensor.open."""
         sensor = self.absent()
         if sensor is None:
             raise SkipTest("override SensorConformance.absent to check what it says when its hardware is not there")
@@ -94,17 +88,14 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @opened
     async def test_it_has_a_reading_when_it_is_open(self) -> None:
-        """Sensor.read."""
         await self.reading()
 
     @opened
     async def test_reading_is_prompt(self) -> None:
-        """Sensor.read."""
         await self.expect_prompt("Sensor.read", self.part.period, self.read)
 
     @opened
     async def test_nothing_is_read_twice(self) -> None:
-        """Sensor.read."""
         first = await self.reading()
         second = self.read()
         promise(
@@ -115,7 +106,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @opened
     async def test_times_neither_go_backwards_nor_lie_in_the_future(self) -> None:
-        """Reading.time."""
         last = -inf
         for _ in range(max(10, round(min(self.settle / self.part.period, 100)))):
             await asyncio.sleep(self.part.period)
@@ -131,7 +121,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @opened
     async def test_values_are_immutable_and_of_the_topics_type(self) -> None:
-        """Reading.value."""
         value, kind = (await self.reading()).value, self.part.topic.type
         promise(isinstance(value, kind), "Reading.value", f"is a {kind.__name__}, not a {type(value).__name__}")
         try:
@@ -141,7 +130,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
 
     @opened
     async def test_the_topic_makes_a_message_of_a_value(self) -> None:
-        """Sensor.topic."""
         topic = self.part.topic
         made = topic.make((await self.reading()).value)
         if topic.paths:
