@@ -6,47 +6,45 @@ live view carry the definitions with them, so a reader needs nothing of ours.
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Final, NamedTuple
 
+_COMMON: Final = """\
+builtin_interfaces/Time: int32 sec; uint32 nanosec
+std_msgs/Header: builtin_interfaces/Time stamp; string frame_id
+std_msgs/String: string data
+geometry_msgs/Vector3: float64 x; float64 y; float64 z
+geometry_msgs/Point: float64 x; float64 y; float64 z
+geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w
+geometry_msgs/Pose: geometry_msgs/Point position; geometry_msgs/Quaternion orientation
+geometry_msgs/PoseStamped: std_msgs/Header header; geometry_msgs/Pose pose
+geometry_msgs/PoseWithCovariance: geometry_msgs/Pose pose; float64[36] covariance
+geometry_msgs/Twist: geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular
+geometry_msgs/TwistStamped: std_msgs/Header header; geometry_msgs/Twist twist
+geometry_msgs/TwistWithCovariance: geometry_msgs/Twist twist; float64[36] covariance
+geometry_msgs/Transform: geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation
+geometry_msgs/TransformStamped: std_msgs/Header header; string child_frame_id; geometry_msgs/Transform transform
+tf2_msgs/TFMessage: geometry_msgs/TransformStamped[] transforms
+nav_msgs/Odometry: std_msgs/Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose;
+    geometry_msgs/TwistWithCovariance twist
+sensor_msgs/BatteryState: std_msgs/Header header; float32 voltage; float32 temperature; float32 current;
+    float32 charge; float32 capacity; float32 design_capacity; float32 percentage; uint8 power_supply_status;
+    uint8 power_supply_health; uint8 power_supply_technology; bool present; float32[] cell_voltage;
+    float32[] cell_temperature; string location; string serial_number
+diagnostic_msgs/KeyValue: string key; string value
+diagnostic_msgs/DiagnosticStatus: byte level; string name; string message; string hardware_id;
+    diagnostic_msgs/KeyValue[] values
+diagnostic_msgs/DiagnosticArray: std_msgs/Header header; diagnostic_msgs/DiagnosticStatus[] status
+rcl_interfaces/Log: builtin_interfaces/Time stamp; uint8 level; string name; string msg; string file; string function;
+    uint32 line
+"""
+
 DEFINITIONS: Final[dict[str, str]] = {
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "std_msgs/String": "string data",
-    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
-    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance",
-    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
-    "geometry_msgs/TwistStamped": "std_msgs/Header header\ngeometry_msgs/Twist twist",
-    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance",
-    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
-    "geometry_msgs/TransformStamped": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
-    ),
-    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "nav_msgs/Odometry": (
-        "std_msgs/Header header\nstring child_frame_id\n"
-        "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist"
-    ),
-    "sensor_msgs/BatteryState": (
-        "std_msgs/Header header\nfloat32 voltage\nfloat32 temperature\nfloat32 current\nfloat32 charge\n"
-        "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
-        "uint8 power_supply_health\nuint8 power_supply_technology\nbool present\nfloat32[] cell_voltage\n"
-        "float32[] cell_temperature\nstring location\nstring serial_number"
-    ),
-    "diagnostic_msgs/KeyValue": "string key\nstring value",
-    "diagnostic_msgs/DiagnosticStatus": (
-        "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values"
-    ),
-    "diagnostic_msgs/DiagnosticArray": "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
-    "rcl_interfaces/Log": (
-        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line"
-    ),
+    name: "\n".join(field.strip() for field in fields.split(";"))
+    for name, fields in (text.split(":") for text in re.split(r"\n(?! )", _COMMON.strip()))
 }
-"""By package and name. ``byte`` is ROS's word for an octet."""
+"""The fields of a message, one ``type name`` a line, by package and name. ``byte`` is ROS's word for an octet."""
 
 
 class Field(NamedTuple):
@@ -61,9 +59,7 @@ class Field(NamedTuple):
 def define(name: str, text: str) -> str:
     """Define a message, given as ``package/Name``, with one ``type name`` a line; returns its name.
 
-    Raises:
-        ValueError: another message of this name is defined already.
-
+    ValueError where another message of this name is defined already.
     """
     if DEFINITIONS.setdefault(name, text) != text:
         raise ValueError(f"message {name}: defined already with other fields; choose another name")
@@ -73,34 +69,27 @@ def define(name: str, text: str) -> str:
 @cache
 def fields(message: str) -> tuple[Field, ...]:
     """The fields of a message, given as ``package/Name``."""
-    return tuple(_field(line) for line in DEFINITIONS[message].splitlines())
-
-
-def _field(line: str) -> Field:
-    kind, name = line.split()
-    kind, bracket, length = kind.partition("[")
-    if not bracket:
-        return Field(name, kind, 1, False)
-    length = length.rstrip("]")
-    return Field(name, kind, int(length) if length else None, True)
+    found = []
+    for line in DEFINITIONS[message].splitlines():
+        kind, name = line.split()
+        kind, array, length = kind.rstrip("]").partition("[")
+        found.append(Field(name, kind, int(length) if length else None if array else 1, bool(array)))
+    return tuple(found)
 
 
 def schema_name(message: str) -> str:
     """The name by which ROS 2 tools know a message: ``package/msg/Name``."""
-    package, name = message.split("/")
-    return f"{package}/msg/{name}"
+    return message.replace("/", "/msg/")
 
 
 def schema_text(message: str) -> str:
     """The definition of a message and of all that it contains, as it stands in an MCAP schema (encoding ros2msg)."""
+    kinds = [message]
+    for kind in kinds:  # which grows
+        inner = (field.type for field in fields(kind) if field.type in DEFINITIONS)
+        kinds += dict.fromkeys(kind for kind in inner if kind not in kinds)
     parts = [DEFINITIONS[message]]
-    needed = [field.type for field in fields(message)]
-    seen: set[str] = set()
-    while needed:
-        kind = needed.pop(0)
-        if kind in DEFINITIONS and kind not in seen:
-            seen.add(kind)
-            needed += [field.type for field in fields(kind)]
-            if kind != "builtin_interfaces/Time":  # readers have that one built in, and some refuse it twice
-                parts.append(f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}")
+    for kind in kinds[1:]:
+        if kind != "builtin_interfaces/Time":  # readers have that one built in, and some refuse it twice
+            parts.append(f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}")
     return "\n".join(parts) + "\n"

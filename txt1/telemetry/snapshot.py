@@ -128,6 +128,7 @@ SNAPSHOT: Final = declare(Topic(
 _LAST: Final[dict[str, tuple[Any, str]]] = {}
 """Of each topic the value that was encoded last, and as what."""
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
+_WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
 
 # -- values to JSON and back -----------------------------------------------------------------------------------
@@ -141,16 +142,16 @@ def plain(value: Any) -> Any:
 
     """
     kind: Any = type(value)
-    if kind in (NoneType, bool, int, float, str):
+    if kind in _WORDS:
         return value
-    if isinstance(value, Enum):
-        return value.value
     if kind is Schedule:
         return plain(value.sets)
     if names := _names(kind):
         return {name: plain(getattr(value, name)) for name in names}
     if isinstance(value, tuple | list):
         return [plain(each) for each in value]
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     raise TypeError(f"{kind.__name__} has no place in a snapshot")

@@ -43,11 +43,6 @@ class Keys:
         unfinished = _UNFINISHED.search(data)
         end = unfinished.start() if unfinished else len(data)
         self._rest = data[end:]
-        names = (_name(match) for match in _TOKEN.finditer(data, 0, end))
+        tokens = (match.groups() for match in _TOKEN.finditer(data, 0, end))
+        names = (_PLAIN.get(plain) if plain else _ARROWS.get(csi or ss3 or b"") for csi, ss3, plain in tokens)
         return [name for name in names if name is not None]
-
-
-def _name(match: re.Match[bytes]) -> str | None:
-    """The key a token stands for, None for any that means nothing here."""
-    csi, ss3, plain = match.groups()
-    return _PLAIN.get(plain) if plain else _ARROWS.get(csi or ss3 or b"")

@@ -38,15 +38,7 @@ KEYS: Final = {
 
 
 class Player:
-    """Plays a recording; to the terminal it is the robot.
-
-    Args:
-        recording: its snapshots.
-        speed: as a multiple of real time.
-        loop: begin anew at the end.
-        clock: real time in s.
-
-    """
+    """Plays a recording at `speed` times real time, given by `clock` in s; to the terminal it is the robot."""
 
     def __init__(self, recording: Snapshots, speed: float, loop: bool, clock: Callable[[], float]) -> None:
         self.recording = recording
@@ -61,15 +53,11 @@ class Player:
     @property
     def position(self) -> float:
         """Where it is, s of the run."""
-        now = self._clock()
+        now, begin, end = self._clock(), self.recording.start, self.recording.end
         if not self.paused:
             self._position += (now - self._since) * self.speed
-            length = self.recording.end - self.recording.start
-            if self._position > self.recording.end:
-                past = self._position - self.recording.end
-                self._position = (
-                    self.recording.start + past % length if self.loop and length > 0.0 else self.recording.end
-                )
+            if self._position > end:
+                self._position = begin + (self._position - end) % (end - begin) if self.loop and end > begin else end
         self._since = now
         return self._position
 
@@ -85,18 +73,15 @@ class Player:
 
     def key(self, key: str) -> None:
         """Do what a key of the player's means."""
+        position = self.position
         match key:
             case "space":
-                self.seek(self.position)
                 self.paused = not self.paused
-            case "a":
-                self.seek(self.position - SEEK)
-            case "d":
-                self.seek(self.position + SEEK)
+            case "a" | "d":
+                self.seek(position + (SEEK if key == "d" else -SEEK))
             case "w":
                 self.seek(self.recording.start)
             case "+" | "-":
-                self.seek(self.position)
                 self.speed = min(max(self.speed * (2.0 if key == "+" else 0.5), SPEED_MIN), SPEED_MAX)
             case "m":
                 self.loop = not self.loop

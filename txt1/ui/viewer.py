@@ -23,7 +23,6 @@ JUMP: Final = 0.5
 REACH: Final = 2.0
 """... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart."""
 
-
 DRIVING: Final = {
     "SPACE": "stop",
     "q": "quit",
@@ -46,20 +45,16 @@ def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
 
 @dataclass
 class Viewer:
-    """The viewer's own state.
-
-    Attributes:
-        keys: those of the last row and their meaning, the most important first.
-        help: the list of keys covers the screen.
-        path: points (x, y) the robot passed, m, oldest first; never more than PATH_MAX.
-        spacing: least distance between points, m.
-
-    """
+    """The viewer's own state."""
 
     keys: Mapping[str, str] = field(default_factory=DRIVING.copy)
+    """Those of the last row and their meaning, the most important first."""
     help: bool = False
+    """Whether the list of keys covers the screen."""
     path: list[tuple[float, float]] = field(default_factory=list)
+    """Points (x, y) the robot passed, m, oldest first; never more than PATH_MAX."""
     spacing: float = SPACING
+    """Least distance between points, m."""
     _last: tuple[float, float] = (0.0, 0.0)
     _time: float = 0.0
 
@@ -73,8 +68,7 @@ class Viewer:
         if elapsed < 0.0 or dist(here, self._last) > max(JUMP, REACH * elapsed):
             self.path, self.spacing = [], SPACING
         self._last, self._time = here, snapshot.time
-        if self.path and dist(here, self.path[-1]) < self.spacing:
-            return
-        self.path.append(here)
+        if not self.path or dist(here, self.path[-1]) >= self.spacing:
+            self.path.append(here)
         if len(self.path) >= PATH_MAX:
             self.path, self.spacing = self.path[::2], 2.0 * self.spacing
