@@ -27,9 +27,7 @@ def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
 
     `layout` is the profile's, or "steps" for a panel with every step's responses side by side.
 
-    Raises:
-        MissingExtra: matplotlib is not installed.
-
+    Raises MissingExtra: matplotlib is not installed.
     """
     available()
     import matplotlib

@@ -35,9 +35,7 @@ class Hold(NamedTuple):
 def require_pwm_and_ticks(hal: Hal) -> None:
     """Refuse a HAL over which a vehicle cannot be identified.
 
-    Raises:
-        HalError: it takes no PWM, or gives no encoder counts to judge by.
-
+    Raises HalError: it takes no PWM, or gives no encoder counts to judge by.
     """
     if not (hal.capabilities.pwm and hal.capabilities.ticks):
         raise HalError(

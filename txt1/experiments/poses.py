@@ -41,9 +41,7 @@ async def trips(robot: Robot, count: int, room: Room, seed: int, *, by_truth: bo
 
     The robot is a simulator's, armed, its gains loaded; `seed` repeats the poses.
 
-    Raises:
-        NoPath: a goal cannot be reached inside the room.
-
+    Raises NoPath: a goal cannot be reached inside the room.
     """
     chance = random.Random(seed)
     reach_x, reach_y = 0.5 * room.length - FROM_THE_WALLS, 0.5 * room.width - FROM_THE_WALLS

@@ -98,9 +98,7 @@ def save(recording: Recording, folder: Path) -> None:
 def load(folder: Path) -> Recording:
     """The samples in a folder.
 
-    Raises:
-        ConfigError: there are none, or they are not ours.
-
+    Raises ConfigError: there are none, or they are not ours.
     """
     file = folder / FILE
     try:

@@ -47,9 +47,7 @@ def alike(runs: Sequence[Run]) -> list[Run]:
 def make(folder: Path) -> Path:
     """The folder, made where there is none, before the robot has driven for 46 minutes.
 
-    Raises:
-        ConfigError: nothing can be written there.
-
+    Raises ConfigError: nothing can be written there.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,9 +69,7 @@ def write(run: Run, folder: Path) -> None:
 def read(folder: Path) -> Run:
     """The run in a folder.
 
-    Raises:
-        ConfigError: there is none.
-
+    Raises ConfigError: there is none.
     """
     file = folder / METRICS
     try:

@@ -84,9 +84,7 @@ class Experiment:
     async def run(self) -> None:
         """Drive it, and stop; `outcome` has what was measured, also when this was cancelled on the way.
 
-        Raises:
-            Overruled: another source of commands drives already; one that takes the wheel later ends the experiment.
-
+        Raises Overruled: another source of commands drives already; one that takes the wheel later ends the experiment.
         """
         robot, profile = self._robot, self.profile
         robot.program.begin()

@@ -34,9 +34,7 @@ class Agent(Protocol):
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the four light sensors, lux, once every 16 ms.
 
-        Raises:
-            LightFault: a sensor cannot be believed.
-
+        Raises LightFault: a sensor cannot be believed.
         """
 
     @property

@@ -31,9 +31,7 @@ LEARNERS: Final = Registry("learner", "txt1.learners", {"thesis": thesis.create,
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
     """Return a learner that knows nothing yet.
 
-    Raises:
-        ConfigError: there is none of that name, or its options are wrong.
-
+    Raises ConfigError: there is none of that name, or its options are wrong.
     """
     agent: Agent = LEARNERS.make("agent", name, config, rng, None)
     return agent
@@ -42,9 +40,7 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
 def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
     """Return a driver that takes the best action of a stored table and learns no more.
 
-    Raises:
-        QTableError: the file is no sound table, or not one of a learner that is installed.
-
+    Raises QTableError: the file is no sound table, or not one of a learner that is installed.
     """
     table = load(path)
     name = str(table.about.get("agent"))

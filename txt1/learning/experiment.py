@@ -75,10 +75,8 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
 
     A trial that is done again from its start is recorded anew; one that carries on, to a file of its own.
 
-    Raises:
-        ConfigError: there is such a file already, and it is no recording of that trial.
-        MissingExtra: the extra `record` is not installed.
-
+    Raises ConfigError: there is such a file already, and it is no recording of that trial; MissingExtra: the extra
+    `record` is not installed.
     """
     log = plan.log
     if log is None:
@@ -105,9 +103,7 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
 def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     """The trials that the directory holds already; it is made when there is none.
 
-    Raises:
-        ConfigError: it cannot be used, or it holds another experiment, or one that is not to be carried on.
-
+    Raises ConfigError: it cannot be used, or it holds another experiment, or one that is not to be carried on.
     """
     mark = out / "experiment.json"
     identity = plan.identity()
@@ -174,9 +170,7 @@ def save_result(out: Path, result: TrialResult) -> None:
 def load_result(path: Path) -> TrialResult:
     """A trial from its file.
 
-    Raises:
-        QTableError: it was cut off or altered, or is no trial.
-
+    Raises QTableError: it was cut off or altered, or is no trial.
     """
     again = "delete it, and it is done again"
     try:
@@ -210,10 +204,7 @@ def best(results: Sequence[TrialResult]) -> TrialResult:
 def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, Any]:
     """The metrics, after writing them and everything else but the pictures.
 
-    Raises:
-        QTableError: the table cannot be written.
-        OSError: nor the rest.
-
+    Raises QTableError: the table cannot be written; OSError: nor the rest.
     """
     lines: list[tuple[str, ...]] = [COLUMNS]
     for result in results:

@@ -52,10 +52,7 @@ def direction(readings: Readings) -> float:
     along the two axes. Hence tan(direction) = (b / a)^2 tan(bearing) = 0.31 tan(bearing), whatever the exponent n: a
     light at 53 degrees reads 23, and "front centre" spans about +-53 degrees. `corrected_direction` undoes it.
 
-    Raises:
-        LightFault: a reading is not a positive, finite number.
-        NoDirection: the readings are all alike.
-
+    Raises LightFault: a reading is not a positive, finite number; NoDirection: the readings are all alike.
     """
     front, left = _differences(readings)
     return atan2(SENSOR_Y * left, SENSOR_X * front)
@@ -159,9 +156,7 @@ class LightFilter:
     def step(self, sample: Readings) -> None:
         """Take in a sample, lux.
 
-        Raises:
-            LightFault: a sensor cannot be believed.
-
+        Raises LightFault: a sensor cannot be believed.
         """
         fl, fr, rl, rr = sample
         if not (0.0 <= fl < inf and 0.0 <= fr < inf and 0.0 <= rl < inf and 0.0 <= rr < inf):
@@ -180,25 +175,20 @@ class LightFilter:
             brightest = max(max(now_fl, now_fr), max(now_rl, now_rr))
             if brightest > self.spread * min(min(now_fl, now_fr), min(now_rl, now_rr)):
                 raise _odd_one_out(Readings(now_fl, now_fr, now_rl, now_rr))
-        self._watch_changes((fl, fr, rl, rr))
+        changes, latest = self._changes, self._latest
+        changes[0] += fl != latest[0]
+        changes[1] += fr != latest[1]
+        changes[2] += rl != latest[2]
+        changes[3] += rr != latest[3]
+        if self._samples % FROZEN_SAMPLES == 0:
+            self._refuse_frozen(sample)
         self._filtered = now_fl, now_fr, now_rl, now_rr
         self._latest = fl, fr, rl, rr
         self._samples += 1
 
-    def _watch_changes(self, sample: Lux) -> None:
+    def _refuse_frozen(self, sample: Readings) -> None:
         """Raise when one sensor has frozen and the others have not."""
-        changes, before = self._changes, self._latest
-        if sample[0] != before[0]:
-            changes[0] += 1
-        if sample[1] != before[1]:
-            changes[1] += 1
-        if sample[2] != before[2]:
-            changes[2] += 1
-        if sample[3] != before[3]:
-            changes[3] += 1
-        if self._samples % FROZEN_SAMPLES:
-            return
-        self._changes = [0, 0, 0, 0]
+        changes, self._changes = self._changes, [0, 0, 0, 0]
         if changes.count(0) != 1 or sum(count >= FROZEN_SAMPLES // 2 for count in changes) != 3:
             return
         frozen = changes.index(0)

@@ -22,10 +22,7 @@ FROM_WALL: Final = 0.5  # the boundary is at least so far inside the simulated r
 def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
     """The learner of this name, or one that drives by the table in this file; None for neither.
 
-    Raises:
-        ConfigError: there is no learner of that name.
-        QTableError: the file is no sound table.
-
+    Raises ConfigError: there is no learner of that name; QTableError: the file is no sound table.
     """
     rng = stream(config.own_seed, 1, AGENT)
     if policy is not None:

@@ -21,9 +21,7 @@ BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
 def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
     """The pictures that were written: learning_curve.png, paths.png, qtable.png.
 
-    Raises:
-        MissingExtra: matplotlib is not installed.
-
+    Raises MissingExtra: matplotlib is not installed.
     """
     try:
         from matplotlib import colormaps, ticker

@@ -76,9 +76,7 @@ class StoredTable:
     def shaped(self, states: int, actions: int) -> Table:
         """Return the values, shape (states, actions).
 
-        Raises:
-            ValueError: they have another shape.
-
+        Raises ValueError: they have another shape.
         """
         for needed, has, what in zip((states, actions), self.values.shape, ("states", "actions"), strict=True):
             if needed != has:
@@ -99,10 +97,8 @@ def replace_file(path: Path, text: str) -> None:
 def save(path: Path, table: StoredTable) -> None:
     """Write the table to a file, as `replace_file`.
 
-    Raises:
-        QTableError: the file cannot be written.
-        ValueError: the values are not finite or not a table, or `about` is no JSON.
-
+    Raises QTableError: the file cannot be written; ValueError: the values are not finite or not a table, or `about` is
+    no JSON.
     """
     values = np.asarray(table.values, float)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
@@ -125,9 +121,7 @@ def save(path: Path, table: StoredTable) -> None:
 def load(path: Path) -> StoredTable:
     """Return the table in a file; its checksum says that it is as `save` wrote it.
 
-    Raises:
-        QTableError: there is no such file, or it is not a whole, unaltered Q-table.
-
+    Raises QTableError: there is no such file, or it is not a whole, unaltered Q-table.
     """
     ours = "give the qtable.json that 'txt1 learn' wrote"
     try:

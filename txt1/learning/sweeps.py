@@ -78,10 +78,7 @@ SETTINGS: Final = Settings()
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
     """Return a learner as configured, or one that drives by a stored table.
 
-    Raises:
-        ConfigError: the options are wrong.
-        ValueError: the table has another shape.
-
+    Raises ConfigError: the options are wrong; ValueError: the table has another shape.
     """
     settings = checked(Settings, config.learning.options, "learning.options")
     return SweepsAgent(rng, settings, float(config.sim.light.exponent), table)

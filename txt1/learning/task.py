@@ -124,8 +124,7 @@ class LearningTask:
                 if self._light.reason:
                     raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
-                v, omega = trial.tick(now, robot.armed, pose, robot.odometry)
-                self._wheel.command(v, omega)
+                self._wheel.command(*trial.tick(now, robot.armed, pose, robot.odometry))
                 if trial.phase is DONE:
                     self.ended.set()
                 elif trial.phase is not before:
@@ -134,12 +133,15 @@ class LearningTask:
             self._let_go()
 
     def _may_drive(self) -> bool:
-        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it."""
+        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it.
+
+        In an episode its commands hold it.
+        """
         if self.overruled:
             if self._robot.runtime.gate.epoch == self._epoch or not self._wheel.request():
                 return False
             self.overruled = ""
-        elif self._wheel.overruled or not self._wheel.request():
+        elif self._wheel.overruled or (self.trial.phase is not DRIVE and not self._wheel.request()):
             self._give_way(self._wheel.overruled)
         return not self.overruled
 
@@ -215,9 +217,7 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
 
     `seed` repeats the simulated sensors' noise; None: that of the configuration does.
 
-    Raises:
-        HalError: there are none.
-
+    Raises HalError: there are none.
     """
     name = robot.config.learning.sensor
     if name in robot.sensors:

@@ -36,9 +36,7 @@ RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
     """Return a learner as configured, or one that drives by a stored table.
 
-    Raises:
-        ValueError: the table has another shape.
-
+    Raises ValueError: the table has another shape.
     """
     settings, exponent = config.learning, float(config.sim.light.exponent)
     if table is None:

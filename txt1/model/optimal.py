@@ -70,9 +70,7 @@ def optimal_time(
 
     x, y, the turning radius and the goal's are in m, theta is in rad, the speed in m/s.
 
-    Raises:
-        ValueError: speed or a radius is not positive and finite, or a pose is not finite.
-
+    Raises ValueError: speed or a radius is not positive and finite, or a pose is not finite.
     """
     if not all(0.0 < value < np.inf for value in (speed, radius_min, goal_radius)):
         raise ValueError(

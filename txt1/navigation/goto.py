@@ -74,12 +74,9 @@ async def go_to(
         speed: m/s, the fastest.
         source: in whose name it drives; None: the program's.
 
-    Raises:
-        NoPath: the goal cannot be reached inside the room.
-        NotArmed: the gate is closed, or closes on the way.
-        Overruled: another source of commands drives, or takes the wheel on the way.
-        CommandRefused: the speed is not positive, or the pose source knows no pose.
-
+    Raises NoPath: the goal cannot be reached inside the room; NotArmed: the gate is closed, or closes on the way;
+    Overruled: another source of commands drives, or takes the wheel on the way; CommandRefused: the speed is not
+    positive, or the pose source knows no pose.
     """
     if not CRAWL <= speed <= robot.config.safety.v_max:
         raise CommandRefused(f"speed must be from {CRAWL} to {robot.config.safety.v_max} m/s, not {speed!r}")

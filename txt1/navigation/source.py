@@ -30,9 +30,7 @@ class PoseSource(NamedTuple):
 def true_pose(robot: Robot) -> PoseSource:
     """The simulator's own pose, in the room: what a tracking system under the ceiling would tell.
 
-    Raises:
-        NotCapable: the HAL does not know it.
-
+    Raises NotCapable: the HAL does not know it.
     """
     if not robot.hal.capabilities.pose:
         raise NotCapable(robot.hal.name, "pose")

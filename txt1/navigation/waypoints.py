@@ -74,11 +74,8 @@ async def follow(
         on_leg: told the number of each leg, its start and its end, when it begins.
         source: in whose name it drives; None: the program's.
 
-    Raises:
-        NotArmed: the gate is closed, or closes on the way.
-        Overruled: another source of commands drives, or takes the wheel on the way.
-        CommandRefused: there are no waypoints, or the pose source knows no pose.
-
+    Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
+    the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
     """
     if not points:
         raise CommandRefused("there are no waypoints: give at least one")
