@@ -39,9 +39,6 @@ LET_GO: Final = 1.0
 REOPEN: Final = 0.5
 """s after which a serial device that has gone is tried again."""
 
-ARMING_PERIOD: Final = 0.1
-ARMING_PRIORITY: Final = 2
-
 SPACER: Final = b"\x00"
 """Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
 
@@ -53,13 +50,7 @@ PID_SET: Final = 0x70
 
 
 class Board:
-    """A board on the desk. It is the `End` of whatever link the host is on.
-
-    Args:
-        config: of the simulated vehicle, the safety gate and the line.
-        manual: start in manual mode, where PWM test is obeyed instead of Velocity.
-
-    """
+    """A board on the desk, the `End` of its host's link; `manual`: it obeys PWM test instead of Velocity at first."""
 
     def __init__(self, config: Config, *, manual: bool = False) -> None:
         timeout = config.board.link_timeout
@@ -83,7 +74,7 @@ class Board:
     async def power_up(self) -> None:
         """Start the tasks; raises what `Runtime.start` raises."""
         await self.runtime.start()
-        self.runtime.add_task("arming", ARMING_PRIORITY, ARMING_PERIOD, self._arming)
+        self.runtime.add_task("arming", 2, 0.1, self._arming)
 
     async def power_down(self) -> None:
         """Stop the vehicle and the tasks; harmless when that is done already."""
@@ -116,6 +107,7 @@ class Board:
 
     def _take(self, event: Event) -> None:
         now = self.runtime.now
+        idle = now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
         match event:
             case FrameFault():
                 self.runtime.state.count_on_line(event.reason.name.lower())
@@ -127,7 +119,7 @@ class Board:
                 self._wanted = now
             case PwmTest(motor) if motor:
                 self._wanted = now
-            case PowerControl(Switch.ATX, False) if self._idle(now):
+            case PowerControl(Switch.ATX, False) if idle:
                 self.runtime.gate.disarm("the host has switched the ATX supply off")
         self.runtime.post(event, now)
 
@@ -146,10 +138,6 @@ class Board:
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
         with suppress(LinkLost):  # `lost` is on its way
             self.link.write(frame)
-
-    def _idle(self, now: float) -> bool:
-        """Whether the host has asked for nothing for a while, and the vehicle stands."""
-        return now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
 
     async def _arming(self, ticks: Ticks) -> None:
         """Open the gate with the link, and after any other stop when the host has let go."""
@@ -174,10 +162,7 @@ class Board:
         return self.runtime.now
 
     def arm(self) -> None:
-        """Release the emergency stop, or obey again at once.
-
-        Raises NotArmed: the safety gate may not be opened now; the message says why.
-        """
+        """Release the emergency stop, or obey again at once; raises NotArmed, which says why it may not."""
         self.runtime.arm()
 
     def disarm(self, reason: str) -> None:
@@ -240,10 +225,7 @@ class VirtualPort:
         self.board: Board | None = None
 
     async def open(self, end: End) -> Link:
-        """A link to the board, which is powered up first if need be.
-
-        Raises TaskFault: a task of the board has failed.
-        """
+        """A link to the board, powered up first if need be; raises TaskFault when a task of the board has failed."""
         if self.board is None:
             self.board = board = Board(self._config, manual=self._config.serial.control == "host")
             await board.power_up()

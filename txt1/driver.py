@@ -128,7 +128,7 @@ class CommandSource:
             self._wheel.send(now)
 
     def begin(self) -> None:
-        """Ask for the wheel; raises Overruled: another source keeps it."""
+        """Ask for the wheel; raises Overruled when another source keeps it."""
         if not self.request():
             raise Overruled(self.name, self.overruled)
 
@@ -147,10 +147,7 @@ class CommandSource:
 
 
 def require_finite(message: str, **values: float) -> None:
-    """Nothing happens for finite numbers.
-
-    Raises CommandRefused: one is something else; names it.
-    """
+    """Nothing happens for finite numbers; raises CommandRefused, which names the first that is something else."""
     for name, value in values.items():
         try:
             if isfinite(value):

@@ -42,8 +42,6 @@ from txt1.tasks.fields import Battery
 from txt1.telemetry.snapshot import Snapshot
 from txt1.telemetry.topics import Topic
 
-DRIVER_PRIORITY: Final = 3
-
 PID_SET_PERIOD: Final = 1.0
 """Seconds between two attempts at loading the gains."""
 
@@ -147,7 +145,7 @@ class Robot:
         try:
             await runtime.start()
             runtime.scheduler.ended.add_done_callback(interrupt)
-            runtime.add_task("driver", DRIVER_PRIORITY, REFRESH, robot._drive_messages)
+            runtime.add_task("driver", 3, REFRESH, robot._drive_messages)
             if patience > 0.0:
                 await robot.linked(patience)
                 if robot.arms_by_itself if arm is None else arm:
@@ -256,10 +254,7 @@ class Robot:
         return self._stream(self.sensors[name].topic)
 
     async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
-        """Open a sensor of your own and read it from now on; it is closed with the robot.
-
-        Raises HalError: it cannot be opened; ValueError: the name is taken.
-        """
+        """Open a sensor of your own and read it to the end; raises HalError, or ValueError when the name is taken."""
         return await self.runtime.sensors.add(name, sensor, period)
 
     # -- arming ------------------------------------------------------------------------------------------------
@@ -412,10 +407,7 @@ class Robot:
             raise CommandRefused("the ATX supply feeds encoders and computer: call Robot.disarm() first")
 
     async def shutdown_host(self) -> None:
-        """Power the host down; never returns if it succeeds.
-
-        Raises CommandRefused: `host.allow_shutdown` is off, the robot is armed, or the system refused.
-        """
+        """Power the host down for good; raises CommandRefused unless `host.allow_shutdown` is on and it is disarmed."""
         if not self.config.host.allow_shutdown:
             raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
         if self.armed:

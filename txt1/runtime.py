@@ -167,7 +167,7 @@ class Runtime:
         return Snapshot.take(self.bus, self.now, self.name, topics)
 
     async def start(self) -> None:
-        """Open the hardware and start the tasks; raises HalError: the hardware cannot be opened."""
+        """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
         if self._virtual and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
@@ -256,7 +256,7 @@ class Runtime:
         return self.state.link.alive and (board is None or board.ready)
 
     def arm(self) -> None:
-        """Open the safety gate; raises NotArmed: it may not be opened now; the message says why."""
+        """Open the safety gate; raises NotArmed, which says why it may not be opened now."""
         now = self._begin("arm")
         reason = self._reason_not_to_arm(now)
         if reason is not None:

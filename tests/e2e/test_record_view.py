@@ -29,7 +29,8 @@ from websockets.sync.client import ClientConnection, connect
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.record.live import velocity
+from txt1.kernel import run
+from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
 from txt1.record.token_proxy import STRANGERS_ALIKE_MAX, TokenProxy, token_in
 from txt1.telemetry.messages import fields
@@ -175,6 +176,32 @@ def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_
                 break
             assert at < 15.0
         assert twist.linear.x / twist.angular.z == pytest.approx(0.56, abs=0.15)
+
+
+def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
+    async def body() -> float:
+        loop = asyncio.get_running_loop()
+        age: asyncio.Future[float] = loop.create_future()
+        view = LiveView("127.0.0.1", 0, control=True)
+        sent: list[float] = []
+
+        def command() -> None:
+            with client_at(view.address) as client:
+                advertise(client)
+                drive(client, 0.5)
+                sent.append(loop.time())
+
+        try:
+            view.drive(lambda v, omega, since: age.set_result(since), 0.56)
+            commanding = loop.run_in_executor(None, command)
+            while not sent or loop.time() < sent[0] + 0.3:
+                pass  # the loop is busy
+            await commanding
+            return await asyncio.wait_for(age, 20.0)
+        finally:
+            view.close(0)
+
+    assert run(body()) > 0.2
 
 
 # -- the token ---------------------------------------------------------------------------------------------------

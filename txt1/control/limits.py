@@ -142,8 +142,7 @@ class Gate:
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
-        if not (isfinite(v) and isfinite(omega)):
-            self.count(Fault.NOT_FINITE)
+        if not self.admit_finite(v, omega):
             return None
         limited = limit_velocity(v, omega, self.limits)
         if limited[1] != omega:
@@ -168,10 +167,7 @@ class Gate:
         return tuple(int(clip(c, PWM_MAX)) for c in counts)
 
     def passes(self, given: float | None, epoch: int, now: float) -> bool:
-        """Whether a command given at that time (s of the run), in that epoch, may move the robot now.
-
-        Counts it going stale.
-        """
+        """Whether a command given at that time (s of the run), in that epoch, may move it; counts it going stale."""
         fresh = (
             given is not None
             and epoch == self.epoch

@@ -132,16 +132,11 @@ def _link_made(address: str) -> tuple[int, int] | None:
 
 
 class SerialHal:
-    """A TXT-1 board behind a line.
+    """A TXT-1 board behind a line, which `wrap` may put faults on.
 
-    Args:
-        port: where it is.
-        wrap: put between this HAL and the link, such as line faults.
-        control: closes the velocity loops: the board, or (experimental) this host with PWM test messages, to a board in
-            manual mode.
-        scale: of the board's lengths and angles; original boards read 6.3 % low.
-        simulated: nothing real is behind the port.
-
+    `control` closes the velocity loops: the board, or (experimental) this host with PWM test messages, to a board in
+    manual mode. `scale` is of the board's lengths and angles; original boards read 6.3 % low. `simulated`: nothing real
+    is behind the port.
     """
 
     name = "serial"
@@ -405,7 +400,7 @@ class SerialHal:
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Nobody can lift a real robot from here."""
-        raise NotCapable(self.name, "place")
+        self._require("place")
 
     def _require(self, capability: str) -> None:
         if not getattr(self.capabilities, capability):
@@ -413,15 +408,13 @@ class SerialHal:
 
     def _send_outputs(self, outputs: Outputs) -> None:
         """Send a set-point, 0 as long as the board has not settled; or PWM counts, and 0 to keep the link alive."""
-        ready = self._time() - self._heard_since >= SETTLED
+        if self._time() - self._heard_since < SETTLED:
+            outputs = Outputs(0, 0, 0, *outputs[3:5])
         if self.capabilities.pwm:
             self._send(Velocity(0.0, 0.0))
-            motor, front, rear = outputs[:3] if ready else (0, 0, 0)
-            self._send(PwmTest(motor, front, rear, outputs.pwm4, outputs.pwm5))
-        else:
-            # a board that reads low drives too fast by as much
-            v, omega = outputs.v / self._scale, outputs.omega / self._scale
-            self._send(Velocity(v, omega) if ready else Velocity(0.0, 0.0))
+            self._send(PwmTest(*outputs[:5]))
+        else:  # a board that reads low drives too fast by as much
+            self._send(Velocity(outputs.v / self._scale, outputs.omega / self._scale))
 
     def _repeat(self) -> None:
         """Send what holds until it is changed."""
