@@ -55,21 +55,13 @@ def _perform(words: list[str]) -> int:
         return code
     except SystemExit as ended:  # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
-    except NotArmed as error:
-        return _complain(error, DISARMED)
-    except ConfigError as error:
-        return _complain(error, USAGE)
     except BrokenPipeError:
         raise
     except (Txt1Error, OSError) as error:
-        return _complain(error, FAULT)
+        print(f"txt1: {error}", file=sys.stderr)
+        return DISARMED if isinstance(error, NotArmed) else USAGE if isinstance(error, ConfigError) else FAULT
     except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
         return 128 + signal.SIGINT
-
-
-def _complain(error: Exception, code: int) -> int:
-    print(f"txt1: {error}", file=sys.stderr)
-    return code
 
 
 class _Parser(argparse.ArgumentParser):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import os
 import select
 import signal
@@ -51,23 +52,16 @@ def say(text: str) -> None:
 
 
 class App:
-    """One command at work on a robot or on a board.
-
-    Args:
-        speed: of its time (see `txt1.kernel.loop.run`).
-
-    Attributes:
-        code: how it ended (see `txt1.cli.exit_codes`).
-        reason: why the safety gate was closed at the end.
-        report: of the run, as far as it came.
-
-    """
+    """One command at work on a robot or on a board, its time at this speed (see `txt1.kernel.loop.run`)."""
 
     def __init__(self, speed: Speed = None) -> None:
         self.speed = speed
         self.code = OK
+        """How it ended (see `txt1.cli.exit_codes`)."""
         self.reason = ""
+        """Why the safety gate was closed at the end."""
         self.report: dict[str, Any] | None = None
+        """Of the run, as far as it came."""
         self._subject: Robot | Board | None = None
 
     def run(self, work: Coroutine[Any, Any, None]) -> int:
@@ -131,17 +125,8 @@ class App:
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
-        Args:
-            config: of everything.
-            log: the file to record to; None: nothing is recorded.
-            about: what the recording is to say about the command.
-            view: a live view to serve; it is closed at the end.
-
-        Raises:
-            ConfigError: a setting is wrong.
-            HalError: the hardware cannot be used.
-            TaskFault: a task failed; the robot was stopped first.
-
+        It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given.
+        Raises what `Robot.open` and `txt1.record.session.recording` raise.
         """
         async with (
             recording(log, config, self.speed, about or {}, say, view) as attach,
@@ -165,21 +150,18 @@ class App:
         await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
 
     async def watch(
-        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[None]
+        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *alongside: asyncio.Future[Any]
     ) -> None:
         """Let the operator see and drive until the run, or what goes on alongside, ends; an error of it is raised."""
         try:
-            await self._watch(terminal, view, runtime, runtime.scheduler.ended, *alongside)
+            await self._watch(runtime, terminal, view, [runtime.scheduler.ended, *alongside])
         finally:  # an interrupted run has its report, too
             self.reason = runtime.gate.reason
             self.report = report(runtime)
 
     async def _watch(
-        self, terminal: Callable[[], Terminal], view: View, runtime: Runtime, *ends: asyncio.Future[None]
+        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, ends: list[asyncio.Future[Any]]
     ) -> None:
-        if view == "nothing":
-            await _first_of(*ends)
-            return
         if view == "screens" and self.speed != "max" and _draws():
             async with terminal() as screens:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
@@ -193,7 +175,7 @@ class App:
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
             self.code = FAULT
-        lines = asyncio.ensure_future(_status_lines(runtime))
+        lines = asyncio.Future() if view == "nothing" else asyncio.ensure_future(_status_lines(runtime))
         try:
             await _first_of(*ends, lines)
         finally:
@@ -251,8 +233,6 @@ def view_of(arguments: argparse.Namespace) -> View:
 def conclude(app: App, as_json: bool) -> int:
     """Print what remains to be said about a run, and return its exit code."""
     if as_json and app.report is not None:
-        import json
-
         print(json.dumps(app.report))
     if app.code == DISARMED:
         say(f"the robot was stopped: {app.reason or 'see the counters'}")

@@ -28,13 +28,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 
 
 class Driven(NamedTuple):
-    """A run of an experiment that has ended.
-
-    Attributes:
-        outcome: what was measured; None when nothing was.
-        code: exit code.
-
-    """
+    """The outcome of an experiment that has ended, None when nothing was measured, and the exit code."""
 
     outcome: Outcome | None
     code: int

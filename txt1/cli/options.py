@@ -7,9 +7,11 @@ import json
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
+
+from annotated_types import Gt
+from pydantic import FiniteFloat, TypeAdapter, ValidationError
 
 from txt1.config import Config, load
 from txt1.config.sources import LoadedConfig
@@ -18,39 +20,28 @@ from txt1.hal.registry import is_simulated
 from txt1.kernel.loop import Speed
 from txt1.link import baud_warning
 from txt1.record.session import MODULES, need
+from txt1.units import PositiveInt
 
 # -- values ----------------------------------------------------------------------------------------------------
 
 
-def number(text: str) -> float:
-    """Return the finite number that a word is; raises ArgumentTypeError."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not finite")
+def _words(kind: Any, what: str) -> Callable[[str], Any]:
+    """Return the function that makes a value of this type of a word; it raises ArgumentTypeError."""
+    adapter: TypeAdapter[Any] = TypeAdapter(kind)
+
+    def value(text: str) -> Any:
+        try:
+            return adapter.validate_python(text)
+        except ValidationError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not {what}") from None
+
     return value
 
 
-def positive(text: str) -> float:
-    """Return the positive number that a word is; raises ArgumentTypeError."""
-    value = number(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not positive")
-    return value
-
-
-def count(text: str) -> int:
-    """Return the whole number from 1 that a word is; raises ArgumentTypeError."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
-    return int(text)
-
-
-def speed(text: str) -> Speed:
-    """Return the speed of virtual time that a word is; raises ArgumentTypeError."""
-    return "max" if text == "max" else positive(text)
+number: Final = _words(FiniteFloat, "a finite number")
+positive: Final = _words(Annotated[FiniteFloat, Gt(0.0)], "a positive number")
+count: Final = _words(PositiveInt, "a whole number from 1")
+speed: Final = _words(Literal["max"] | Annotated[FiniteFloat, Gt(0.0)], "max or a positive number")
 
 
 def velocity(text: str) -> tuple[float, float]:

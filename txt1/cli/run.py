@@ -6,6 +6,7 @@ import argparse
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -99,53 +100,46 @@ async def _operate(
                 say(app.reason)
 
 
+@dataclass
 class Start:
-    """The start of a run, from the link on.
+    """The start of a run on a robot whose link may not be up yet."""
 
-    Args:
-        robot: running; its link may not be up yet.
-        arm: whether to arm it; None leaves it to ``safety.auto_arm``.
-        drive: a velocity in m/s and rad/s to command throughout.
-        agent: a learner to start.
-        steer: a source of commands to start.
-
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        arm: bool | None,
-        drive: tuple[float, float] | None = None,
-        agent: Agent | None = None,
-        steer: Steer | None = None,
-    ) -> None:
-        self._robot, self._arm, self._drive, self._agent, self._steer = robot, arm, drive, agent, steer
-        self._linked = self._armed = False
+    robot: Robot
+    arm: bool | None
+    """Whether to arm it; None leaves it to ``safety.auto_arm``."""
+    drive: tuple[float, float] | None = None
+    """A velocity in m/s and rad/s to command throughout."""
+    agent: Agent | None = None
+    """A learner to start."""
+    steer: Steer | None = None
+    """A source of commands to start."""
+    linked: bool = False
+    armed: bool = False
 
     async def get_ready(self) -> None:
         """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
-        robot = self._robot
-        if self._agent is not None:
+        robot = self.robot
+        if self.agent is not None:
             from txt1.learning import live as learning
             from txt1.learning.task import need_light
 
             await need_light(robot)
         await robot.linked()
-        self._linked = True
+        self.linked = True
         if self._to_be_armed():
             robot.arm()
-            self._armed = True
+            self.armed = True
         while not await robot.load_gains():
             if robot.gains_rejected:
                 raise HalError(refusal_of_gains(robot))
             robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
-        if self._drive is not None:
-            robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self._drive))
-        if self._agent is not None:
-            learning.start(robot, self._agent)
-        if self._steer is not None:
+        if self.drive is not None:
+            robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self.drive))
+        if self.agent is not None:
+            learning.start(robot, self.agent)
+        if self.steer is not None:
             try:
-                await self._steer(robot)
+                await self.steer(robot)
             except Txt1Error:
                 raise
             except Exception as error:
@@ -158,17 +152,17 @@ class Start:
 
     def _to_be_armed(self) -> bool:
         """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""
-        return (self._robot.arms_by_itself if self._arm is None else self._arm) and not self._robot.touched
+        return (self.robot.arms_by_itself if self.arm is None else self.arm) and not self.robot.touched
 
     def verdict(self, duration: float | None) -> tuple[int, str]:
         """Return the exit code of a run that ended by itself, and the reason."""
-        runtime = self._robot.runtime
+        runtime = self.robot.runtime
         gate, board = runtime.gate, runtime.state.board
         if any(gate.counts[fault] for fault in DISARMING):
             return DISARMED, gate.reason
-        if board is not None and self._to_be_armed() and not self._armed:
+        if board is not None and self._to_be_armed() and not self.armed:
             return DISARMED, f"never armed: {board.text}"
-        if board is not None and duration is not None and not self._linked:
+        if board is not None and duration is not None and not self.linked:
             return FAULT, f"there was no link to the board in {duration:g} s: {board.text}"
         return OK, gate.reason
 

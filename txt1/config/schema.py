@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import asdict
 from hashlib import blake2b
 from math import inf
@@ -67,7 +66,7 @@ class ControlConfig(Section):
     @field_validator("angular")
     @classmethod
     def _v_max_rises(cls, angular: tuple[GainSetConfig, ...]) -> tuple[GainSetConfig, ...]:
-        _schedule(angular)
+        Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))  # raises when not
         return angular
 
     def pid_set(self) -> PidSet:
@@ -76,11 +75,7 @@ class ControlConfig(Section):
 
     def schedule(self) -> Schedule:
         """The angular gains as a schedule."""
-        return _schedule(self.angular)
-
-
-def _schedule(angular: Iterable[GainSetConfig]) -> Schedule:
-    return Schedule(tuple(GainSet(s.v_max, s.gains()) for s in angular))
+        return Schedule(tuple(GainSet(s.v_max, s.gains()) for s in self.angular))
 
 
 class RoomConfig(Section):
@@ -122,19 +117,6 @@ class SimConfig(Section):
     light: LightConfig = LightConfig()
 
 
-class HostLoopsConfig(ControlConfig):
-    """Gains of the velocity loops when they run here, behind a line, at 20 Hz (`serial.control: host`)."""
-
-    linear: GainsConfig = GainsConfig(kp=2.0, ki=6.0, kd=0.0)
-    """Gains of the speed loop; chosen in simulation."""
-    angular: Annotated[tuple[GainSetConfig, ...], Field(max_length=SETS_MAX)] = (
-        GainSetConfig(v_max=-0.15, kp=0.5, ki=15.0, kd=0.0),
-        GainSetConfig(v_max=0.15, kp=1.0, ki=30.0, kd=0.0),
-        GainSetConfig(v_max=1.5, kp=0.5, ki=15.0, kd=0.0),
-    )
-    """Gains of the yaw-rate loop by speed; chosen in simulation."""
-
-
 class SerialConfig(Section):
     """The line to a real board (hal: serial)."""
 
@@ -146,7 +128,15 @@ class SerialConfig(Section):
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False
     """Allows arming with control: host. An original board in manual mode keeps its last PWM when this host dies."""
-    host: HostLoopsConfig = HostLoopsConfig()
+    host: ControlConfig = ControlConfig(
+        linear=GainsConfig(kp=2.0, ki=6.0, kd=0.0),
+        angular=(
+            GainSetConfig(v_max=-0.15, kp=0.5, ki=15.0, kd=0.0),
+            GainSetConfig(v_max=0.15, kp=1.0, ki=30.0, kd=0.0),
+            GainSetConfig(v_max=1.5, kp=0.5, ki=15.0, kd=0.0),
+        ),
+    )
+    """Gains of the velocity loops when they run here, behind a line, at 20 Hz (control: host); chosen in simulation."""
     rearm: bool = False
     """Arm again by itself when a lost board is back."""
     fault: LineFaults = LineFaults()

@@ -74,13 +74,8 @@ async def recording(
 ) -> AsyncIterator[Attach]:
     """What to attach to a runtime before it starts; the file is complete when the block is left.
 
-    Args:
-        file: to write; None: nothing is recorded.
-        config: of the run.
-        speed: of its time.
-        plan: what else the run was told, for the metadata.
-        view: what shows it live at the same time; closed at the end.
-        told: called at the end with a sentence about what was lost, if anything was.
+    `plan` is what else the run was told, for the metadata; `view` shows it live at the same time and is closed at the
+    end; `told` is called then with a sentence about what was lost, if anything was. Without a file nothing is recorded.
 
     Raises:
         ConfigError: the file exists, or cannot be made.
