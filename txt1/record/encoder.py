@@ -7,10 +7,10 @@ is filled in by one assignment. With one call per message a recorded simulation 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
+from itertools import accumulate, chain, groupby, repeat
 from math import nan
 from typing import Any, Final, NamedTuple
 
@@ -27,8 +27,8 @@ RECORD: Final = struct.Struct("<BQHIQQ")
 """The head of an MCAP message record: opcode, length, channel, sequence, log time, publish time."""
 MESSAGE: Final = 5
 _BEHIND_LENGTH: Final = RECORD.size - 9
-_TIMES: Final = (("sequence", "<u4", 11), ("log", "<u8", 15), ("publish", "<u8", 23))
-"""Of that head what differs from message to message: name, type and offset."""
+_TIMES: Final = ((11, "I"), (15, "Q"), (23, "Q"))
+"""Of that head what differs from message to message, sequence and times: offset and struct code."""
 _STAMP: Final = struct.Struct("<iI")
 
 
@@ -106,7 +106,7 @@ class Encoder:
         self._numbers: dict[Topic[Any], int] = {}
         self._sequences: list[int] = [0]
         self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
-        self._makers: dict[Topic[Any], Callable[[Any, int, int], bytes | bytearray]] = {}
+        self._makers: dict[Topic[Any], _Make] = {}
 
     def skip(self, topics: Sequence[Topic[Any]], samples: int) -> None:
         """Leave a gap in the sequence numbers of topics where samples were lost."""
@@ -116,53 +116,48 @@ class Encoder:
     def block(self, samples: Sequence[Sample], events: Sequence[Event]) -> Block:
         """Return the records of a batch; `events` by rising position."""
         times = [round(sample.time * NS_PER_S) + self._epoch_ns for sample in samples]
-        pieces: list[bytes | bytearray] = []
-        entries: dict[int, list[int]] = {}
-        runs = self._runs(samples, times)
-        run: _Run | None = None
-        offset = done = 0
         stamps = [times[0], times[-1]] if times else []
-
-        def rows_up_to(position: int) -> None:
-            nonlocal run, offset, done
-            while done < position:
-                if run is None or done == run.end:
-                    run = next(runs)
-                    all_runs.append(run)
-                end, width = min(position, run.end), run.row.width
-                pieces.append(run.data[(done - run.begin) * width : (end - run.begin) * width])
-                run.starts.extend(range(offset, offset + (end - done) * width, width))
-                offset += (end - done) * width
-                done = end
-
-        all_runs: list[_Run] = []
-        numbers, sequences, makers = self._numbers, self._sequences, self._makers
+        runs = list(self._runs(samples, times))
+        data = b"".join(run.data for run in runs)
+        bounds = [0, *accumulate(chain.from_iterable(repeat(run.row.width, len(run.times)) for run in runs))]
+        pieces: list[bytes] = []
+        lengths: list[int] = []
+        entries: dict[int, list[int]] = {}
+        channels, sequences, makers = self._numbers, self._sequences, self._makers
         known, stamp, sec, nanosec = nan, 0, 0, 0
+        done = between = 0  # samples, and bytes of events, that have their place
         for position, time, topic, value in events:
-            if position > done:
-                rows_up_to(position)
+            if position != done:
+                pieces.append(data[bounds[done] : bounds[position]])
+                done = position
             if time != known:
                 known, stamp = time, round(time * NS_PER_S) + self._epoch_ns
                 sec, nanosec = divmod(stamp, NS_PER_S)
                 stamps.append(stamp)
-            channel = numbers.get(topic) or self._number(topic)
+            channel = channels.get(topic) or self._number(topic)
             sequence = sequences[channel]
             sequences[channel] = sequence + 1
             try:
-                message = (makers.get(topic) or self._maker(topic))(value, sec, nanosec)
+                record = (makers.get(topic) or self._maker(topic))(value, (sequence, stamp, stamp, sec, nanosec))
             except (TypeError, ValueError, AttributeError, struct.error) as error:
                 raise RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}") from error
-            pieces += (RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(message), channel, sequence, stamp, stamp), message)
+            pieces.append(record)
             if channel not in entries:
                 entries[channel] = []
-            entries[channel] += (stamp, offset)
-            offset += RECORD.size + len(message)
-        rows_up_to(len(samples))
+            entries[channel] += (stamp, bounds[position] + between)
+            lengths.append(len(record))
+            between += len(record)
+        pieces.append(data[bounds[done] :])
         index = {channel: [_numbers(each, "Q").reshape(-1, 2)] for channel, each in entries.items()}
-        for run in all_runs:
-            starts = _numbers(run.starts, "Q")
+        shifts = np.bincount([event.position for event in events], lengths, len(samples) + 1).cumsum()
+        starts = _numbers(bounds, "Q") + shifts.astype(np.uint64)
+        begin = 0
+        for run in runs:
+            end = begin + len(run.times)
             for channel, start in run.row.offsets.items():
-                index.setdefault(channel, []).append(np.stack((run.times, starts + np.uint64(start)), 1))
+                place = np.stack((run.times, starts[begin:end] + np.uint64(start)), 1)
+                index.setdefault(channel, []).append(place)
+            begin = end
         joined = {channel: parts[0] if len(parts) == 1 else np.concatenate(parts) for channel, parts in index.items()}
         return Block(b"".join(pieces), joined, min(stamps, default=0), max(stamps, default=0), self.channels)
 
@@ -177,27 +172,26 @@ class Encoder:
 
     def _runs(self, samples: Sequence[Sample], times: Sequence[int]) -> Iterator[_Run]:
         """The samples, those behind one another that have the same topics together."""
-        stamps = _numbers(times, "Q")
-        begin, count = 0, len(samples)
-        present = _present(samples[0]) if samples else ()
-        for end in range(1, count + 1):
-            following = _present(samples[end]) if end < count else ()
-            if end == count or following != present:
-                row = self._rows.get(present)
-                if row is None:
-                    row = self._rows[present] = _Row(present, [self._number(topic) for topic in present])
-                values = [
-                    each if len(each) == len(present) else [value for value in each if value is not None]
-                    for _, _, each in samples[begin:end]
-                ]
-                data = row.fill(values, stamps[begin:end], self._sequences)
-                yield _Run(begin, end, row, data, stamps[begin:end], [])
-                begin, present = end, following
+        stamps, begin = _numbers(times, "Q"), 0
+        for present, group in groupby(samples, _present):
+            values = [each if len(each) == len(present) else [v for v in each if v is not None] for _, _, each in group]
+            row = self._rows.get(present)
+            if row is None:
+                row = self._rows[present] = _Row({self._number(topic): topic for topic in present})
+            end = begin + len(values)
+            yield _Run(row, row.fill(values, stamps[begin:end], self._sequences), stamps[begin:end])
+            begin = end
 
-    def _maker(self, topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytearray]:
-        """The function that makes a topic's messages."""
-        self._makers[topic] = _numbers_maker(topic) if topic.paths else _fields_maker(topic)
+    def _maker(self, topic: Topic[Any]) -> _Make:
+        """The function that makes a topic's records."""
+        number = self._number(topic)
+        self._makers[topic] = _numbers_maker(topic, number) if topic.paths else _fields_maker(topic, number)
         return self._makers[topic]
+
+
+_When = tuple[int, int, int, int, int]
+"""Sequence number, log time, publish time, and the stamp's s and ns: the numbers of `_TIMES` and of the stamp."""
+_Make = Callable[[Any, _When], bytes]
 
 
 def _present(sample: Sample) -> tuple[Topic[Any], ...]:
@@ -213,83 +207,93 @@ def _numbers(values: Sequence[float], code: str) -> NDArray[Any]:
     return np.frombuffer(struct.pack(f"={len(values)}{code}", *values), code)
 
 
-def _layout(topic: Topic[Any]) -> tuple[Layout, list[int]]:
-    """A topic's message without its numbers, and the places of its time stamps."""
+def _template(channel: int, layout: Layout) -> tuple[bytes, list[tuple[int, str]]]:
+    """A record without its numbers, and where those of its time stand, offset and struct code."""
+    data = RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(layout), channel, 0, 0, 0) + layout
+    stamp = next((place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")), None)
+    stamps = [] if stamp is None else [(RECORD.size + stamp, "i"), (RECORD.size + stamp + 4, "I")]
+    return data, [*_TIMES, *stamps]
+
+
+def _packer(template: bytes, places: Iterable[tuple[int, str]]) -> Callable[[Iterable[float]], bytes]:
+    """A function that puts numbers into a template at these rising offsets, in one call of struct."""
+    form, at = "<", 0
+    arguments: list[Any] = []  # what stands ahead of each number, the number, ..., and the rest
+    for offset, code in places:
+        form += f"{offset - at}s{code}"
+        arguments += template[at:offset], 0
+        at = offset + struct.calcsize(code)
+    arguments.append(template[at:])
+    pack = struct.Struct(f"{form}{len(template) - at}s").pack
+
+    def fill(numbers: Iterable[float]) -> bytes:
+        arguments[1::2] = numbers
+        return pack(*arguments)
+
+    return fill
+
+
+def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
     layout = Layout(topic.message, topic.constants)
-    return layout, [place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")]
+    template, times = _template(channel, layout)
+    numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
+    make, fill, count = topic.make, _packer(template, [*times, *numbers]), len(times)
+    return lambda value, when: fill((*when[:count], *make(value)))
 
 
-def _numbers_maker(topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytearray]:
-    layout, stamps = _layout(topic)
-    fillers = [
-        (struct.Struct(f"<{code}").pack_into, place) for place, code in map(layout.places.__getitem__, topic.paths)
-    ]
-    template = bytes(layout)
-
-    def make(value: Any, sec: int, nanosec: int) -> bytearray:
-        message = bytearray(template)
-        for place in stamps:
-            _STAMP.pack_into(message, place, sec, nanosec)
-        for (fill, place), number in zip(fillers, topic.make(value), strict=True):
-            fill(message, place, number)
-        return message
-
-    return make
-
-
-def _fields_maker(topic: Topic[Any]) -> Callable[[Any, int, int], bytes | bytearray]:
-    """What makes messages of fields; one of plain fields is laid out once for the same texts and lengths."""
+def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
+    """What makes records of fields; those of plain fields are laid out once for the same texts and lengths."""
     head, *rest = fields(topic.message)
     stamped = head.type in ("std_msgs/Header", "builtin_interfaces/Time")
     kinds = {*CODES, "string"} if stamped and not topic.constants else set()
     plain = stamped and all(
         field.type in kinds and not (field.array and (field.length or field.type == "string")) for field in rest
     )
-    shaping = [field for field in rest if field.array or field.type == "string"]
+    shaping = [(field.name, field.array) for field in rest if field.array or field.type == "string"]
+    counted = [(field.name, field.array) for field in rest if field.type != "string"]
 
     @lru_cache(256)
-    def shape(*texts_and_lengths: Any) -> tuple[bytes, list[tuple[Callable[..., None], int, str, bool]]]:
+    def packer(*texts_and_lengths: Any) -> Callable[[Iterable[float]], bytes]:
         given = zip(shaping, texts_and_lengths, strict=True)
-        layout = Layout(topic.message, {field.name: [0] * each if field.array else each for field, each in given})
-        fillers = []
-        for field in rest:
-            count = sum(path.startswith(f"{field.name}.") for path in layout.places) if field.array else 1
-            if field.type != "string" and count:
-                place, code = layout.places[f"{field.name}.0" if field.array else field.name]
-                fillers.append((struct.Struct(f"<{count}{code}").pack_into, place, field.name, field.array))
-        return bytes(layout), fillers
+        layout = Layout(topic.message, {name: [0] * each if array else each for (name, array), each in given})
+        template, times = _template(channel, layout)
+        names = {name for name, _ in counted}
+        numbers = [
+            (RECORD.size + at, code) for path, (at, code) in layout.places.items() if path.split(".")[0] in names
+        ]
+        return _packer(template, [*times, *numbers])
 
-    def make(value: Any, sec: int, nanosec: int) -> bytearray:
+    def make_plain(value: Any, when: _When) -> bytes:
         values: Any = topic.make(value)
-        if plain:
-            template, fillers = shape(
-                *[len(values.get(f.name, ())) if f.array else values.get(f.name, "") for f in shaping]
-            )
-            message = bytearray(template)
-            for fill, place, name, array in fillers:
-                fill(message, place, *values[name]) if array else fill(message, place, values.get(name, 0))
-        else:
-            message = encode(topic.message, {**topic.constants, **values} if topic.constants else values)
-        if stamped:
-            _STAMP.pack_into(message, len(HEADER), sec, nanosec)
-        return message
+        shape = [len(values.get(name, ())) if array else values.get(name, "") for name, array in shaping]
+        numbers = [*when]
+        for name, array in counted:
+            if array:
+                numbers += values.get(name, ())
+            else:
+                numbers.append(values.get(name, 0))
+        return packer(*shape)(numbers)
 
-    return make
+    def make(value: Any, when: _When) -> bytes:
+        values: Any = topic.make(value)
+        message = encode(topic.message, {**topic.constants, **values} if topic.constants else values)
+        if stamped:
+            _STAMP.pack_into(message, len(HEADER), *when[3:])
+        return RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(message), channel, *when[:3]) + message
+
+    return make_plain if plain else make
 
 
 class _Run(NamedTuple):
-    """Samples from `begin` up to `end` of a batch as rows, their log times, and where each comes to stand."""
+    """Samples with the same topics as rows, and their log times."""
 
-    begin: int
-    end: int
     row: _Row
     data: bytes
     times: NDArray[np.uint64]
-    starts: list[int]
 
 
 class _Row:
-    """The records of a cycle's topics behind one another.
+    """The records of a cycle's topics, by their channels, behind one another.
 
     Attributes:
         offsets: of the records by their channels.
@@ -297,46 +301,43 @@ class _Row:
 
     """
 
-    def __init__(self, topics: Sequence[Topic[Any]], channels: Sequence[int]) -> None:
+    def __init__(self, topics: Mapping[int, Topic[Any]]) -> None:
         self.offsets: dict[int, int] = {}
         self._topics = topics
-        self._stamps: list[str] = []
+        self._columns: dict[int, list[str]] = {}
         template = b""
-        places: dict[str, tuple[str, int]] = {}
-        for k, (topic, channel) in enumerate(zip(topics, channels, strict=True)):
+        places: list[tuple[int, str]] = []
+        for channel, topic in topics.items():
             start = self.offsets[channel] = len(template)
-            layout, stamps = _layout(topic)
-            template += RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(layout), channel, 0, 0, 0) + layout
-            places |= {f"{k} {name}": (kind, start + place) for name, kind, place in _TIMES}
-            for path in topic.paths:
-                place, code = layout.places[path]
-                places[f"{k}.{path}"] = f"<{code}", start + RECORD.size + place
-            for place in stamps:
-                self._stamps.append(f"stamp {len(self._stamps)}")
-                places[self._stamps[-1]] = "(2,)<u4", start + RECORD.size + place
+            layout = Layout(topic.message, topic.constants)
+            record, times = _template(channel, layout)
+            numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
+            template += record
+            places += [(start + place, f"<{code}") for place, code in (*times, *numbers)]
+            self._columns[channel] = [str(number) for number in range(len(places))[-len(times) - len(numbers) :]]
         self.width = len(template)
         self._template = np.frombuffer(template, np.uint8)
-        kinds, offsets = zip(*places.values(), strict=True) if places else ((), ())
+        offsets, kinds = zip(*places, strict=True) if places else ((), ())
+        names = [str(number) for number in range(len(places))]
         self._type = np.dtype(
-            {"names": list(places), "formats": list(kinds), "offsets": list(offsets), "itemsize": self.width}
+            {"names": names, "formats": list(kinds), "offsets": list(offsets), "itemsize": self.width}
         )
 
     def fill(self, samples: Sequence[Sequence[Any]], times: NDArray[np.uint64], sequences: list[int]) -> bytes:
         """The rows of these samples' values; counts them in the channels' `sequences`."""
-        count = len(samples)
         if not self._topics:
             return b""
+        count = len(samples)
         rows = np.tile(self._template, count).view(self._type)
-        for k, channel in enumerate(self.offsets):
-            rows[f"{k} sequence"] = np.arange(sequences[channel], sequences[channel] + count)
-            rows[f"{k} log"] = rows[f"{k} publish"] = times
+        sec, nanosec = np.divmod(times, np.uint64(NS_PER_S))
+        for (channel, topic), values in zip(self._topics.items(), zip(*samples, strict=True), strict=True):
+            sequence = sequences[channel]
             sequences[channel] += count
-        stamps = np.stack(np.divmod(times, np.uint64(NS_PER_S)), 1)
-        for name in self._stamps:
-            rows[name] = stamps
-        for k, (topic, values) in enumerate(zip(self._topics, zip(*samples, strict=True), strict=True)):
             made: Any = map(topic.make, values)
-            columns = _numbers(list(chain.from_iterable(made)), "d").reshape(count, -1).T
-            for path, column in zip(topic.paths, columns, strict=True):
-                rows[f"{k}.{path}"] = column
+            numbers = _numbers(list(chain.from_iterable(made)), "d").reshape(count, -1).T
+            names = self._columns[channel]
+            told = len(names) - len(topic.paths)  # without a stamp the message has none of its time's numbers
+            columns = (np.arange(sequence, sequence + count), times, times, sec, nanosec)[:told]
+            for name, column in zip(names, (*columns, *numbers), strict=True):
+                rows[name] = column
         return rows.tobytes()
