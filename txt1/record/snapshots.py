@@ -27,7 +27,7 @@ STEP_NS: Final = NS_PER_S // 10
 EVENTS_MAX: Final = 20
 """Lines of the event log that are shown, as in the robot."""
 
-_LATEST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, GAINS, ENCODERS, POSE))
+_FAST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, GAINS, ENCODERS, POSE))
 
 Values = dict[Topic[Any], Any]
 
@@ -35,9 +35,8 @@ Values = dict[Topic[Any], Any]
 class Snapshots:
     """The snapshots in a recording, one a second, with what changes fast brought up to date ten times a second.
 
-    Raises:
-        RecordingError: the file cannot be read, or there are no snapshots in it.
-
+    `start` and `end` are the times of the first and the last, s of the run. RecordingError: the file cannot be read, or
+    there are no snapshots in it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,21 +45,18 @@ class Snapshots:
         reading, decoding = Reading(path), Decoding()
         events: deque[Event] = deque(maxlen=EVENTS_MAX)
         latest: dict[str, Any] = {}
-        mode: Any = None
         epoch_ns, due_ns, shown_ns, wanted = 0, 0, 0, True
 
         def keep() -> None:
-            self._steps.append(((shown_ns - epoch_ns) / NS_PER_S, _values(latest, mode, tuple(events))))
+            self._steps.append(((shown_ns - epoch_ns) / NS_PER_S, _values(latest, tuple(events))))
 
         for item in reading:
             time_ns = item.message.log_time
-            if not latest:
+            if ODOMETRY.name not in latest:
                 epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
             now = (time_ns - epoch_ns) / NS_PER_S
             if item.name == LOG.name:
                 events.append(Event(now, decoding.message(item).msg))
-            elif item.name == MODE.name:
-                mode = decoding.message(item)
             elif item.name == SNAPSHOT.name:
                 self._recorded.append((now, decoding.message(item).data))
             elif item.name == ODOMETRY.name:
@@ -70,30 +66,16 @@ class Snapshots:
                     due_ns = shown_ns + STEP_NS
                 wanted = time_ns >= due_ns
                 shown_ns = time_ns
-            if wanted and item.name in _LATEST:
+            if item.name == MODE.name or (wanted and item.name in _FAST):
                 latest[item.name] = decoding.message(item)
         if ODOMETRY.name in latest:
             keep()
         if not self._recorded or not self._steps:
             raise RecordingError(f"{path}: no snapshots in it for the screens; was it recorded by txt1, for a second?")
-
-    @property
-    def start(self) -> float:
-        """The time of the first, s of the run."""
-        return self._steps[0][0]
-
-    @property
-    def end(self) -> float:
-        """The time of the last."""
-        return self._steps[-1][0]
+        self.start, self.end = self._steps[0][0], self._steps[-1][0]
 
     def at(self, time: float) -> Snapshot:
-        """The robot's state at a time of the run, s.
-
-        Raises:
-            RecordingError: the snapshot there is none.
-
-        """
+        """The robot's state at a time of the run, s; RecordingError where the snapshot there is none."""
         now, values = self._steps[max(0, bisect_right(self._steps, time, key=lambda step: step[0]) - 1)]
         _, line = self._recorded[max(0, bisect_right(self._recorded, now, key=lambda each: each[0]) - 1)]
         try:
@@ -106,22 +88,23 @@ class Snapshots:
         return snapshot.replaced(values, now)
 
 
-def _values(latest: dict[str, Any], mode: Any, events: tuple[Event, ...]) -> Values:
+def _values(latest: dict[str, Any], events: tuple[Event, ...]) -> Values:
     """The topics whose messages are known, as the robot's values."""
     odometry, setpoint, encoders = latest[ODOMETRY.name], latest.get(SETPOINT.name), latest.get(ENCODERS.name)
-    pose, pwm, gains = latest.get(POSE.name), latest.get(PWM.name), latest.get(GAINS.name)
-    place, twist = odometry.pose.pose, odometry.twist.twist
+    pose, mode = latest.get(POSE.name), latest.get(MODE.name)
+    twist = odometry.twist.twist
     values: Values = {
-        ODOMETRY: Odometry(place.position.x, place.position.y, _heading(place), twist.linear.x, twist.angular.z),
+        ODOMETRY: Odometry(*_place(odometry.pose.pose), twist.linear.x, twist.angular.z),
         EVENTS: events,
     }
     if setpoint is not None:
         v, omega = setpoint.twist.linear.x, setpoint.twist.angular.z
+        pwm, gains = latest.get(PWM.name), latest.get(GAINS.name)
         channels = (0,) * 5 if pwm is None else (pwm.motor, pwm.front, pwm.rear, pwm.pwm4, pwm.pwm5)
         in_force = () if gains is None else (gains.angular_kp, gains.angular_ki, gains.angular_kd)
         values[SETPOINT] = Control(Outputs._make((*channels, v, omega)), v, omega, gains=Gains(*in_force))
     if pose is not None:
-        values[POSE] = pose.pose.position.x, pose.pose.position.y, _heading(pose.pose)
+        values[POSE] = _place(pose.pose)
     if encoders is not None and encoders.valid:
         values[ENCODERS] = Encoders(encoders.right, encoders.left)
     if mode is not None:
@@ -129,6 +112,6 @@ def _values(latest: dict[str, Any], mode: Any, events: tuple[Event, ...]) -> Val
     return values
 
 
-def _heading(pose: Any) -> float:
-    """The heading of a pose that lies in the plane, rad."""
-    return 2.0 * atan2(pose.orientation.z, pose.orientation.w)
+def _place(pose: Any) -> tuple[float, float, float]:
+    """(x, y, theta) of a pose in the plane, m and rad."""
+    return pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)

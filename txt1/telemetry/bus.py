@@ -36,13 +36,10 @@ class _Offer:
 
 
 class Bus:
-    """Carries one robot's topics.
+    """Carries one robot's topics; its `name`, empty for one that is alone, stands before theirs.
 
-    Args:
-        name: of the robot, put before the names of its topics; empty for one that is alone.
-        cycles_per_second: how often `sample` is called.
-        begin: called at the first subscription to what is sampled: `sample` is wanted from now on.
-
+    `sample` is called so many times a second; it is wanted from the first subscription to what is sampled on, when
+    `begin` is called.
     """
 
     def __init__(self, name: str = "", cycles_per_second: int = 50, begin: Callable[[], None] = lambda: None) -> None:

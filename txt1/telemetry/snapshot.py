@@ -80,12 +80,7 @@ class Snapshot:
         return sorted(known | (self._plain.keys() - self._values.keys()))
 
     def encode(self) -> bytes:
-        """This as one line of JSON, newline included.
-
-        Raises:
-            TypeError: a value is of a type that JSON has no word for.
-
-        """
+        """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
         texts = {name: _JSON.encode(value) for name, value in self._plain.items()}
         for name, value in self._values.items():
             known, text = _LAST.get(name, (None, ""))
@@ -99,12 +94,7 @@ class Snapshot:
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
-        """The snapshot a line was made from.
-
-        Raises:
-            ValueError: it is none, or of a version that is not known here.
-
-        """
+        """The snapshot a line was made from; ValueError for what is none, or of a version not known here."""
         try:
             return cls.of(json.loads(line))
         except (TypeError, KeyError, AttributeError) as error:
@@ -135,12 +125,7 @@ _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
 
 def plain(value: Any) -> Any:
-    """A value in JSON's words: fields by name.
-
-    Raises:
-        TypeError: it is of a type that JSON has no word for.
-
-    """
+    """A value in JSON's words, fields by name; TypeError where JSON has no word for it."""
     kind: Any = type(value)
     if kind in _WORDS:
         return value

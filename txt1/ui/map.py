@@ -7,12 +7,11 @@ dots are square: one scale, in metres per dot, serves both axes and a circle is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import ceil, cos, degrees, dist, floor, isfinite, log10, sin
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from rich.console import RenderableType
 from rich.panel import Panel
 from rich.text import Text
 
@@ -43,15 +42,10 @@ Point = tuple[float, float]
 """x and y, m."""
 
 
-def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """MAP for a body of width x rows cells."""
-    return framed(snapshot, viewer, width, rows, "MAP")
-
-
-def framed(snapshot: Snapshot, viewer: Viewer, width: int, rows: int, title: str = "map") -> Panel:
-    """The map in a frame of width x rows cells."""
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Panel:
+    """MAP for a body, or a part of one, of width x rows cells."""
     lines = draw_map(snapshot, viewer, width - 2, rows - 2)
-    return Panel(Text("\n").join(lines), title=title, padding=0, border_style=DIM)
+    return Panel(Text("\n").join(lines), title="MAP", padding=0, border_style=DIM)
 
 
 class Bounds(NamedTuple):
@@ -95,17 +89,15 @@ class Canvas:
 
     def outline(self, corners: Sequence[Point], layer: int) -> None:
         """Draw lines from corner to corner, and from the last one to the first."""
-        for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        for start, end in pairwise([*corners, corners[0]]):
             self.line(start, end, layer)
 
     def path(self, points: Sequence[Point], layer: int) -> None:
         """Draw lines from point to point; points within the same dot cost nothing."""
-        dots = [(_whole(x), _whole(y)) for x, y in map(self._dots, points)]
-        drawn = 0
-        for index in range(1, len(dots)):
-            if dots[index] != dots[drawn]:
-                self.line(points[drawn], points[index], layer)
-                drawn = index
+        dots = ((_whole(x), _whole(y)) for x, y in map(self._dots, points))
+        apart = [next(same)[1] for _, same in groupby(zip(dots, points, strict=True), key=itemgetter(0))]
+        for start, end in pairwise(apart):
+            self.line(start, end, layer)
 
     def mark(self, point: Point, character: str, style: str) -> None:
         """Put a character over the cell of a point, m."""

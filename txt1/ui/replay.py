@@ -103,11 +103,11 @@ class Player:
         return self._clock()
 
     def stop(self) -> None:
-        """SPACE."""
+        """Pause, or go on."""
         self.key("space")
 
     def arm(self) -> None:
-        """The key m."""
+        """Loop, or play once."""
         self.key("m")
 
     def disarm(self, reason: str) -> None:

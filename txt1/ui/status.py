@@ -15,7 +15,7 @@ from txt1.tasks.diagnostics import FAULTS
 from txt1.tasks.fields import BatteryState, Control, GainTable, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.map import framed
+from txt1.ui.map import screen as map_screen
 from txt1.ui.text import BAD, DASH, DIM, FIELDS, GOOD, LABEL, NAME, WARNING, Column, Kept, clean, number, styled, table
 from txt1.ui.viewer import Viewer
 
@@ -50,7 +50,7 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
     state = Group(_robot(snapshot), _batteries(snapshot), _gains(snapshot))
     map_rows = rows - LEFT_ROWS - 1
     if map_rows >= 10:
-        left.split_column(Layout(state), Layout(framed(snapshot, viewer, left_width, map_rows), size=map_rows))
+        left.split_column(Layout(state), Layout(map_screen(snapshot, viewer, left_width, map_rows), size=map_rows))
     else:
         left.update(state)
     faults = _faults(snapshot, max(1, rows - EVENT_ROWS - 2))

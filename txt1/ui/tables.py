@@ -18,7 +18,7 @@ from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import Control, GainTable
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.map import framed
+from txt1.ui.map import screen as map_screen
 from txt1.ui.status import gain_cells
 from txt1.ui.text import (
     BAD,
@@ -84,7 +84,7 @@ def encoders(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rende
     left, layout = width // 2, Layout()
     layout.split_row(
         Layout(_motion(snapshot, left, rows), size=left),
-        Layout(framed(snapshot, viewer, width - left, rows)),
+        Layout(map_screen(snapshot, viewer, width - left, rows)),
     )
     return layout
 
