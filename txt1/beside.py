@@ -127,6 +127,7 @@ class Beside:
         self._closing.set()
         self._drop("")
         await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left behind
+        await self._reap(PATIENCE)  # the loop may have cancelled it with all other tasks
 
     @property
     def pid(self) -> int | None:
@@ -267,13 +268,16 @@ class Beside:
             self._socket = None
             self._end.set_result(end)
 
+    async def _reap(self, patience: float) -> None:
+        if self._child is not None:
+            self.returncode = await asyncio.to_thread(_end, self._child, patience)
+            self._child = None
+
     async def _live(self) -> Reason:
         """End the process when it is dropped, and start it again if it failed and that is allowed."""
         while True:
-            end = await self._end
-            assert self._child is not None
-            self.returncode = await asyncio.to_thread(_end, self._child, 0.0 if end else PATIENCE)
-            self._child = None
+            end = await asyncio.shield(self._end)
+            await self._reap(0.0 if end else PATIENCE)
             if isinstance(end, Exception):
                 raise end
             if self._closing.is_set() or (not end and self.returncode == 0):

@@ -313,7 +313,7 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     ("switches hidden", mutant(capabilities=able(power=False)), "the_switches_work_or_are_refused",
      "raises NotCapable without the capability 'power'"),
     ("switches fail", mutant(capabilities=able(power=False), switch=complain), "the_switches_work_or_are_refused",
-     "raises NotCapable without 'power', but raised ValueError"),
+     "raises NotCapable without the capability 'power', but raised ValueError"),
     ("ESC does nothing", mutant(switch=ignore), "without_the_esc_nothing_moves", "ESC off lets nothing move"),
     ("gains swallowed", mutant(load_gains=ignore), "gains_are_taken_or_refused",
      "raises NotCapable without the capability 'gains'"),

@@ -181,3 +181,21 @@ async def test_an_error_of_the_owner_is_handed_on() -> None:
     async with Beside("beside_targets:echo", lambda: None, bug) as beside:
         with pytest.raises(ZeroDivisionError, match="bug"):
             await asyncio.wait_for(beside.ended(), 20.0)
+
+
+async def test_a_loop_that_cancels_everything_leaves_no_process_behind() -> None:
+    owner = Owner()
+    made: list[Beside] = []
+
+    async def work() -> None:
+        async with owner.beside("echo") as beside:
+            made.append(beside)
+            await asyncio.sleep(3600.0)
+
+    working = asyncio.ensure_future(work())
+    await until(lambda: owner.requests)
+    for task in asyncio.all_tasks() - {asyncio.current_task()}:
+        task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await working
+    assert (made[0].returncode, made[0].pid) == (0, None)
