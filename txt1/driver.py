@@ -6,7 +6,7 @@ from math import isfinite, nan
 from typing import Final
 
 from txt1.control.commander import Commander, Driver
-from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
+from txt1.errors import CommandRefused, NotArmed, Overruled
 from txt1.plugins import Registry
 from txt1.protocol.messages import Velocity
 from txt1.runtime import Runtime
@@ -31,24 +31,10 @@ class Wheel:
         self._sent = False  # since the driver's last tick
         runtime.bus.offer(DRIVER, lambda: self.driver)
 
-    def source(self, name: str, priority: int | None, timeout: float | None) -> CommandSource:
-        """A new source of commands (see `Robot.source`)."""
-        if timeout is None:
-            timeout = self.runtime.config.commander.timeouts.get(name)
-        try:
-            self.commander.add(name, priority, timeout)
-        except ValueError as error:
-            raise ConfigError(str(error)) from None
-        return CommandSource(name, self)
-
     @property
     def driver(self) -> Driver:
         """Who drives, and who was refused."""
         return self.commander.driver(self.runtime.now)
-
-    def clear(self) -> None:
-        """Nothing that was commanded up to now counts any more."""
-        self.commander.clear(self.runtime.now)
 
     def send(self, now: float) -> None:
         """Send the set-point at once."""

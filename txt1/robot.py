@@ -261,7 +261,7 @@ class Robot:
 
     def arm(self) -> None:
         """Let commands through, and release the emergency stop; raises NotArmed, which says why it may not be."""
-        self._wheel.clear()  # nothing from before counts
+        self._wheel.commander.clear(self.now)  # nothing from before counts
         self.runtime.arm()
 
     def disarm(self, reason: str = "disarmed by the program") -> None:
@@ -285,7 +285,13 @@ class Robot:
 
         Raises ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
         """
-        return self._wheel.source(name, priority, timeout)
+        if timeout is None:
+            timeout = self.config.commander.timeouts.get(name)
+        try:
+            self._wheel.commander.add(name, priority, timeout)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+        return CommandSource(name, self._wheel)
 
     @property
     def driver(self) -> Driver:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
-from typing import Any, Final
+from typing import Any
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
@@ -36,9 +36,6 @@ from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 
 OnFault = Callable[[str, BaseException], None]
-
-TELEMETRY_PRIORITY: Final = -100
-"""Below every task of the robot's and the user's: it sees what they have done in the same instant."""
 
 
 class Runtime:
@@ -368,7 +365,8 @@ class Runtime:
         return self.scheduler.statistics()
 
     def _begin_sampling(self) -> None:
-        self._add("telemetry", TELEMETRY_PRIORITY, controller.PERIOD, self._sample)
+        # below every task of the robot's and the user's: it sees what they have done in the same instant
+        self._add("telemetry", -100, controller.PERIOD, self._sample)
 
     async def _sample(self, ticks: Ticks) -> None:
         async for now in ticks:
