@@ -30,7 +30,7 @@ class Jumps:
         """Jobs in other threads that still compute what happens now."""
         self.made = 0
         self._loop = loop
-        self._clock = loop.clock
+        self.clock = loop.clock
         self._ready = loop.ready
         self._paced = loop.speed is not None
         self._schedulers = 0
@@ -44,22 +44,30 @@ class Jumps:
         self.made += 1
         return self._paced or self.made % POLL_EVERY == 0
 
-    def to(self, target_ns: int) -> bool:
+    @property
+    def timers(self) -> list[asyncio.TimerHandle]:
+        """The loop's heap of timers; the loop takes another at times, but not within a turn."""
+        return self._loop.timers
+
+    def reach(self, target_ns: int) -> bool:
+        """Whether it is `target_ns`, now or after moving there (see `to`)."""
+        return self.clock.ns == target_ns or self.to(target_ns, self._loop.timers)
+
+    def to(self, target_ns: int, timers: list[asyncio.TimerHandle]) -> bool:
         """True after moving the clock to `target_ns`, if the loop itself would do just that next.
 
         False, and nothing done, when anything else is ready or due first, or when it is time to poll.
         """
-        if self._paced or self.threads_outstanding or len(self._ready):
+        if self._paced or self.threads_outstanding or self._ready:
             return False
         if self._due and self._due[0][0] <= target_ns:
             return False
-        timers = self._loop.timers
         if timers and timers[0].when() * NS_PER_S <= target_ns:
             return False
         if (self.made + 1) % POLL_EVERY == 0:  # the loop's own jump comes next, and it polls
             return False
         self.made += 1
-        self._clock.advance_to(target_ns)
+        self.clock.advance_to(target_ns)
         return True
 
     # -- schedulers --------------------------------------------------------------------------------------------
@@ -98,7 +106,7 @@ class Jumps:
         self._timer = None
         self._dispatching = True
         try:
-            while self._due and (self._due[0][0] <= self._clock.ns or self._to_first()):
+            while self._due and (self._due[0][0] <= self.clock.ns or self._to_first()):
                 heappop(self._due)[2]()
         finally:
             self._dispatching = False
@@ -107,6 +115,6 @@ class Jumps:
     def _to_first(self) -> bool:
         """True after moving on to the first of the dispatches."""
         first = heappop(self._due)
-        moved = self.to(first[0])
+        moved = self.to(first[0], self._loop.timers)
         heappush(self._due, first)
         return moved

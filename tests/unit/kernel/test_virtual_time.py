@@ -536,7 +536,7 @@ def test_a_callback_may_jump_only_when_nothing_else_comes_first() -> None:
 
         def jumps_to(ns: int) -> bool:
             loop.jumps.made = 0  # not this time the polling
-            return loop.jumps.to(ns)
+            return loop.jumps.to(ns, loop.timers)
 
         assert jumps_to(10)
         assert now_ns() == 10
@@ -561,6 +561,6 @@ def test_a_callback_may_jump_only_when_nothing_else_comes_first() -> None:
 def test_paced_time_is_not_jumped_by_a_callback() -> None:
     async def main() -> bool:
         loop = virtual_loop()
-        return loop.jumps.to(10)
+        return loop.jumps.to(10, loop.timers)
 
     assert run(main(), speed=1e6) is False
