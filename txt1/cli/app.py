@@ -139,14 +139,11 @@ class App:
     async def board(
         self, board: Board, *, log: Path | None, about: Mapping[str, object], view: LiveView | None
     ) -> AsyncIterator[Board]:
-        """Return the board under power, recorded like a robot; when the block is left the power is off."""
+        """Return the board, recorded like a robot; whoever switches its power on switches it off in the block."""
         async with recording(log, board.runtime.config, self.speed, about, say, view) as attach:
             attach(board.runtime)
             self._subject = board
-            try:
-                yield board
-            finally:
-                await board.power_down()
+            yield board
         await board.runtime.scheduler.ended  # raises the TaskFault, if there was one
 
     async def watch(

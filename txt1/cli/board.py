@@ -63,9 +63,7 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> Non
             await board.power_up()
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
-            try:
-                await app.watch(board.runtime, partial(Terminal, board, beat=app.beat), view_of(arguments))
-            finally:
-                await board.power_down()
+            await app.watch(board.runtime, partial(Terminal, board, beat=app.beat), view_of(arguments))
         finally:
+            await board.power_down()
             listener.close()

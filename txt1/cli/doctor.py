@@ -159,8 +159,7 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         else:
             yield Remark("battery", "no levels came: a board sends them once a second", False)
         if f.rejected:
-            text = f"rejected {f.rejected} times: check control.linear and control.angular"
-            yield Remark("PID set", text, False)
+            yield Remark("PID set", f"rejected {f.rejected} times: check control.linear and control.angular", False)
         elif not f.answers:
             yield Remark("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
         else:
@@ -190,7 +189,7 @@ def ports() -> Iterator[Remark]:
     for port in found:
         problem = access_problem(port.device)
         text = f"{port.device} ({port.description}{', USB' if port.usb else ''})"
-        yield Remark("port", text if problem is None else f"{text}: {problem}", problem is None)
+        yield _judged("port", text, problem is None, problem or "")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from types import FrameType
-from typing import NoReturn
 
 from txt1.cli.exit_codes import OK, signals_to
 from txt1.cli.options import CONFIGURATION, add_actions, flag, takes
@@ -38,13 +36,8 @@ def check_hal(arguments: argparse.Namespace) -> int:
     capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
     if not (arguments.wheels_up or getattr(capabilities, "simulated", False)):
         _ask(arguments.name)
-    with signals_to(_end):
+    with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
         return print_verdicts(verdicts(HalConformance, lambda: create(config)))
-
-
-def _end(number: int, _: FrameType | None) -> NoReturn:
-    """End by an exception: a check closes its hardware on the way."""
-    raise SystemExit(128 + number)
 
 
 def _ask(name: str) -> None:

@@ -132,10 +132,9 @@ def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
     from txt1.record.reading import metadata_of
 
     told, found = metadata(config, None, plan), list(parts(file))
-    for part in found:
-        about = metadata_of(part, "txt1")
-        if any(about.get(name) != told[name] for name in ("plan", "config")):
-            return False
+    abouts = [metadata_of(part, "txt1") for part in found]
+    if any(about.get(name) != told[name] for about in abouts for name in ("plan", "config")):
+        return False
     for part in found:
         part.unlink()
     return True
