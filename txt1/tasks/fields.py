@@ -186,20 +186,15 @@ VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
 )
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
-DRIVER: Final = declare(
-    Topic(
-        "/driver", Driver, "s",
-        define(
-            "txt1_msgs/Driver",
-            "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times",
-        ),
-        Rule.CHANGE, "the source of commands that drives, and how many times each was refused",
-        make=lambda driver: {
-            "name": driver.name, "since": driver.since,
-            "refused": list(driver.refused), "times": list(driver.refused.values()),
-        },
-    )
-)  # fmt: skip
+DRIVER: Final = declare(Topic(
+    "/driver", Driver, "s",
+    define("txt1_msgs/Driver", "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times"),
+    Rule.CHANGE, "the source of commands that drives, and how many times each was refused",
+    make=lambda driver: {
+        "name": driver.name, "since": driver.since,
+        "refused": list(driver.refused), "times": list(driver.refused.values()),
+    },
+))  # fmt: skip
 
 _INFO: Final = 20
 _WARN: Final = 30
@@ -213,24 +208,13 @@ def _log_message(event: Event) -> dict[str, object]:
 
 LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))
 
-WRITERS: Final = {
-    "serial": (
-        "command", "manual_pwm", "combined", "gains", "power", "servos", "received", "velocity_count", "combined_count",
-    ),
-    "encoder": ("encoders", "odometry", "odometry_time", "pose", "board", "transmitted"),
-    "mode": ("link",),
-    "controller": ("control",),
-    "battery": ("battery",),
-    "panel": ("panel", "backlight"),
-}  # fmt: skip
-"""The fields that the tasks of each module write, and no others; no two tasks write the same."""
-
 
 class State:
-    """The shared state. `WRITERS` names the one module that may assign to each field."""
+    """The shared state; each field is assigned by one task alone."""
 
     def __init__(self, bus: Bus | None = None) -> None:
         self.bus = Bus() if bus is None else bus
+        # by the serial task
         self.command: Command | None = None
         self.manual_pwm: ManualPwm | None = None
         self.combined: CombinedSample | None = None
@@ -240,17 +224,20 @@ class State:
         self.received = 0
         self.velocity_count = 0
         self.combined_count = 0
+        # by the encoder task
         self.encoders = Encoders()
         self.odometry = Odometry()
         self.odometry_time = 0.0
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
+        # by the mode, controller and battery tasks
         self.link = LinkState()
         self.control = Control()
         self.battery = Battery()
+        # by the button task
         self.panel = Panel()
         self.backlight: float | None = None
-        self.transmitted = 0
+        self.transmitted = 0  # by the odometry task
         self.events: deque[Event] = deque(maxlen=20)
         """The latest events, oldest first: a log that everybody may append to."""
         self.line_faults: dict[str, int] = {}
