@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from txt1.beside import PERIOD as SCREENS_PERIOD
 from txt1.beside import PRIORITY as SCREENS_PRIORITY
 from txt1.cli.exit_codes import DISARMED, FAULT, OK, SIGNALS
-from txt1.cli.summary import report, status_line
+from txt1.cli.summary import report
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, TaskFault
@@ -29,6 +29,7 @@ from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.ui.line import status_line
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -254,5 +255,5 @@ async def _status_lines(runtime: Runtime) -> None:
     while True:
         _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
         if writable:
-            os.write(STDOUT, f"{status_line(runtime)}\n".encode())
+            os.write(STDOUT, f"{status_line(runtime.snapshot())}\n".encode())
         await asyncio.sleep(1.0)

@@ -1,4 +1,4 @@
-"""A run in one line, and in one JSON object."""
+"""A run in one JSON object."""
 
 from __future__ import annotations
 
@@ -9,21 +9,6 @@ from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
-
-
-def status_line(runtime: Runtime) -> str:
-    """The robot's state in one line."""
-    x, y, theta, v, omega = runtime.state.odometry
-    gate, voltage = runtime.gate, runtime.state.battery.battery1
-    state = "armed" if gate.armed else f"disarmed: {gate.reason}"
-    board = runtime.state.board
-    if board is not None and not board.ready:
-        state += f"; {board.text}"
-    battery = "-" if voltage is None else f"{voltage:.2f} V"
-    return (
-        f"t={runtime.now:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
-        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  battery={battery}  {state}"
-    )
 
 
 def report(runtime: Runtime) -> dict[str, Any]:

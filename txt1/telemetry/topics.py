@@ -1,13 +1,7 @@
 """The table of topics: every value the robot tells, declared beside its type by whoever owns it.
 
-A module that has something to tell declares it once::
-
-    TEMPERATURE = declare(Topic(
-        "/temperature", Temperature, "degrees Celsius", "txt1_msgs/Temperature", Rule.SECOND, "the motor's temperature",
-        paths=("celsius",), make=lambda reading: (reading.celsius,),
-    ))
-
-and offers or publishes it on the robot's `txt1.telemetry.bus.Bus`. Recorder, live view, screens and exports find it.
+Its module hands it to `declare` and offers or publishes it on the robot's `txt1.telemetry.bus.Bus`: recorder, live
+view, screens and exports find it there (see docs/recording.md).
 """
 
 from __future__ import annotations
@@ -71,12 +65,7 @@ TOPICS: Final[dict[str, Topic[Any]]] = {}
 
 
 def declare(topic: Topic[T]) -> Topic[T]:
-    """Enter a topic into the table and return it.
-
-    Raises:
-        ValueError: the name is taken, or no name of a topic.
-
-    """
+    """Enter a topic into the table and return it; ValueError where its name is taken, or no name of a topic."""
     if not NAME.fullmatch(topic.name):
         raise ValueError(f"topic {topic.name!r}: give it a name of /, small letters, digits and _, such as /odom")
     if topic.name in TOPICS:

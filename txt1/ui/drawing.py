@@ -70,43 +70,37 @@ def window() -> tuple[int, int]:
 
 
 def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
-    """Draw and report keys until the robot's process or the terminal goes away; `keys` are those to be shown."""
-    with tty.full_screen():
-        run(connection, Viewer(keys or DRIVING))
-
-
-def run(connection: Connection, viewer: Viewer) -> None:
-    """Draw and report keys until the terminal goes away.
+    """Draw and report keys until the terminal goes away; `keys` are those to be shown.
 
     Raises:
         EOFError: the robot's process has gone.
 
     """
-    keys, painter = Keys(), Painter()
+    decoder, painter, viewer = Keys(), Painter(), Viewer(keys or DRIVING)
     line: bytes | None = None
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]
     now = next_frame = RealClock().now_ns()
-    while True:
-        ready, _, _ = select.select(waited_for, [], [], min(connection.due(), DRAW_INTERVAL))
-        before, now = now, RealClock().now_ns()
-        pressed: list[str] = []
-        if tty.IN in ready:
-            data = os.read(tty.IN, 4096)
-            if not data:
-                return
-            pressed = keys.feed(data)
-            if now - before > nanoseconds(STALE):
-                pressed = [key for key in pressed if key not in STALE_KEYS]
-        if pressed or connection.due() <= 0.0:  # a key, maybe the emergency stop, does not wait for the next beat
-            connection.request("keys", keys=[key for key in pressed if key != "?"])
-        if pressed.count("?") % 2:
-            viewer.help = not viewer.help
-        if connection in ready:
-            line = connection.newest() or line
-        if pressed or painter.resized() or (now >= next_frame and line is not None):
-            if line is not None:
-                snapshot, line = Snapshot.decode(line), None
-                viewer.follow(snapshot)
-            painter.paint(snapshot, viewer)
-            next_frame = now + nanoseconds(DRAW_INTERVAL)
+    with tty.full_screen():
+        while True:
+            ready, _, _ = select.select(waited_for, [], [], min(connection.due(), DRAW_INTERVAL))
+            before, now = now, RealClock().now_ns()
+            pressed: list[str] = []
+            if tty.IN in ready:
+                data = os.read(tty.IN, 4096)
+                if not data:
+                    return
+                stale = STALE_KEYS if now - before > nanoseconds(STALE) else ()
+                pressed = [key for key in decoder.feed(data) if key not in stale]
+            if pressed or connection.due() <= 0.0:  # a key, maybe the emergency stop, does not wait for the next beat
+                connection.request("keys", keys=[key for key in pressed if key != "?"])
+            if pressed.count("?") % 2:
+                viewer.help = not viewer.help
+            if connection in ready:
+                line = connection.newest() or line
+            if pressed or painter.resized() or (now >= next_frame and line is not None):
+                if line is not None:
+                    snapshot, line = Snapshot.decode(line), None
+                    viewer.follow(snapshot)
+                painter.paint(snapshot, viewer)
+                next_frame = now + nanoseconds(DRAW_INTERVAL)

@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Final
 
 from txt1.hal.base import Button
-from txt1.model.odometry import Odometry
 from txt1.record.snapshots import Snapshots
-from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import GAIN_TABLE, GainTable, Panel
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import press
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.line import status_line
 from txt1.ui.terminal import Terminal
 
 SEEK: Final = 5.0
@@ -152,18 +151,7 @@ async def play(recording: Snapshots, speed: float, start: float | None, loop: bo
         position = player.position
         if int(position) != told:
             told = int(position)
-            os.write(STDOUT, f"{line(recording.at(position))}\n".encode())
+            os.write(STDOUT, f"{status_line(recording.at(position))}\n".encode())
         if ended:
             return
         await asyncio.sleep(min(0.1, 0.2 / speed))
-
-
-def line(snapshot: Snapshot) -> str:
-    """A picture in one line."""
-    x, y, theta, v, omega = snapshot.get(ODOMETRY, Odometry())
-    mode = snapshot.get(MODE, Mode())
-    state = "armed" if mode.armed else f"disarmed: {mode.reason}"
-    return (
-        f"t={snapshot.time:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
-        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  {state}"
-    )

@@ -1,0 +1,25 @@
+"""A robot, or a recording of one, in one line."""
+
+from __future__ import annotations
+
+from txt1.model.odometry import Odometry
+from txt1.tasks.battery import BATTERIES
+from txt1.tasks.encoder import ODOMETRY
+from txt1.tasks.fields import BOARD, Battery
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
+
+
+def status_line(snapshot: Snapshot) -> str:
+    """Time, pose, velocities, battery, and whether it may drive."""
+    x, y, theta, v, omega = snapshot.get(ODOMETRY, Odometry())
+    mode, board = snapshot.get(MODE, Mode()), snapshot.get(BOARD)
+    voltage = snapshot.get(BATTERIES[0], Battery()).battery1
+    state = "armed" if mode.armed else f"disarmed: {mode.reason}"
+    if board is not None and not board.ready:
+        state += f"; {board.text}"
+    battery = "-" if voltage is None else f"{voltage:.2f} V"
+    return (
+        f"t={snapshot.time:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "
+        f"v={v:+.3f} m/s  omega={omega:+.3f} rad/s  battery={battery}  {state}"
+    )
