@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.table_5_3 import TABLE_5_3
 from txt1.cli.trials import on_robot
 from txt1.config import Config, load
 from txt1.config.schema import LearningConfig
@@ -28,7 +29,6 @@ from txt1.learning.agents import LEARNERS
 from txt1.learning.experiment import Plan
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
-from txt1.learning.qtable import TABLE_5_3
 from txt1.learning.seeding import AGENT, stream
 from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import COMMANDS, TICK, Episode

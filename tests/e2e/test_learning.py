@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from blockbuster import BlockBuster
 
+from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import execute
 from txt1.cli.trials import conduct
@@ -31,7 +32,7 @@ from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
 from txt1.learning.live import EPISODES
-from txt1.learning.qtable import TABLE_5_3, StoredTable
+from txt1.learning.qtable import StoredTable
 from txt1.learning.seeding import new_trial
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Episode, Phase

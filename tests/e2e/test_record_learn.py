@@ -19,6 +19,7 @@ from blockbuster import BlockBuster
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from benchmarks.table_5_3 import TABLE_5_3
 from txt1 import kernel
 from txt1.cli import execute
 from txt1.cli.trials import conduct
@@ -28,7 +29,7 @@ from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
 from txt1.learning.light import reward
-from txt1.learning.qtable import TABLE_5_3, StoredTable
+from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Episode
 from txt1.record.session import discard, recording
 from txt1.record.verify import verify

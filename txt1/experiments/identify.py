@@ -82,7 +82,8 @@ def identify(holds: Sequence[Hold], period: float = 0.02) -> Plant:
     step's end value and its response T times the step, whatever the shape: that gives both lags, dead times included.
     The yaw rate is k v u, its gain k the slope through all steady values.
     """
-    straight = [hold for hold in holds if hold.motor and not hold.steering and _from_rest(holds, hold)]
+    from_rest = [holds[0], *(hold for before, hold in pairwise(holds) if not before.motor)]
+    straight = [hold for hold in from_rest if hold.motor and not hold.steering]
     counts = np.array([abs(hold.motor) for hold in straight], float)
     speeds = np.array([abs(_steady(hold.v)) for hold in straight])
     gain, offset = np.polyfit(counts, speeds, 1)
@@ -100,11 +101,6 @@ def identify(holds: Sequence[Hold], period: float = 0.02) -> Plant:
         steering_gain,
         max(0.0, float(np.mean(steering_lags))),
     )
-
-
-def _from_rest(holds: Sequence[Hold], hold: Hold) -> bool:
-    at = next(number for number, each in enumerate(holds) if each is hold)
-    return at == 0 or holds[at - 1].motor == 0
 
 
 def _steady(values: Sequence[float]) -> float:

@@ -88,11 +88,8 @@ def mean_of(recordings: Sequence[Recording]) -> Recording:
 
 def save(recording: Recording, folder: Path) -> None:
     """Write the samples to a folder as comma-separated values, a column per quantity, SI units."""
-    with (folder / FILE).open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(Measurement._fields)
-        columns = [recording[name] for name in Measurement._fields]
-        writer.writerows([f"{value:.6g}" for value in row] for row in zip(*columns, strict=True))
+    head = ",".join(Measurement._fields)
+    np.savetxt(folder / FILE, recording.columns.T, "%.6g", ",", "\r\n", head, comments="")
 
 
 def load(folder: Path) -> Recording:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from math import sqrt
 from typing import Any
@@ -80,7 +80,7 @@ def apart(runs: Sequence[Run]) -> list[Titled]:
         found.append((f"Responses, less those of {first.label}, 1/1000 m/s and rad/s", head, responses))
     if first.profile.figure != "velocities":
         distances = [(other.label, paths_apart(first.recording, other.recording)) for other in runs[1:]]
-        rows = [[label, *(f"{1000.0 * value:.1f} mm" for value in metres)] for label, metres in distances]
+        rows = [[label, *map(_mm, metres)] for label, metres in distances]
         found.append((f"Distance from the path of {first.label}", ["run", "rms", "largest"], rows))
     return found
 
@@ -136,45 +136,28 @@ def overshoot(step: dict[str, Any]) -> str:
     return f"{100.0 * step['overshoot']:.1f} {'' if error is None else f'± {100.0 * error:.1f} '}%"
 
 
-def _droop(droop: dict[str, Any]) -> Row:
-    return [f"{droop['before']:g} → {droop['after']:g}", f"{100.0 * droop['droop']:.1f} %"]
-
-
-def _circle(circle: dict[str, Any]) -> Row:
-    apart = circle["lap_to_lap"]
-    return [
-        f"{circle['radius']:.3f} m",
-        f"{circle['asked']:.3f} m",
-        "–" if apart is None else f"{1000.0 * apart:.1f} mm",
-    ]
-
-
-def _leg(leg: dict[str, Any]) -> Row:
-    (x0, y0), (x1, y1) = leg["start"], leg["end"]
-    return [
-        f"({x0:g}, {y0:g}) → ({x1:g}, {y1:g})", f"{1000.0 * leg['rms']:.0f} mm", f"{1000.0 * leg['largest']:.0f} mm"
-    ]  # fmt: skip
-
-
-def _battery(battery: dict[str, Any]) -> Row:
-    return [
-        f"{battery['slope']:.6f} V/min ({100.0 * battery['slope_error']:+.2f} %)",
-        f"{battery['intercept']:.4f} V ({100.0 * battery['intercept_error']:+.2f} %)",
-        f"{battery['driven']:.1f} min",
-        f"{battery['remaining_rms']:.0f} s, worst {battery['remaining_worst']:.0f} s",
-    ]
-
-
 def _seconds(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f} s"
 
 
+def _mm(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{1000.0 * value:.{digits}f} mm"
+
+
 _STEP_HEAD = ["step", "rise", "overshoot", "settling", "off, 1/1000", "noise, 1/1000"]
-_TABLES = (
+_TABLES: tuple[tuple[str, str, Row, Callable[[dict[str, Any]], Row]], ...] = (
     ("Steps, m/s and rad/s", "steps", _STEP_HEAD, _step),
     ("Stops, m/s", "stops", _STEP_HEAD, _step),
-    ("Loss of speed in the second after a change of the yaw rate, rad/s", "droop", ["change", "droop"], _droop),
-    ("Circle", "circle", ["radius", "v / ω", "lap to lap"], _circle),
-    ("Off the leg, round the corner, in all laps", "legs", ["leg", "rms", "largest"], _leg),
-    ("Battery", "battery", ["slope", "intercept", "driven", "remaining time off by"], _battery),
-)
+    ("Loss of speed in the second after a change of the yaw rate, rad/s", "droop", ["change", "droop"],
+     lambda one: [f"{one['before']:g} → {one['after']:g}", f"{100.0 * one['droop']:.1f} %"]),
+    ("Circle", "circle", ["radius", "v / ω", "lap to lap"],
+     lambda one: [f"{one['radius']:.3f} m", f"{one['asked']:.3f} m", _mm(one["lap_to_lap"])]),
+    ("Off the leg, round the corner, in all laps", "legs", ["leg", "rms", "largest"],
+     lambda one: ["({:g}, {:g}) → ({:g}, {:g})".format(*one["start"], *one["end"]),
+                  _mm(one["rms"], 0), _mm(one["largest"], 0)]),
+    ("Battery", "battery", ["slope", "intercept", "driven", "remaining time off by"],
+     lambda one: [f"{one['slope']:.6f} V/min ({100.0 * one['slope_error']:+.2f} %)",
+                  f"{one['intercept']:.4f} V ({100.0 * one['intercept_error']:+.2f} %)",
+                  f"{one['driven']:.1f} min",
+                  f"{one['remaining_rms']:.0f} s, worst {one['remaining_worst']:.0f} s"]),
+)  # fmt: skip

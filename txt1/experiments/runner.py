@@ -91,10 +91,9 @@ class Experiment:
         self._begin = robot.now
         robot.add_task("measurement", profile.sample, self._measure, priority=-1)
         watch = asyncio.ensure_future(self._watch())
-        if profile.waypoints is None:
-            work = asyncio.ensure_future(self._drive_steps(profile.steps))
-        else:
-            work = asyncio.ensure_future(self._drive_waypoints(profile.waypoints))
+        waypoints = profile.waypoints
+        drive = self._drive_steps(profile.steps) if waypoints is None else self._drive_waypoints(waypoints)
+        work = asyncio.ensure_future(drive)
         try:
             await asyncio.wait((work, watch), return_when=asyncio.FIRST_COMPLETED)
             if watch.done():
@@ -116,8 +115,6 @@ class Experiment:
         """Return the measurements so far."""
         name = "" if self._source is None else self._source.name
         return Outcome(Recording(self._samples), tuple(self._legs), self._stopped_by, self._warned, name)
-
-    # -- driving -----------------------------------------------------------------------------------------------
 
     async def _drive_steps(self, steps: tuple[Step, ...]) -> None:
         robot, total = self._robot, self.profile.duration
@@ -147,15 +144,8 @@ class Experiment:
             if total < inf:
                 self._progressed(min(number / total, 1.0))
 
-        await follow(
-            robot,
-            waypoints.points,
-            laps=waypoints.laps,
-            speed=waypoints.speed,
-            look_ahead=waypoints.look_ahead,
-            pose_source=self._source,
-            on_leg=on_leg,
-        )
+        how = waypoints.model_dump(include={"laps", "speed", "look_ahead"})
+        await follow(robot, waypoints.points, **how, pose_source=self._source, on_leg=on_leg)
 
     async def _watch(self) -> str:
         """Why the experiment is to end early: the batteries, or a vehicle that does not move."""
@@ -178,8 +168,6 @@ class Experiment:
         voltages = [volts for volts in self._robot.battery[:2] if volts]
         return bool(voltages) and max(voltages) < CUT_OFF_V + 0.1
 
-    # -- measuring ---------------------------------------------------------------------------------------------
-
     async def _measure(self, ticks: Ticks) -> None:
         robot, limits = self._robot, self._robot.config.limits()
         before: tuple[float, Pose] | None = None
@@ -188,12 +176,10 @@ class Experiment:
         async for now in ticks:
             command = robot.runtime.state.command
             set_v, set_omega = (0.0, 0.0) if command is None else limit_velocity(command.v, command.omega, limits)
-            x, y, theta, v, omega = robot.odometry
-            if (x, y, theta) != wheels:
-                rolled, turned = step_between(wheels, (x, y, theta))
-                way, turn, wheels = way + rolled, turn + turned, (x, y, theta)
-            if self._believed is not None:
-                x, y, theta = self._believed
+            *_, v, omega = odometry = robot.odometry
+            rolled, turned = step_between(wheels, odometry[:3])
+            way, turn, wheels = way + rolled, turn + turned, odometry[:3]
+            x, y, theta = self._believed or wheels
             pose, battery = robot.pose, robot.battery
             true_v = true_omega = nan
             if pose is not None:
@@ -203,7 +189,7 @@ class Experiment:
                 distance, angle = step_between(before[1], pose)
                 true_v, true_omega = distance / (now - before[0]), angle / (now - before[0])
                 before = now, pose
-            volts = [volt for volt in (battery.battery1, battery.battery2) if volt is not None]
+            volts = [volt for volt in battery[:2] if volt is not None]
             self._samples.append(
                 Measurement(
                     now - self._begin, set_v, set_omega, v, omega, x, y, theta,

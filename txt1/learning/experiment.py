@@ -97,9 +97,6 @@ def recordings(plan: Plan, numbers: Sequence[int], begun: Collection[int], resum
     return files
 
 
-# -- files -------------------------------------------------------------------------------------------------------
-
-
 def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     """The trials that the directory holds already; it is made when there is none.
 

@@ -34,9 +34,6 @@ SETTLING_SAMPLES: Final = 22  # after so many samples the first one has lost nin
 FROZEN_SAMPLES: Final = 63  # A sensor's changes are counted over so many samples, about a second
 
 
-# -- direction ---------------------------------------------------------------------------------------------------
-
-
 def direction(readings: Readings) -> float:
     """Direction of the light as the thesis computes it (5.3), rad in (-pi, pi].
 
@@ -102,9 +99,6 @@ def _odd_one_out(readings: Readings) -> LightFault:
     listed = ", ".join(f"{sensor} {reading:.4g}" for sensor, reading in zip(SENSORS, readings, strict=True))
     sensor = SENSORS[readings.index(odd)]
     return LightFault(sensor, f"is {what}: no light makes the four differ so much ({listed} lux)")
-
-
-# -- filter ------------------------------------------------------------------------------------------------------
 
 
 def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
@@ -194,9 +188,6 @@ class LightFilter:
         frozen = changes.index(0)
         if LUX_MIN < sample[frozen] < LUX_MAX:
             raise LightFault(SENSORS[frozen], f"is frozen at {sample[frozen]:.4g} lux while the others change")
-
-
-# -- state and reward --------------------------------------------------------------------------------------------
 
 
 def sector(angle: float) -> int:

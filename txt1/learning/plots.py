@@ -67,13 +67,11 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_colle
     axes.add_collection(line_collection(lines, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
     rows = [[one.episodes[k] for one in outcomes if len(one.episodes) > k] for k in range(length)]
     numbers = range(1, length + 1)
-    axes.plot(numbers, [np.mean([one.time for one in row]) for row in rows], color=RED, lw=2.5, label="mean")
-    axes.plot(
-        numbers, [np.median([one.time for one in row]) for row in rows], color=RED, lw=1.2, ls="--", label="median"
-    )
-    axes.plot(
-        numbers, [np.mean([one.optimal_time for one in row]) for row in rows], color=GREEN, lw=2.0, label="optimum"
-    )
+    times = [[one.time for one in row] for row in rows]
+    best = [np.mean([one.optimal_time for one in row]) for row in rows]
+    axes.plot(numbers, [np.mean(row) for row in times], color=RED, lw=2.5, label="mean")
+    axes.plot(numbers, [np.median(row) for row in times], color=RED, lw=1.2, ls="--", label="median")
+    axes.plot(numbers, best, color=GREEN, lw=2.0, label="optimum")
     agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
     title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
     axes.set(xlabel="episode", ylabel="time, s", yscale="log", title=title, xlim=(0.5, length + 0.5))
@@ -104,13 +102,8 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.plot(*task.light, "*", color="gold", markersize=18, markeredgecolor=GREY)
         angle = np.linspace(0.0, 2.0 * np.pi, 100)
         for radius, style in ((task.goal_radius, "-"), (task.start_radius, ":")):
-            axes.plot(
-                task.light[0] + radius * np.cos(angle),
-                task.light[1] + radius * np.sin(angle),
-                style,
-                color=GREY,
-                lw=1.0,
-            )
+            around = task.light[0] + radius * np.cos(angle), task.light[1] + radius * np.sin(angle)
+            axes.plot(*around, style, color=GREY, lw=1.0)
         corners = task.boundary * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
         axes.plot(*corners.T, "--", color=GREY, lw=1.0)
         reach = max(1.6, float(np.abs(np.concatenate([x, y])).max()) + 0.2)

@@ -31,17 +31,6 @@ Table = NDArray[np.float64]  # Q(s, a), shape (states, actions)
 STATES: Final = 8  # the sectors of `txt1.learning.light`
 ACTIONS: Final = ("right", "straight", "left")  # by index (table 5.2)
 
-TABLE_5_3: Final = (  # of the thesis's robot after 30 episodes; rows by state, columns by action
-    (0.9494, -0.6495, -0.5848),
-    (0.7950, -0.0449, -0.2863),
-    (0.7120, 0.1365, -0.3091),
-    (0.4466, 0.1255, -0.0286),
-    (0.8803, 1.4476, 1.1834),
-    (0.3014, 0.3008, 0.8993),
-    (-0.5585, -0.0546, 1.1205),
-    (-0.3775, 0.0077, 0.8443),
-)
-
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1
 
@@ -61,9 +50,6 @@ def update(q: Table, s: int, a: int, reward: float, s_next: int, alpha: float = 
     difference = float(reward + gamma * q[s_next].max() - q[s, a])
     q[s, a] += alpha * difference
     return difference
-
-
-# -- the file ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -138,8 +138,6 @@ class SweepsAgent:
         self._before = self.memory()
         self.begin()
 
-    # -- what it senses ----------------------------------------------------------------------------------------
-
     def begin(self) -> None:
         """An episode begins."""
         self._watch.clear()
@@ -172,8 +170,6 @@ class SweepsAgent:
     def bearing(self, odometry: Odometry) -> float:
         """Return the direction of the light, rad."""
         return wrap_angle(atan2(self._north, self._east) - odometry.theta)
-
-    # -- one episode ----------------------------------------------------------------------------------------
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
@@ -225,8 +221,6 @@ class SweepsAgent:
         """Forget what was learned since `begin`."""
         self.recall(self._before)
 
-    # -- the sweeps --------------------------------------------------------------------------------------------
-
     def refit(self) -> None:
         """Work out where the model leads from every cell, when a tenth more is known than last time."""
         known = int(self.model.count.sum())
@@ -235,8 +229,10 @@ class SweepsAgent:
         self._fitted = known
         self.converged = False
         c, k = self.model.coefficients()
-        w_next = np.clip(c + k * _yaw_rates()[None, :, None], -YAW_MAX, YAW_MAX)
-        b_next = _bearings()[:, None, None] - self.settings.period * w_next
+        bearings = np.arange(BEARINGS, dtype=np.float64) * (2.0 * pi / BEARINGS) - pi  # at the cells' centres
+        yaw_rates = np.linspace(-YAW_MAX, YAW_MAX, YAW_RATES, dtype=np.float64)
+        w_next = np.clip(c + k * yaw_rates[None, :, None], -YAW_MAX, YAW_MAX)
+        b_next = bearings[:, None, None] - self.settings.period * w_next
         i0, i1, fi = _bearing_cells(b_next)
         j0, fj = _yaw_cells(np.broadcast_to(w_next, b_next.shape))
         corners = [(i0 * YAW_RATES + j0, (1 - fi) * (1 - fj)), (i1 * YAW_RATES + j0, fi * (1 - fj)),
@@ -256,8 +252,6 @@ class SweepsAgent:
             if change < self.settings.tolerance:
                 self.converged = True
                 return
-
-    # -- what it keeps -----------------------------------------------------------------------------------------
 
     def table(self) -> StoredTable:
         """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
@@ -297,16 +291,6 @@ def best_action(q: Array, bearing: float, w: float) -> int:
     low = (1.0 - fi) * q[i0, j0] + fi * q[i1, j0]
     high = (1.0 - fi) * q[i0, j0 + 1] + fi * q[i1, j0 + 1]
     return int(np.argmax((1.0 - fj) * low + fj * high))
-
-
-def _bearings() -> Array:
-    """The bearings at the cells' centres, rad."""
-    return np.arange(BEARINGS, dtype=np.float64) * (2.0 * pi / BEARINGS) - pi
-
-
-def _yaw_rates() -> Array:
-    """The yaw rates at the cells' centres, rad/s."""
-    return np.linspace(-YAW_MAX, YAW_MAX, YAW_RATES, dtype=np.float64)
 
 
 def _bearing_cells(bearing: Any) -> tuple[Any, Any, Any]:

@@ -15,7 +15,7 @@ from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.errors import HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
-from txt1.learning.trial import DONE, DRIVE, MOVE, REST, TICK, Task, Trial
+from txt1.learning.trial import TICK, Phase, Task, Trial
 from txt1.model.light import Readings
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
@@ -87,7 +87,7 @@ class LearningTask:
         """Listen to the light sensors while an episode is on, and add the task to the robot's."""
         trial = self.trial
         light = self._light
-        light.needed = lambda: trial.phase is REST or trial.phase is DRIVE
+        light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
         self._robot.runtime.bus.subscribe(self._see, [light.topic])
         self._robot.add_task("learning", TICK, self.learning, PRIORITY)
 
@@ -106,14 +106,14 @@ class LearningTask:
                     self._let_go()
                     if not robot.armed:
                         trial.void()
-                    trial.phase = DONE
+                    trial.phase = Phase.DONE
                     self._wheel.release()
                     self.ended.set()
                     continue
                 if not self._may_drive():
                     continue
                 pose = self._pose.read()
-                if trial.phase is MOVE:
+                if trial.phase is Phase.MOVE:
                     if not self._moved(now):
                         continue
                     pose = self._pose.read()
@@ -125,7 +125,7 @@ class LearningTask:
                     raise HalError(f"sensor '{self._light.name}': {self._light.reason}")
                 before = trial.phase
                 self._wheel.command(*trial.tick(now, robot.armed, pose, robot.odometry))
-                if trial.phase is DONE:
+                if trial.phase is Phase.DONE:
                     self.ended.set()
                 elif trial.phase is not before:
                     robot.tell(f"episode {len(trial.episodes) + 1} {trial.phase.value}")
@@ -141,7 +141,7 @@ class LearningTask:
             if self._robot.runtime.gate.epoch == self._epoch or not self._wheel.request():
                 return False
             self.overruled = ""
-        elif self._wheel.overruled or (self.trial.phase is not DRIVE and not self._wheel.request()):
+        elif self._wheel.overruled or (self.trial.phase is not Phase.DRIVE and not self._wheel.request()):
             self._give_way(self._wheel.overruled)
         return not self.overruled
 

@@ -78,8 +78,6 @@ class ThesisAgent:
         self._before = (self.q.copy(), self.visits.copy())
         self.begin()
 
-    # -- what it senses ----------------------------------------------------------------------------------------
-
     def begin(self) -> None:
         """An episode begins."""
         self.filter.clear()
@@ -114,8 +112,6 @@ class ThesisAgent:
     def sensed(self, odometry: Odometry) -> int:
         """The action the robot is seen to carry out (figure 5.7)."""
         return 0 if odometry.omega < -SENSED else 2 if odometry.omega > SENSED else 1
-
-    # -- one episode ----------------------------------------------------------------------------------------
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
@@ -187,8 +183,6 @@ class ThesisAgent:
     def void(self) -> None:
         """Forget what was learned since `begin`."""
         self.q, self.visits = self._before
-
-    # -- what it keeps -----------------------------------------------------------------------------------------
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""

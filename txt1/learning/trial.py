@@ -78,12 +78,6 @@ class Phase(StrEnum):
     DONE = "has done all episodes"
 
 
-MOVE: Final = Phase.MOVE  # an attribute of an Enum is not found quickly, and these are asked for 80 times a second
-REST: Final = Phase.REST
-DRIVE: Final = Phase.DRIVE
-DONE: Final = Phase.DONE
-
-
 def starts(seed: int, trial: int, count: int) -> list[Start]:
     """The starts of a trial's episodes: the same for every agent."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, trial, 1]))
@@ -122,14 +116,14 @@ class Trial:
         """Told the index of every action as it is decided, and OVER when an episode has ended."""
         self._began = 0.0
         self._action = 0
-        self.phase: Phase = MOVE if starts else DONE
+        self.phase: Phase = Phase.MOVE if starts else Phase.DONE
 
     def carry_on(self, earlier: Sequence[Episode], paths: Mapping[int, list[tuple[float, float]]], voided: int) -> None:
         """Count episodes that were done before, and keep their paths."""
         self.episodes.extend(earlier)
         self.paths.update({number: path for number, path in paths.items() if number <= len(earlier)})
         self.voided += voided
-        self.phase = MOVE if len(self.episodes) < len(self._starts) else DONE
+        self.phase = Phase.MOVE if len(self.episodes) < len(self._starts) else Phase.DONE
 
     @property
     def start(self) -> Pose:
@@ -138,7 +132,7 @@ class Trial:
 
     def placed(self, now: float) -> None:
         """The robot stands on its start pose since `now`."""
-        self.phase = REST
+        self.phase = Phase.REST
         self._began = now
         self.agent.begin()
 
@@ -148,15 +142,15 @@ class Trial:
         `pose` is the robot's in the room, m and rad. When the safety gate closes, the robot is no longer `armed`: the
         episode is void and will be repeated.
         """
-        if self.phase is MOVE or self.phase is DONE:
+        if self.phase is Phase.MOVE or self.phase is Phase.DONE:
             return 0.0, 0.0
         if not armed:
             self.void()
             return 0.0, 0.0
-        if self.phase is REST:
+        if self.phase is Phase.REST:
             if now - self._began < self.task.settle - 1e-9 or not self.agent.ready:
                 return 0.0, 0.0
-            self.phase = DRIVE
+            self.phase = Phase.DRIVE
             self._began = now
         number = len(self.episodes) + 1
         if number in self._keep_paths:
@@ -172,11 +166,11 @@ class Trial:
 
     def void(self) -> None:
         """Do the present episode again, as if it had never begun."""
-        if self.phase is REST or self.phase is DRIVE:
+        if self.phase is Phase.REST or self.phase is Phase.DRIVE:
             self.agent.void()
             self.voided += 1
             self.paths.pop(len(self.episodes) + 1, None)
-            self.phase = MOVE
+            self.phase = Phase.MOVE
 
     def _ended(self, now: float, pose: Pose) -> bool | None:
         """Whether it has ended, True in success; asked at decisions only, as the original's learner did (O)."""
@@ -195,5 +189,5 @@ class Trial:
         start = self._starts[number - 1]
         episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task))
         self.episodes.append(episode)
-        self.phase = MOVE if number < len(self._starts) else DONE
+        self.phase = Phase.MOVE if number < len(self._starts) else Phase.DONE
         self._done(episode)

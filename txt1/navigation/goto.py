@@ -66,13 +66,9 @@ async def go_to(
 ) -> Arrival:
     """Where the robot has come to rest after driving to a pose (x, y in m, theta in rad).
 
-    Args:
-        robot: armed, its gains loaded.
-        pose: in the frame of the pose source.
-        pose_source: None: the odometry, from where it says the robot is now.
-        room: around the origin of the pose source's frame; None: no walls.
-        speed: m/s, the fastest.
-        source: in whose name it drives; None: the program's.
+    The pose and the room, around the origin, are in the frame of the pose source; without one that is the odometry, and
+    without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s, in
+    the name of `source`; None: the program's.
 
     Raises NoPath: the goal cannot be reached inside the room; NotArmed: the gate is closed, or closes on the way;
     Overruled: another source of commands drives, or takes the wheel on the way; CommandRefused: the speed is not

@@ -63,16 +63,11 @@ async def follow(
 ) -> None:
     """Drive from waypoint to waypoint, and stop at the last.
 
-    Args:
-        robot: armed, its gains loaded.
-        points: m, in the frame of the pose source.
-        laps: how often; inf: until it is cancelled or the gate closes.
-        closed: whether a lap ends at the first waypoint again; else it ends at the last.
-        speed: m/s, the fastest; it falls in curves.
-        look_ahead: m at `speed`; it shrinks with the speed in curves.
-        pose_source: None: the odometry.
-        on_leg: told the number of each leg, its start and its end, when it begins.
-        source: in whose name it drives; None: the program's.
+    The points, m, are in the frame of the pose source, by default the odometry. The robot is armed, its gains loaded.
+    It goes round `laps` times, inf: until it is cancelled or the gate closes; with `closed` a lap ends at the first
+    waypoint again. It drives at `speed`, m/s, and looks ahead `look_ahead`, m, and slower and less in curves. `on_leg`
+    is told the number, the start and the end of each leg when it begins; `source` is in whose name it drives, None: the
+    program's.
 
     Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
     the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
