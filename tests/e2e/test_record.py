@@ -341,3 +341,12 @@ def test_log_recover_makes_a_complete_file(minute: Path, tmp_path: Path, capsys:
 def test_a_missing_extra_is_one_line_that_names_it() -> None:
     with pytest.raises(MissingExtra, match=r"recording needs the extra 'record': pip install 'txt1\[record\]'"):
         need("recording", "record", "mcap", "no_such_module")
+
+
+@pytest.mark.parametrize("words", [("log", "info"), ("log", "recover"), ("replay",), ("report",)])
+def test_a_command_on_a_recording_names_the_extra_that_it_lacks(
+    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
+) -> None:
+    monkeypatch.setattr("txt1.record.session.find_spec", lambda name: None)
+    assert execute([*words, str(tmp_path / "run.mcap")]) == 1
+    assert capsys.readouterr().err == "txt1: reading a recording needs the extra 'record': pip install 'txt1[record]'\n"
