@@ -743,6 +743,7 @@ def test_a_host_that_only_looks_in_leaves_nothing_to_the_next_one(path: str, sai
                     if said:
                         os.write(host, said)
                 await asyncio.sleep(0.06)
+                await turns()  # one reads, one finds that nobody is there
                 assert board.data == said
                 board.pieces.clear()
                 with host_at(path) as host:
