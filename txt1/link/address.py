@@ -19,9 +19,7 @@ async def open_link(address: str, end: End, baud: int = 57600) -> Link:
         HalError: it cannot be opened; the message names the address, the cause and what to do.
 
     """
-    if "://" in address:
-        return await open_socket(address, end)
-    return await open_device(address, end, baud)
+    return await (open_socket(address, end) if "://" in address else open_device(address, end, baud))
 
 
 def baud_warning(baud: int) -> str | None:

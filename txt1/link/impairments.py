@@ -6,7 +6,6 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -14,15 +13,8 @@ from numpy.random import SeedSequence
 from txt1.link.base import BACKLOG, End, Link, Wrapper
 from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
 
-
-class Carrier(Protocol):
-    """Decides when which bytes arrive: `Line`, `Pace`."""
-
-    ends: float
-    """When the line is lost, s of the loop's clock."""
-
-    def carry(self, data: bytes, now: float) -> list[Arrival]:
-        """Return when which pieces of these bytes, given at `now` (s), arrive."""
+Carrier = Line | Pace
+"""Decides when which bytes arrive."""
 
 
 class Way:

@@ -13,17 +13,12 @@ from txt1.errors import HalError
 
 
 class SerialPort(NamedTuple):
-    """A serial port that the operating system knows.
-
-    Attributes:
-        device: its path, such as `/dev/ttyUSB0`.
-        description: what its maker or driver calls it.
-        usb: it is a USB adapter or device.
-
-    """
+    """A serial port that the operating system knows."""
 
     device: str
+    """Its path, such as `/dev/ttyUSB0`."""
     description: str
+    """What its maker or driver calls it."""
     usb: bool
 
     def __str__(self) -> str:
@@ -62,7 +57,10 @@ def access_problem(device: str) -> str | None:
         return f"{device} cannot be looked at: {error.strerror}"
     if os.access(device, os.R_OK | os.W_OK):
         return None
-    group = _group_name(status.st_gid)
+    try:
+        group = grp.getgrgid(status.st_gid).gr_name
+    except KeyError:
+        group = str(status.st_gid)
     # Where the group may use the port, joining it is the distribution's way (dialout, or uucp); root is no such group.
     if status.st_gid and status.st_mode & (stat.S_IRGRP | stat.S_IWGRP) == stat.S_IRGRP | stat.S_IWGRP:
         remedy = f"it belongs to the group {group}: sudo usermod -aG {group} $USER, then log out and in again"
@@ -70,11 +68,3 @@ def access_problem(device: str) -> str | None:
         rule = f'KERNEL=="{os.path.basename(device)}", SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"'
         remedy = f"add the udev rule {rule} in /etc/udev/rules.d/50-txt1.rules, then plug it in again"
     return f"no permission to use {device}: {remedy}"
-
-
-def _group_name(gid: int) -> str:
-    """The group's name, or its number where it has none."""
-    try:
-        return grp.getgrgid(gid).gr_name
-    except KeyError:
-        return str(gid)

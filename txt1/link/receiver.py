@@ -17,13 +17,7 @@ LONGEST: Final = 0.3
 
 
 class Receiver:
-    """A decoder that gives up on a half frame when the line falls silent.
-
-    Args:
-        role: the end of the line that receives.
-        take: called with every message and fault, in order.
-
-    """
+    """A decoder that gives up on a half frame when the line falls silent; `take` is given every message and fault."""
 
     def __init__(self, role: Role, take: Callable[[Event], None]) -> None:
         self.decoder = Decoder(role)
