@@ -281,6 +281,18 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, capsys: Capture
     assert not (tmp_path / "text.recovered.mcap").exists()
 
 
+def test_a_message_that_its_damaged_definition_does_not_fit_is_an_error_in_words(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    path = record(tmp_path / "run.mcap", "--duration", "1")
+    path.write_bytes(
+        path.read_bytes().replace(b"geometry_msgs/PoseWithCovariance pose", b"geometry_msgs/PoseWithBovariance pose")
+    )
+    assert execute(["log", "cat", str(path), "--topic", "/odom"]) == 1
+    assert "txt1: /odom: a message is not as its definition 'nav_msgs/msg/Odometry'" in capsys.readouterr().err
+    assert execute(["log", "cat", str(path), "--topic", "/setpoint"]) == 0
+
+
 # -- txt1 log --------------------------------------------------------------------------------------------------
 
 

@@ -178,19 +178,26 @@ class Decoding:
         """The message, with its fields as attributes.
 
         Raises:
-            RecordingError: it is in another encoding than ROS 2's.
+            RecordingError: it is in another encoding than ROS 2's, or it or its definition is damaged.
 
         """
-        decoder = self._decoders.get(item.schema.id)
-        if decoder is None:
-            decoder = self._factory.decoder_for(item.channel.message_encoding, item.schema)
+        try:
+            decoder = self._decoders.get(item.schema.id)
             if decoder is None:
-                raise RecordingError(
-                    f"{item.topic}: its messages are encoded as {item.channel.message_encoding!r}, "
-                    "and only ROS 2's 'cdr' is read here"
+                decoder = self._decoders[item.schema.id] = self._factory.decoder_for(
+                    item.channel.message_encoding, item.schema
                 )
-            self._decoders[item.schema.id] = decoder
-        return decoder(item.message.data)
+            if decoder is not None:
+                return decoder(item.message.data)
+        except Exception as error:  # whatever the libraries say to a definition that is none
+            raise RecordingError(
+                f"{item.topic}: a message is not as its definition {item.schema.name!r} in the file says, so one of "
+                f"both is damaged ({type(error).__name__}: {error}); choose other topics with --topic"
+            ) from error
+        raise RecordingError(
+            f"{item.topic}: its messages are encoded as {item.channel.message_encoding!r}, "
+            "and only ROS 2's 'cdr' is read here"
+        )
 
     def values(self, item: Item) -> dict[str, Any]:
         """The message as nested dictionaries and lists."""
