@@ -110,9 +110,16 @@ class Runtime:
         if can.pose:
             bus.offer(encoder.POSE, lambda: state.pose)
             bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
-        bus.offer(
-            mode.MODE, lambda: mode.Mode(gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel)
-        )
+        told = mode.Mode()
+
+        def mode_now() -> mode.Mode:
+            nonlocal told
+            parts = gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel
+            if parts != told:  # looked at every cycle, and seldom another
+                told = mode.Mode(*parts)
+            return told
+
+        bus.offer(mode.MODE, mode_now)
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})

@@ -32,21 +32,10 @@ _TIMES: Final = ((11, "I"), (15, "Q"), (23, "Q"))
 _STAMP: Final = struct.Struct("<iI")
 
 
-class Sample(NamedTuple):
-    """The topics of a controller cycle at `time` s of the run; None where there is no value."""
-
-    time: float
-    topics: tuple[Topic[Any], ...]
-    values: list[Any]
-
-
-class Event(NamedTuple):
-    """A message between the samples: how many of its batch come before it, its time in s of the run, and what it is."""
-
-    position: int
-    time: float
-    topic: Topic[Any]
-    value: Any
+Sample = tuple[float, tuple[Topic[Any], ...], list[Any]]
+"""The time of a controller cycle, s of the run, its topics and their values, None where there is none."""
+Event = tuple[int, float, Topic[Any], Any]
+"""A message between the samples: how many of its batch come before it, its time, s of the run, topic and value."""
 
 
 class Channel(NamedTuple):
@@ -115,12 +104,12 @@ class Encoder:
 
     def block(self, samples: Sequence[Sample], events: Sequence[Event]) -> Block:
         """Return the records of a batch; `events` by rising position."""
-        times = [round(sample.time * NS_PER_S) + self._epoch_ns for sample in samples]
+        times = [round(time * NS_PER_S) + self._epoch_ns for time, _, _ in samples]
         stamps = [times[0], times[-1]] if times else []
         runs = list(self._runs(samples, times))
-        data = b"".join(run.data for run in runs)
+        data = memoryview(b"".join(run.data for run in runs))
         bounds = [0, *accumulate(chain.from_iterable(repeat(run.row.width, len(run.times)) for run in runs))]
-        pieces: list[bytes] = []
+        pieces: list[bytes | memoryview] = []
         lengths: list[int] = []
         entries: dict[int, list[int]] = {}
         channels, sequences, makers = self._numbers, self._sequences, self._makers
@@ -149,7 +138,7 @@ class Encoder:
             between += len(record)
         pieces.append(data[bounds[done] :])
         index = {channel: [_numbers(each, "Q").reshape(-1, 2)] for channel, each in entries.items()}
-        shifts = np.bincount([event.position for event in events], lengths, len(samples) + 1).cumsum()
+        shifts = np.bincount([event[0] for event in events], lengths, len(samples) + 1).cumsum()
         starts = _numbers(bounds, "Q") + shifts.astype(np.uint64)
         begin = 0
         for run in runs:

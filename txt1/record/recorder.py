@@ -125,7 +125,7 @@ class Recorder:
     # -- in the loop -------------------------------------------------------------------------------------------
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
-        self._events.append(Event(len(self._samples), time, topic, value))
+        self._events.append((len(self._samples), time, topic, value))
 
     def _take_cycle(self, topics: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
         if len(self._samples) >= self._batch_samples:
@@ -135,7 +135,7 @@ class Recorder:
             if self.dropped and not self._told:
                 self._told = True
                 self._runtime.state.tell(now, "the recording loses messages: the disk is full or too slow")
-        self._samples.append(Sample(now, topics, values))
+        self._samples.append((now, topics, values))
 
     def _take_batch(self) -> _Batch:
         batch = _Batch(self._samples, self._events, self._skipped)
@@ -151,7 +151,7 @@ class Recorder:
         elif self._queue.qsize() < BACKLOG:
             self._queue.put(self._take_batch())
         else:
-            self._overflowed += sum(len(sample.topics) for sample in self._samples) + len(self._events)
+            self._overflowed += sum(len(topics) for _, topics, _ in self._samples) + len(self._events)
             skipped = self._skipped + len(self._samples)
             self._samples, self._events, self._skipped = [], [], skipped
 
@@ -163,7 +163,7 @@ class Recorder:
 
     def _write(self, batch: _Batch) -> None:
         if batch.skipped and batch.samples:
-            self._encoder.skip(batch.samples[0].topics, batch.skipped)
+            self._encoder.skip(batch.samples[0][1], batch.skipped)
         block = self._encoder.block(batch.samples, batch.events)
         for sink in self._sinks:
             self._not_written += sink.write(block)

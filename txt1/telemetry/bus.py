@@ -69,9 +69,8 @@ class Bus:
 
     def publish(self, topic: Topic[T], value: T, time: float) -> None:
         """Tell a value of a topic that comes as it comes; `time` in s of the run."""
-        if self._subscribers:
-            for take in self._takers(topic):
-                take(topic, value, time)
+        for take in self._takes.get(topic) or self._takers(topic):
+            take(topic, value, time)
 
     @property
     def heard(self) -> bool:
@@ -80,7 +79,7 @@ class Bus:
 
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether anybody listens to a topic, where making its value costs something."""
-        return bool(self._subscribers) and bool(self._takers(topic))
+        return bool(self._takes.get(topic) or self._takers(topic))
 
     # -- who listens -------------------------------------------------------------------------------------------
 
