@@ -7,12 +7,14 @@ A driver is one module with a class that has `open`, `close` and `read`, a topic
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
-from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic, declare
+
+if TYPE_CHECKING:  # the screens' process does without the schema, which takes 0.4 s to load
+    from txt1.config import Config
 
 T = TypeVar("T")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import select
 from collections.abc import Mapping
+from contextlib import suppress
 from io import StringIO
 from itertools import zip_longest
 from typing import Any, Final
@@ -20,7 +21,7 @@ from txt1.kernel.clock import RealClock, nanoseconds
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.keys import Keys
-from txt1.ui.screens import render
+from txt1.ui.screens import installed, render
 from txt1.ui.viewer import DRIVING, Viewer
 
 DRAW_INTERVAL: Final = 0.1
@@ -81,6 +82,9 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]
     now = next_frame = RealClock().now_ns()
+    for screen in installed().values():
+        with suppress(Exception):  # it is told when the screen is shown
+            screen.load()  # not then: while something is loaded there is no heartbeat
     with tty.full_screen():
         while True:
             ready, _, _ = select.select(waited_for, [], [], min(connection.due(), DRAW_INTERVAL))

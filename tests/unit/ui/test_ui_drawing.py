@@ -128,3 +128,12 @@ def test_a_line_that_is_no_snapshot_ends_it_with_the_terminal_restored(drawing: 
     drawing.link.sendall(b"[]\n")
     assert drawing.wait() == 1
     assert drawing.tty.restored()
+
+
+def test_the_screens_load_nothing_that_would_hold_up_the_heartbeat() -> None:
+    code = (
+        "import sys; from txt1.ui import drawing, screens; [screen.load() for screen in screens.installed().values()];"
+        "sys.exit(', '.join({'numpy', 'pydantic', 'mcap', 'matplotlib'} & sys.modules.keys()) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
