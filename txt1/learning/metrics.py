@@ -24,28 +24,25 @@ def summary(trials: Sequence[Sequence[Episode]]) -> dict[str, Any]:
     length = max(len(trial) for trial in trials)
     # the mean of an episode over the trials that got so far, against the same starts' optimum
     curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
-    learned = [one for trial in trials for one in trial[LEARNED:]]
-    last = [one for trial in trials for one in trial[-LAST:]]
+    means = [_times(row).mean() for row in curve]
+    milestones = [k for k in MILESTONES if k <= length]
     return {
         "trials": len(trials),
         "episodes": len(every),
         "thesis_mean_time_s": THESIS_MEAN,
-        "after_episode_7": _figures(learned, [trial[LEARNED:] for trial in trials]),
-        "last_10": _figures(last, [trial[-LAST:] for trial in trials]),
-        "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in MILESTONES if k <= length},
-        "robot_seconds_until_episode": {
-            str(k): _round(sum(np.mean([one.time for one in row]) for row in curve[:k]))
-            for k in MILESTONES
-            if k <= length
-        },
+        "after_episode_7": _figures([trial[LEARNED:] for trial in trials]),
+        "last_10": _figures([trial[-LAST:] for trial in trials]),
+        "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in milestones},
+        "robot_seconds_until_episode": {str(k): _round(sum(means[:k])) for k in milestones},
         "success_at_episode": [_round(np.mean([one.success for one in row])) for row in curve],
-        "mean_time_at_episode_s": [_round(np.mean([one.time for one in row])) for row in curve],
+        "mean_time_at_episode_s": [_round(mean) for mean in means],
         "robot_seconds_in_all": _round(sum(one.time for one in every)),
     }
 
 
-def _figures(some: Sequence[Episode], by_trial: Sequence[Sequence[Episode]]) -> dict[str, Any]:
-    """Times, success and regret of some episodes."""
+def _figures(by_trial: Sequence[Sequence[Episode]]) -> dict[str, Any]:
+    """Times, success and regret of some episodes of each trial."""
+    some = [one for trial in by_trial for one in trial]
     if not some:
         return {"episodes": 0}
     time, best = _times(some), np.array([one.optimal_time for one in some])

@@ -56,20 +56,14 @@ ACTIONS: Final = 3
 class Settings:
     """The hyper-parameters, which `learning.options` sets."""
 
-    period: Positive = 0.1
-    """Time from one decision to the next, s."""
+    period: Positive = 0.1  # time from one decision to the next, s
     memory: Share = 0.97
     """Weight of the past in the direction's average, per sample of 16 ms: 0.97 remembers half a second."""
-    gamma: Share = 0.97
-    """Discount factor, per decision: 0.97 looks three seconds ahead."""
-    tries: PositiveInt = 6
-    """Decisions for which each action is tried at first, in one go."""
-    moving: NotNegative = 0.2
-    """Slower than this, m/s, nothing is learned about turning."""
-    sweeps: PositiveInt = 10
-    """At most so many after each decision."""
-    tolerance: Positive = 1e-3
-    """Sweeping ends when no value changes by more."""
+    gamma: Share = 0.97  # discount factor, per decision: 0.97 looks three seconds ahead
+    tries: PositiveInt = 6  # decisions for which each action is tried at first, in one go
+    moving: NotNegative = 0.2  # slower than this, m/s, nothing is learned about turning
+    sweeps: PositiveInt = 10  # at most so many after each decision
+    tolerance: Positive = 1e-3  # sweeping ends when no value changes by more
 
 
 SETTINGS: Final = Settings()

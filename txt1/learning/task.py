@@ -59,11 +59,7 @@ class LearningTask:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        trial: Trial,
-        pose: PoseSource | None = None,
-        stopped: Callable[[], bool] = lambda: False,
+        self, robot: Robot, trial: Trial, pose: PoseSource | None = None, stopped: Callable[[], bool] = lambda: False
     ) -> None:
         self.trial = trial
         if robot.runtime.bus.wanted(STEP):

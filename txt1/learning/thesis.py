@@ -11,15 +11,7 @@ from txt1.config import Config
 from txt1.config.schema import LearningConfig
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
-from txt1.learning.light import (
-    SECTORS,
-    LightFilter,
-    corrected_direction,
-    direction,
-    reward,
-    sector,
-    spread_limit,
-)
+from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.policy import boltzmann, choose, fading, greedy_action, state_learning_rate
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.trial import COMMANDS
