@@ -24,7 +24,7 @@ from txt1.experiments.profile import Profile, load_profile
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import Run
 from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Outcome
-from txt1.experiments.tune import CANDIDATES, propose
+from txt1.experiments.tune import CANDIDATES, angular_gains, linear_gains
 from txt1.kernel.loop import Speed
 
 TESTS: Final = ("linear-steps", "angular-steps")
@@ -72,10 +72,11 @@ def main(arguments: argparse.Namespace) -> int:
     with progress_bar("trying gains on its model") as bar:
         task = bar.add_task("trying gains on its model", total=CANDIDATES)
         tried = partial(bar.advance, task)
-        proposal = propose(plant, config.geometry, old.linear.gains(), old.schedule(), motor_max, tried)
+        linear = linear_gains(plant, config.geometry, old.linear.gains(), motor_max, tried)
+        angular = angular_gains(plant, config.geometry, old.schedule(), tried)
     new = ControlConfig(
-        linear=GainsConfig(**proposal.linear._asdict()),
-        angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in proposal.angular),
+        linear=GainsConfig(**linear._asdict()),
+        angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in angular),
     )
     text = gains_file(new)
     print(text)

@@ -54,13 +54,6 @@ CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * le
 Step = tuple[float, float]  # from one set-point to another, m/s or rad/s
 
 
-class Proposal(NamedTuple):
-    """Gains for both loops."""
-
-    linear: Gains  # of the speed
-    angular: tuple[GainSet, ...]  # of the yaw rate, by speed
-
-
 class Quality(NamedTuple):
     """The quality of a response."""
 
@@ -69,28 +62,13 @@ class Quality(NamedTuple):
     noise: float  # standard deviation when steady, as a share of the step
 
 
-def propose(
-    plant: Plant,
-    geometry: Geometry,
-    linear: Gains,
-    schedule: Schedule,
-    motor_max: float,
-    tried: Callable[[], None] = lambda: None,
-) -> Proposal:
-    """The best gains found for a vehicle.
-
-    They bring no more overshoot and noise than the gains so far, `linear` and `schedule`, whose borders of v_max are
-    kept. `motor_max` is the safety gate's limit, counts; `tried` is called after each of `CANDIDATES`.
-    """
-    return Proposal(
-        linear_gains(plant, geometry, linear, motor_max, tried), angular_gains(plant, geometry, schedule, tried)
-    )
-
-
 def linear_gains(
     plant: Plant, geometry: Geometry, before: Gains, motor_max: float, tried: Callable[[], None] = lambda: None
 ) -> Gains:
-    """The gains with which the speed settles soonest, with no more overshoot and noise than before."""
+    """The gains with which the speed settles soonest, with no more overshoot and noise than before.
+
+    `motor_max` is the safety gate's limit, counts; `tried` is called for each of the `CANDIDATES` of both loops.
+    """
 
     def respond(gains: Gains, step: Step) -> list[Array]:
         return [speed_response(plant, gains, step[1], TRIAL, geometry, seed, motor_max) for seed in SEEDS]
@@ -108,6 +86,8 @@ def angular_gains(
     plant: Plant, geometry: Geometry, schedule: Schedule, tried: Callable[[], None] = lambda: None
 ) -> tuple[GainSet, ...]:
     """The schedule with which the yaw rate settles soonest, with no more overshoot and noise than before.
+
+    The borders of v_max are kept.
 
     The steering turns counts into a yaw rate in proportion to the speed. So gains found at one speed are right at any
     other when they are divided by it: one loop for the whole schedule. Each set takes the highest speed it is in force

@@ -1,21 +1,7 @@
 """A learner that finds out how the robot turns, and sweeps over a table of what follows from it.
 
 Like the thesis's it starts from scratch, knows the four light readings and the odometry, and chooses one of three
-actions of which it knows nothing but the index. What it does otherwise, and why:
-
-- **Direction.** The differences of the logarithms, front - rear and left - right, each divided by its sensors' offset:
-  not compressed as the weighted sum is, and as large for a dim light as for a bright one. Each sample is turned by the
-  odometry's heading into a fixed frame and averaged there, so that the average is not late when the robot turns; so it
-  can be longer than the thesis's filter, and quieter.
-- **State.** The light's bearing and the robot's own yaw rate: under way from one turn to another the same bearing asks
-  for another action. Ten decisions a second.
-- **Model.** Turning is the same whatever the bearing. So all that is to be learned is how the yaw rate w (mean over the
-  last decision's period) goes on under each action a, w' = c(a) + k(a) w, by least squares: six numbers, which a few
-  seconds determine, where a table of states has to be visited one by one.
-- **Value.** Reward is progress towards the light, cos(bearing), for every period; the Q-table over bearing and yaw rate
-  is brought up to date by sweeps of the model, a few after every decision (value iteration; Dyna without the visits).
-- **Exploration.** Each action is tried in turn for 0.6 s, in random order; from then on the table is trusted, and the
-  model goes on learning.
+actions of which it knows nothing but the index. docs/learning.md says what it does otherwise, and why.
 
 At every decision:
 
