@@ -44,7 +44,7 @@ def recover(source: Path, target: Path) -> Recovered:
 
 
 def _copy(reading: Reading, writer: Writer) -> int:
-    """The number of messages copied."""
+    """The number of messages copied; schemas and channels get new numbers."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     count = 0
@@ -52,30 +52,19 @@ def _copy(reading: Reading, writer: Writer) -> int:
     first = next(records, None)  # the header, whose profile the new file takes over
     writer.start(reading.profile, reading.library)
     for record in chain((first,), records):
-        count += _put(record, writer, schemas, channels)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return count
-
-
-def _put(record: object, writer: Writer, schemas: dict[int, int], channels: dict[int, int]) -> int:
-    """Write a record under the numbers of the new file; 1 for a message."""
-    match record:
-        case Schema():
-            if record.id not in schemas:
+        match record:
+            case Schema() if record.id not in schemas:
                 schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        case Channel():
-            if record.id not in channels and record.schema_id in schemas:
+            case Channel() if record.id not in channels and record.schema_id in schemas:
                 channels[record.id] = writer.register_channel(
                     record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
                 )
-        case Message():
-            if record.channel_id in channels:
-                writer.add_message(
-                    channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
-                )
-                return 1
-        case Metadata():
-            writer.add_metadata(record.name, record.metadata)
-        case Attachment():
-            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-    return 0
+            case Message(channel_id, log_time, data, publish_time, sequence) if channel_id in channels:
+                writer.add_message(channels[channel_id], log_time, data, publish_time, sequence)
+                count += 1
+            case Metadata(name, metadata):
+                writer.add_metadata(name, metadata)
+            case Attachment():
+                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return count

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+from collections import defaultdict
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -30,21 +31,6 @@ PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110
 
 
-class Series:
-    """What is drawn of a recording: times in s of the run, and the values at them, by name."""
-
-    def __init__(self) -> None:
-        self._rows: dict[str, list[tuple[float, ...]]] = {}
-
-    def add(self, name: str, *row: float) -> None:
-        """Add a row: its time, and its values."""
-        self._rows.setdefault(name, []).append(row)
-
-    def columns(self, name: str) -> NDArray[np.float64]:
-        """The rows of a name as columns; one empty column where there are none."""
-        return np.array(self._rows.get(name, [])).T if name in self._rows else np.empty((6, 0))
-
-
 class Content:
     """A recording as far as a report needs it.
 
@@ -54,7 +40,7 @@ class Content:
     """
 
     def __init__(self, path: Path) -> None:
-        self.series = Series()
+        self._rows: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
         self.topics: dict[str, TopicSummary] = {}
         self.events: list[tuple[float, str]] = []
         self.tasks: dict[str, dict[str, str]] = {}
@@ -73,22 +59,26 @@ class Content:
         if ODOMETRY.name not in self.topics:
             raise RecordingError(f"{path}: no odometry in it, so there is nothing to draw; was it recorded by txt1?")
 
+    def columns(self, name: str) -> NDArray[np.float64]:
+        """Times (s of the run) and values of that name as columns; six empty ones where there are none."""
+        return np.array(self._rows[name]).T if name in self._rows else np.empty((6, 0))
+
     def _take(self, item: Item, time: float) -> None:
-        series, message = self.series, self._decoding.message
+        rows, message = self._rows, self._decoding.message
         match item.name:
             case ODOMETRY.name:
                 odometry = message(item)
                 position, twist = odometry.pose.pose.position, odometry.twist.twist
-                series.add("odometry", time, position.x, position.y, twist.linear.x, twist.angular.z)
+                rows["odometry"].append((time, position.x, position.y, twist.linear.x, twist.angular.z))
             case POSE.name:
                 position = message(item).pose.position
-                series.add("pose", time, position.x, position.y)
+                rows["pose"].append((time, position.x, position.y))
             case SETPOINT.name:
                 twist = message(item).twist
-                series.add("setpoint", time, twist.linear.x, twist.angular.z)
+                rows["setpoint"].append((time, twist.linear.x, twist.angular.z))
             case PWM.name:
                 pwm = message(item)
-                series.add("pwm", time, pwm.motor, pwm.front, pwm.rear)
+                rows["pwm"].append((time, pwm.motor, pwm.front, pwm.rear))
             case LOG.name:
                 self.events.append((time, message(item).msg))
             case TASKS.name:
@@ -99,7 +89,7 @@ class Content:
             case name if name in PACKS:
                 battery = message(item)
                 if battery.present:
-                    series.add(name, time, battery.voltage)
+                    rows[name].append((time, battery.voltage))
 
 
 def draw(content: Content) -> bytes:
@@ -107,14 +97,13 @@ def draw(content: Content) -> bytes:
     figure = Figure(figsize=(13.0, 13.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplot_mosaic([["path", "v"], ["path", "omega"], ["motor", "steering"], ["battery", "timing"]])
-    series = content.series
-    time, x, y, v, omega = series.columns("odometry")[:5]
-    set_time, set_v, set_omega = series.columns("setpoint")[:3]
-    pwm_time, motor, front, rear = series.columns("pwm")[:4]
+    time, x, y, v, omega = content.columns("odometry")[:5]
+    set_time, set_v, set_omega = content.columns("setpoint")[:3]
+    pwm_time, motor, front, rear = content.columns("pwm")[:4]
 
     path = axes["path"]
     path.plot(x, y, label="odometry, from where it began")
-    pose = series.columns("pose")
+    pose = content.columns("pose")
     if pose.shape[1]:
         path.plot(pose[1], pose[2], label="true pose in the room")
     path.set(title="Path", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
@@ -123,7 +112,7 @@ def draw(content: Content) -> bytes:
     _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (set_time, set_omega, "set-point"), (time, omega, "measured"))
     _lines(axes["motor"], "Motor", "PWM / counts", (pwm_time, motor, "motor"))
     _lines(axes["steering"], "Steering", "PWM / counts", (pwm_time, front, "front"), (pwm_time, rear, "rear"))
-    packs = [(*series.columns(name)[:2], name.removeprefix("/")) for name in PACKS]
+    packs = [(*content.columns(name)[:2], name.removeprefix("/")) for name in PACKS]
     _lines(axes["battery"], "Battery", "voltage / V", *packs)
     periods = np.diff(time) * 1000.0
     _lines(axes["timing"], "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))

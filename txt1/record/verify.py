@@ -45,16 +45,9 @@ EARLY: Final = 0.4 / NS_PER_S
 
 
 class Difference(NamedTuple):
-    """Where a replay first departs from its recording.
+    """Where a replay first departs from its recording: the controller cycle, counted from 0, time in s, topic, values.
 
-    Attributes:
-        cycle: the controller cycle, counted from 0.
-        time: s of the run.
-        topic: whose messages differ.
-        field: the first that differs, dotted; empty when a message is missing or there is one too many.
-        recorded: its value in the recording.
-        replayed: its value now.
-
+    The field is dotted; it is empty when a message is missing or there is one too many.
     """
 
     cycle: int
@@ -86,8 +79,7 @@ def verify(path: Path) -> Verdict:
         RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
 
     """
-    recorded = _recorded(path)
-    return run(_replay(recorded) if recorded.steps is None else _replay_steps(recorded, recorded.steps), speed="max")
+    return run(_replay(_recorded(path)), speed="max")
 
 
 class _Recorded(NamedTuple):
@@ -119,12 +111,8 @@ def _recorded(path: Path) -> _Recorded:
         if item.name == INPUT.name:
             given = decoding.message(item)
             values = tuple(map(float, given.values))
-            inputs.append(
-                (
-                    item.message.log_time,
-                    Input(given.step, given.source, given.kind, given.text, given.given, values),
-                )
-            )
+            told = Input(given.step, given.source, given.kind, given.text, given.given, values)
+            inputs.append((item.message.log_time, told))
         elif item.name == STEP.name:
             step = decoding.message(item)
             steps.append((step.task, step.time, step.missed))
@@ -221,51 +209,47 @@ def _cycle(time: float) -> int:
 
 
 async def _replay(recorded: _Recorded) -> Verdict:
-    """The verdict on a run in virtual time: the scheduler runs the tasks at the very times of then."""
+    """The verdict on a run that is repeated."""
     comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create(config), scheduler=_Following)
-    scheduler = runtime.scheduler
-    assert isinstance(scheduler, _Following)
+    kind = _Following if recorded.steps is None else _StepByStep
+    runtime = Runtime(config, lambda message: None, create(config), scheduler=kind)
     comparison.compare_with(runtime)
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
-    script = _Script(runtime, recorded.inputs)
+    script, scheduler = _Script(runtime, recorded.inputs), runtime.scheduler
     await runtime.start()
-    if not script.has_end:
-        scheduler.end_at(recorded.last + 1.0 / NS_PER_S)
-    scheduler.after = script.give_due
-    script.start()
-    try:
-        await asyncio.wait({scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
-        if script.may_go_on or script.ended.done():
-            await script.ended
-    finally:
-        with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
+    with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
+        try:
+            if isinstance(scheduler, _Following):
+                await _follow(scheduler, script, recorded.last)
+            elif isinstance(scheduler, _StepByStep):
+                await _take_steps(scheduler, script, recorder, recorded.steps or [])
+        finally:
             await runtime.stop()
     await recorder.close()
     return Verdict(comparison.compared, comparison.difference)
 
 
-async def _replay_steps(recorded: _Recorded, steps: list[tuple[int, float, int]]) -> Verdict:
-    """The verdict on a run on the real clock: every step and every input in the recorded order, at its time."""
-    comparison, config = _Comparison(recorded), recorded.config
-    runtime = Runtime(config, lambda message: None, create(config), scheduler=_StepByStep)
-    scheduler = runtime.scheduler
-    assert isinstance(scheduler, _StepByStep)
-    comparison.compare_with(runtime)
-    recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
-    script = _Script(runtime, recorded.inputs)
-    await runtime.start()
-    try:
-        with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
-            for number, (task, time, missed) in enumerate(steps):
-                script.give_up_to(number)
-                scheduler.step(task, time, missed)
-                await recorder.written()
-        script.give_up_to(scheduler.steps)
-    finally:
-        await runtime.stop()
-    await recorder.close()
-    return Verdict(comparison.compared, comparison.difference)
+async def _follow(scheduler: _Following, script: _Script, last: float) -> None:
+    """Run up to `last` s in virtual time: the scheduler runs the tasks at the very times of then."""
+    if not script.has_end:
+        scheduler.end_at(last + 1.0 / NS_PER_S)
+    scheduler.after = script.give_due
+    script.start()
+    await asyncio.wait({scheduler.ended, script.ended}, return_when=asyncio.FIRST_COMPLETED)
+    if script.may_go_on or script.ended.done():
+        await script.ended
+
+
+async def _take_steps(
+    scheduler: _StepByStep, script: _Script, recorder: Recorder, steps: list[tuple[int, float, int]]
+) -> None:
+    """Run on the real clock's times: every step and every input in the recorded order."""
+    with suppress(TaskFault):
+        for number, (task, time, missed) in enumerate(steps):
+            script.give_up_to(number)
+            scheduler.step(task, time, missed)
+            await recorder.written()
+    script.give_up_to(scheduler.steps)
 
 
 class _Following(Scheduler):
