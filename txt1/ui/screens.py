@@ -32,8 +32,6 @@ from txt1.ui.status import state_of
 from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, run_time, styled, table
 from txt1.ui.viewer import DRIVING, Viewer
 
-HEADER_ROWS = 2
-FOOTER_ROWS = 1
 SCREENS: Final = {
     "STATUS": "txt1.ui.status:screen",
     "PWM": "txt1.ui.tables:pwm",
@@ -63,13 +61,13 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
     if snapshot is None:
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
         return Align.center(waiting, vertical="middle", height=height)
-    rows = max(1, height - HEADER_ROWS - FOOTER_ROWS)
-    name = current(snapshot)
+    names = list(installed())
+    name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
     layout = Layout()
     layout.split_column(
-        Layout(_header(snapshot, name, width), size=1),
+        Layout(_header(snapshot, names, name, width), size=1),
         Layout(_state_line(snapshot), size=1),
-        Layout(_help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, rows)),
+        Layout(_help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))),
         Layout(_keys(viewer, width), size=1),
     )
     return layout
@@ -93,17 +91,10 @@ class _Screen(NamedTuple):
             return console.render(table(self.name, (Column(fold=True),), ((styled(told, BAD),),)), options)
 
 
-def current(snapshot: Snapshot) -> str:
-    """The name of the screen that the joystick has chosen."""
-    names = list(installed())
-    return names[snapshot.get(MODE, Mode()).panel.screen % len(names)]
-
-
-def _header(snapshot: Snapshot, current: str, width: int) -> RenderableType:
+def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> RenderableType:
     """Name, HAL, time of the run, and the screens' names, where they have room, with the current one marked."""
     left = Text.from_markup(f"[bold reverse] TXT-1 [/] {clean(snapshot.name)} {run_time(snapshot.time)}")
     tabs = Text()
-    names = list(installed())
     if left.cell_len + sum(len(name) + 2 for name in names) > width:
         tabs.append(f"{names.index(current) + 1}/{len(names)} ", DIM)
         names = [current]
