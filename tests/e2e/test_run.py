@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,16 +64,6 @@ def test_a_port_means_the_serial_hal_and_contradicts_any_other(capsys: Capture) 
 def test_a_status_line_tells_what_the_link_is_waiting_for(capfd: pytest.CaptureFixture[str]) -> None:
     assert execute(["run", "--port", "virtual", "--headless", "--speed", "max", "--duration", "0.5", "--no-arm"]) == 1
     assert "waiting for odometry" in capfd.readouterr().out
-
-
-def test_a_bridge_drives_by_its_name_and_takes_its_options() -> None:
-    words = ["run", "--json", "--duration", "5", "--bridge", "pusher:distance=0.2"]
-    done = subprocess.run(
-        [sys.executable, "-m", "txt1", *words],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugins" / "site")])},
-        capture_output=True, text=True, timeout=60, check=True,
-    )  # fmt: skip
-    assert 0.2 < json.loads(done.stdout)["odometry"]["x"] < 0.6
 
 
 @pytest.mark.parametrize("words", ["nope", "pusher:distance", "pusher:=1"])
