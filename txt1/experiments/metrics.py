@@ -233,14 +233,16 @@ def difference(recording: Recording, other: Recording, channel: Channel) -> Devi
             delays.append(float(DELAYS[best]))
     if not delays:
         return None
-    all_ = np.concatenate(apart)
-    return Deviation(channel, (min(delays), max(delays)), float(np.sqrt((all_**2).mean())), float(np.abs(all_).max()))
+    return Deviation(channel, (min(delays), max(delays)), *_rms_and_largest(np.concatenate(apart)))
 
 
 def paths_apart(recording: Recording, other: Recording) -> tuple[float, float]:
     """Distance of the places of one run from the path of the other, m: root mean square and largest."""
-    distances = _distances(*other.path(), *recording.path())
-    return float(np.sqrt((distances**2).mean())), float(distances.max())
+    return _rms_and_largest(_distances(*other.path(), *recording.path()))
+
+
+def _rms_and_largest(errors: Array) -> tuple[float, float]:
+    return float(np.sqrt((errors**2).mean())), float(np.abs(errors).max())
 
 
 class Droop(NamedTuple):
@@ -340,15 +342,14 @@ def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
     """The cross-track error of every leg on which there were samples, but the way to the first waypoint."""
     found = []
     time, (x, y) = recording["time"], recording.path()
-    for leg, ends in list(zip(legs, [*(each.time for each in legs[1:]), inf], strict=True))[1:]:
+    for leg, ends in zip(legs[1:], [*(each.time for each in legs[2:]), inf], strict=False):
         (x0, y0), (x1, y1) = leg.start, leg.end
         norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
         along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
         round_the_corner = along >= min(LEG_START, 0.5 * norm)
         error = cross_track(recording, leg)[(time >= leg.time) & (time < ends) & round_the_corner]
-        if not len(error):
-            continue
-        found.append(LegMetrics(leg.start, leg.end, float(np.sqrt((error**2).mean())), float(np.abs(error).max())))
+        if len(error):
+            found.append(LegMetrics(leg.start, leg.end, *_rms_and_largest(error)))
     return found
 
 
@@ -374,15 +375,9 @@ def battery(recording: Recording) -> BatteryMetrics | None:
     slope, intercept = (float(value) for value in np.polyfit(minutes[safe], voltage[safe], 1))
     left = np.maximum(60.0 * (SAFE_END_MIN - minutes), 0.0)
     error = recording["remaining"][known] - left
-    return BatteryMetrics(
-        slope,
-        intercept,
-        slope / -SLOPE_V_PER_MIN - 1.0,
-        intercept / INTERCEPT_V - 1.0,
-        float(minutes[-1]),
-        float(np.sqrt(np.nanmean(error**2))),
-        float(np.nanmax(np.abs(error))),
-    )
+    off_the_thesis = slope / -SLOPE_V_PER_MIN - 1.0, intercept / INTERCEPT_V - 1.0
+    remaining = float(np.sqrt(np.nanmean(error**2))), float(np.nanmax(np.abs(error)))
+    return BatteryMetrics(slope, intercept, *off_the_thesis, float(minutes[-1]), *remaining)
 
 
 def measure(outcome: Outcome, profile: Profile) -> dict[str, Any]:

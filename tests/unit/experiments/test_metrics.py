@@ -209,6 +209,7 @@ def test_cross_track_is_left_positive_and_counted_round_the_corner_only() -> Non
     recording = Recording(samples)
     legs = [Leg(0.0, (-1.0, 0.0), (0.0, 0.0)), Leg(0.0, (0.0, 0.0), (4.0, 0.0))]
     assert cross_track(recording, legs[1]) == pytest.approx(0.05)
+    assert leg_metrics(recording, []) == [], "stopped before the first leg"
     [leg] = leg_metrics(recording, legs)
     assert leg.rms == pytest.approx(0.05)
 
