@@ -200,12 +200,11 @@ class Vehicle:
         if self.cut_off or not self.esc_on:
             motor = 0.0
         before = self.motion
-        now = before, motor, front, rear
-        if now == self._rest:  # 5 % of an idle simulation is saved here
+        if before[3] == 0.0 and (before, motor, front, rear) == self._rest:  # 5 % of an idle simulation is saved here
             return before
         after = move(before, motor, front, rear, time - self.time, self.drag, self.dynamics)
         if after is before:
-            self._rest = now
+            self._rest = before, motor, front, rear
         return after
 
     def arrive(self, after: Motion, until: float) -> None:
