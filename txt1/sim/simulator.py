@@ -211,7 +211,7 @@ class Vehicle:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
         before, dt = self.motion, until - self.time
         self.motion, self.time = after, until
-        if after != before and self.atx_on and not self.cut_off:  # the encoders need the ATX supply's 5 V
+        if self.atx_on and not self.cut_off:  # the encoders need the ATX supply's 5 V
             # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
             if not self.faults.right_encoder:
                 self._right_counts += (after[6] - before[6]) * self._counts_per_m

@@ -90,7 +90,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
             right, left = counts
-            state.encoders = Encoders(right, left) if right or left else STILL
+            state.encoders = tuple.__new__(Encoders, (right, left)) if right or left else STILL
             state.odometry, state.odometry_time = wheels.odometry, now
 
 
