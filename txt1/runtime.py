@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
@@ -160,15 +160,14 @@ class Runtime:
         bus.offer(fields.TASK_REPORTS, self._task_reports)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
 
-    def snapshot(self) -> Snapshot:
-        """Everything that the robot tells, as it is now."""
-        return Snapshot.take(self.bus, self.now, self.name)
+    def snapshot(self, topics: Iterable[str] | None = None) -> Snapshot:
+        """Everything that the robot tells, or the topics of these names, as it is now."""
+        return Snapshot.take(self.bus, self.now, self.name, topics)
 
     def _recorded_snapshot(self) -> Snapshot:
         """The same; in virtual time without the tasks' times, which are the processor's and never the same."""
-        measured = {fields.TASK_REPORTS.name} if self._virtual else set()
-        topics = {topic.name for topic in self.bus.offered} - measured
-        return Snapshot.take(self.bus, self.now, self.name, topics)
+        everything = {topic.name for topic in self.bus.offered}
+        return self.snapshot(everything - {fields.TASK_REPORTS.name} if self._virtual else everything)
 
     async def start(self) -> None:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""

@@ -29,7 +29,7 @@ from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.ui.line import status_line
+from txt1.ui.line import SHOWN, status_line
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -255,5 +255,5 @@ async def _status_lines(runtime: Runtime) -> None:
     while True:
         _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
         if writable:
-            os.write(STDOUT, f"{status_line(runtime.snapshot())}\n".encode())
+            os.write(STDOUT, f"{status_line(runtime.snapshot(SHOWN))}\n".encode())
         await asyncio.sleep(1.0)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from txt1.model.odometry import Odometry
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import BOARD, Battery
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
+
+SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, BOARD, BATTERIES[0]))
+"""The topics that the line is made of."""
 
 
 def status_line(snapshot: Snapshot) -> str:
