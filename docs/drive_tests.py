@@ -1,4 +1,4 @@
-"""Makes docs/drive-tests.md and its figures: `python docs/drive_tests.py --real-time` drives everything again.
+"""Makes docs/drive-tests.md and its figures: `python -m docs.drive_tests --real-time` drives everything again.
 
 Every number in the page is measured here, in seven minutes on two quiet processors. `--real-time` also drives
 against boards on pseudo-terminals, each in a process of its own.
@@ -18,13 +18,13 @@ from math import hypot
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from benchmarks.poses import Trip, sentence, trips
 from txt1.cli import execute
 from txt1.cli.experiment import ENDLESS, drive
 from txt1.cli.tune import TESTS, repeated
 from txt1.config import Config, load
 from txt1.experiments import figures, report, run_folder
 from txt1.experiments.metrics import QUANTUM, Deviation, difference, measure, paths_apart
-from txt1.experiments.poses import Trip, sentence, trips
 from txt1.experiments.profile import Profile, Step, load_profile
 from txt1.experiments.run_folder import Run
 from txt1.kernel.loop import run as run_loop
@@ -53,6 +53,16 @@ PAIRS: Final = 1000
 """Random pose pairs for `go_to`."""
 
 
+def markdown(runs: Sequence[Run]) -> str:
+    """The tables as Markdown."""
+    lines = []
+    for title, head, rows in report.tables(runs):
+        lines += [f"**{title}**", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+        lines += [f"| {' | '.join(row)} |" for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Drive, draw and write."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -75,13 +85,13 @@ def main() -> None:
                 (sim[name], "stop at the safe end"), (serial[name], "the same, serial, virtual"), (empty, empty.label)
             )]  # fmt: skip
         parts.append(picture(name, runs))
-        parts.append(report.markdown(runs))
+        parts.append(markdown(runs))
         parts.append("\n".join(ending(each) for each in runs) + "\n")
         if name in DRIVES:
             both = run_folder.alike([sim[name], serial[name], *([pty[name]] if name in pty else [])])
             parts.append("By the encoders, beside the same behind the wire protocol:\n")
             parts.append(picture(f"{name}-serial", both))
-            parts.append(report.markdown(both))
+            parts.append(markdown(both))
     parts.append(behind_the_wire(sim, [again, serial, pty]))
     parts.append(f"## To a pose\n\n{POSES}\n{paragraph(f'{sentence(pose_trips())}.')}")
     parts.append(TUNING)
@@ -327,7 +337,7 @@ INTRODUCTION = """\
 # The drive tests
 
 The thesis's tests of its controllers (4.4), the way along waypoints and the battery run (3.6.3), driven again in
-simulation with the thesis's gains. `python docs/drive_tests.py --real-time` makes this page: every number and figure in
+simulation with the thesis's gains. `python -m docs.drive_tests --real-time` makes this page: every number and figure in
 it is measured by that run.
 
 Responses are judged as means over 0.2 s: by the simulator's true motion, or by the way that the encoders have counted

@@ -37,16 +37,6 @@ def show(runs: Sequence[Run], console: Console, *, with_differences: bool = Fals
         )  # fmt: skip
 
 
-def markdown(runs: Sequence[Run]) -> str:
-    """The tables as Markdown."""
-    lines = []
-    for title, head, rows in tables(runs):
-        lines += [f"**{title}**", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-        lines += [f"| {' | '.join(row)} |" for row in rows]
-        lines.append("")
-    return "\n".join(lines)
-
-
 def tables(runs: Sequence[Run]) -> list[Titled]:
     """Title, column names and rows of every table that the runs have something for."""
     found: list[Titled] = []
