@@ -14,7 +14,7 @@ MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
     "protocol": ["messages"],
-    "sim": ["battery", "light", "obstacles", "room", "simulator", "vehicle", "world"],
+    "sim": ["battery", "light", "obstacles", "room", "vehicle", "dynamics", "world"],
     "control": ["commander", "limits", "loops", "pid", "runaway"],
     "tasks": ["battery", "controller", "encoder", "fields", "mode", "panel", "serial"],
     "telemetry": ["bus"],

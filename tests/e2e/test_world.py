@@ -21,7 +21,7 @@ from txt1.robot import Robot
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Post
 from txt1.sim.room import Room
-from txt1.sim.simulator import Vehicle
+from txt1.sim.vehicle import Vehicle
 from txt1.sim.world import World
 
 Pose = tuple[float, float, float]

@@ -43,7 +43,7 @@ def create_sim(config: Config, world: World | None = None) -> Hal:
     """
     from txt1.hal.sim import SimHal
     from txt1.sim.room import Room
-    from txt1.sim.simulator import Vehicle
+    from txt1.sim.vehicle import Vehicle
     from txt1.sim.world import World
 
     sim, room = config.sim, config.sim.room

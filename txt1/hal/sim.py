@@ -10,7 +10,7 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.kernel.loop import clock_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.simulator import Vehicle
+from txt1.sim.vehicle import Vehicle
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly

@@ -22,10 +22,10 @@ from txt1.kernel.processors import processors
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.light import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
-from txt1.sim.vehicle import Dynamics, dynamics
 
 TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)

@@ -1,9 +1,9 @@
-"""Many vehicles at once: `txt1.sim.vehicle.move` in a form that a compiler makes vector instructions of.
+"""Many vehicles at once: `txt1.sim.dynamics.move` in a form that a compiler makes vector instructions of.
 
 For vehicles that are driven and steer front and rear by opposite angles, as the velocity loops do. One pass over the
 arrays moves each of them by one piece of its tick, with the same equations in the same order; where the functions of
 `math` would break the vectors, series that are exact to the last bits of a double stand for them. Vehicles that coast
-go through `txt1.sim.vehicle.move` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
+go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
 
 numba compiles it (extra `fast`). Without numba it is the same, slowly.
 """
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX
-from txt1.sim.vehicle import SHORT_RAMP, Dynamics
-from txt1.sim.vehicle import move as move_vehicle
+from txt1.sim.dynamics import SHORT_RAMP, Dynamics
+from txt1.sim.dynamics import move as move_vehicle
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def _drive(
     x: Array, y: Array, theta: Array, v: Array, phi: Array, right: Array, left: Array, target: Array, remaining: Array,
     motor: Array, drag: Array, p: Dynamics,
 ) -> float:  # fmt: skip
-    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `vehicle.move`."""
+    """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `dynamics.move`."""
     (
         wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, _, _,
         servo_rate, scrub, slip, understeer, ramp_step,

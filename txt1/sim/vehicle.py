@@ -1,195 +1,268 @@
-"""The vehicle's dynamics: motors, steering servos and wheels, integrated exactly where the equations allow.
-
-With the steering at rest everything has a closed form: the speed is an exponential, the path an arc, the wheels' paths
-proportional to its length. While a servo turns (42 ms from centre to lock) the motion is cut into pieces of at most
-`ramp_step`, each an arc at the piece's mean steering angle, which is second-order accurate. One call therefore costs
-two or three arcs instead of twenty steps of a 1 kHz integrator, and is more accurate.
-
-Plain scalars and tuples only, so that numba can compile it.
-"""
+"""A simulated vehicle as its hardware layer sees it: outputs in, sensor readings out, time moved by the caller."""
 
 from __future__ import annotations
 
-from dataclasses import astuple
-from math import atan, cos, exp, log, pi, sin, sqrt, tan
-from typing import Final, NamedTuple
+from collections.abc import Sequence
+from math import floor, isfinite
+from typing import TYPE_CHECKING, Final
 
-from txt1.model.kinematics import TWO_PI
-from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.sim.parameters import VehicleParameters
+import numpy as np
 
-SHORT_RAMP: Final = 0.25
-"""Share of the ramp step below which the end of a servo's turn gets no piece of its own."""
+from txt1.model.battery import CUT_OFF_V
+from txt1.model.kinematics import wrap_angle
+from txt1.model.vehicle import Geometry
+from txt1.sim.battery import Packs, discharge
+from txt1.sim.dynamics import DEAD_BAND, Motion, VehicleState, dynamics, move
+from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 
+if TYPE_CHECKING:
+    from txt1.sim.world import World
 
-Motion = tuple[float, float, float, float, float, float, float, float]
-"""The fields of a `VehicleState` as plain numbers, which cost much less to make."""
+NOISE_RATE: Final = 50
+"""The floor's drag changes so many times a second."""
 
+SETTLE_PERIOD: Final = 1.0
+"""The packs' charge is brought up to date once in so many seconds."""
 
-class VehicleState(NamedTuple):
-    """Where the vehicle is and what it does.
-
-    Attributes:
-        x: of the vehicle's centre in the room, m.
-        y: m.
-        theta: heading, rad in (-pi, pi].
-        v: speed of the centre along its path, m/s.
-        phi_front: front steering angle, rad, left positive.
-        phi_rear: rear steering angle, rad, left positive.
-        right: path rolled by the right encoder wheel, m.
-        left: path rolled by the left encoder wheel, m.
-
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
-    v: float = 0.0
-    phi_front: float = 0.0
-    phi_rear: float = 0.0
-    right: float = 0.0
-    left: float = 0.0
+BATTERY_NOISE_PERIOD: Final = 1.0
+"""A voltage reading is good for so many seconds."""
 
 
-Dynamics = tuple[
-    float, float, float, float, float, float, float, float, float, float, float, float, float
-]  # fmt: skip
-"""The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
-
-DEAD_BAND: Final = 4
-"""Place of the dead band in `Dynamics`."""
-
-RAMP_STEP: Final = 0.005
-"""Longest piece of a motion while a servo turns, s."""
-
-
-def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP_STEP) -> Dynamics:
-    """The parameters of `move` as plain numbers, which are read faster than attributes."""
-    return body.wheelbase, body.track_width, body.steering_max, *astuple(vehicle), ramp_step
-
-
-def move(
-    state: Motion,
-    motor: float,
-    front: float,
-    rear: float,
-    dt: float,
-    drag: float,
-    p: Dynamics,
-) -> Motion:
-    """The vehicle's state `dt` seconds later.
+class Vehicle:
+    """A vehicle in a world, with batteries, encoders, power switches and seeded noise.
 
     Args:
-        state: now.
-        motor: PWM counts, held for dt; 0 coasts.
-        front: front steering, PWM counts, held.
-        rear: rear steering, PWM counts, held.
-        dt: s.
-        drag: additional drag of the floor as a share of the speed, held.
-        p: of `dynamics`.
+        world: it stands in.
+        parameters: of the dynamics.
+        body: dimensions.
+        batteries: their charge, and the load of the electronics.
+        noise: what is random.
+        start: pose (x, y, theta) in the room, m and rad.
+        seed: repeats every random value.
+        name: of its robot.
+
+    Raises:
+        ValueError: something is in the way where it starts.
 
     """
-    x, y, theta, v, phi_front, phi_rear, right, left = state
-    # one name each: in plain Python looking up an attribute costs as much as the multiplication it is for
-    (
-        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
-        coast_friction, servo_rate, scrub, slip, understeer, ramp_step,
-    ) = p  # fmt: skip
-    # front = -u, rear = +u turns left (spec: plant)
-    lock_pwm = float(STEERING_MAX)
-    if not -lock_pwm <= front <= lock_pwm:
-        front = lock_pwm if front > 0.0 else -lock_pwm
-    if not -lock_pwm <= rear <= lock_pwm:
-        rear = lock_pwm if rear > 0.0 else -lock_pwm
-    target_front = -steering_max * (front / lock_pwm)
-    target_rear = -steering_max * (rear / lock_pwm)
-    coasting = abs(motor) <= dead_band
-    if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
-        return state  # at rest
-    if coasting:
-        v_free, tau = 0.0, coast_time_constant
-    else:
-        v_free = speed_gain * (motor - dead_band if motor > 0.0 else motor + dead_band)
-        tau = speed_time_constant
-    tan_max = tan(steering_max)
 
-    remaining = dt
-    while remaining > 0.0:
-        # -- steering: the piece ends with the ramp step or when a servo arrives
-        if phi_front == target_front and phi_rear == target_rear:
-            h = remaining
-            mean_front, mean_rear = phi_front, phi_rear
+    def __init__(
+        self,
+        world: World,
+        parameters: VehicleParameters,
+        body: Geometry,
+        batteries: Batteries,
+        noise: Noise,
+        start: tuple[float, float, float],
+        seed: int,
+        name: str = "",
+    ) -> None:
+        self.world = world
+        self.dynamics = dynamics(parameters, body)
+        self.body = body
+        self.packs = Packs(batteries.used_1, batteries.used_2)
+        self.batteries = batteries
+        self.noise = noise
+        self.name = name
+        self.faults = Faults()
+        self.atx_on = True
+        self.esc_on = True
+        self.time = 0.0
+        """Of this vehicle, s since its robot's run began."""
+        self.began = 0.0
+        """When that was, s since the first run in this world began."""
+        self.running = False
+        """Whether it has begun."""
+        self.accompanied = False
+        """Whether other vehicles move in this world."""
+        self.piece_ends = 0.0
+        """The floor's drag stays the same until then, s."""
+        self.free = (0.0, 0.0, 0.0, 0.0)
+        """The least and largest x and y between which nothing is in reach."""
+        self.crowded = False
+        """Whether an obstacle or another vehicle may be in reach wherever it is."""
+        drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
+        self._drag_rng = np.random.default_rng(drag_seed)
+        self._battery_rng = np.random.default_rng(battery_seed)
+        # The wheels stop anywhere between two edges of the encoder disc.
+        phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
+        self._right_counts, self._left_counts = phases[0], phases[1]
+        self._counts_per_m = 1.0 / body.count_length
+        self._drags: list[float] = []
+        self.drag = 0.0
+        """Of the floor just now, as a share of the speed."""
+        self._drag_count = 0
+        self._outputs = (0.0, 0.0, 0.0)
+        self._rest: tuple[Motion, float, float, float] | None = None  # in which nothing moves it, with these outputs
+        self._voltage_noise = (0.0, 0.0)
+        self._readings = (0.0, 0.0)
+        self._voltage_noise_ends = 0.0
+        self._drawn = 0.0  # seconds of full load since the packs were settled
+        self._settle_due = 0.0
+        self.voltages = self.packs.voltages()
+        """Of the two packs, V; 0 where none is fitted."""
+        self.cut_off = False
+        """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
+        self._settle_batteries()
+        self.motion: Motion = VehicleState()
+        self._put_down(*start)
+        world.add(self)
+
+    @property
+    def state(self) -> VehicleState:
+        """Where the vehicle is and what it does."""
+        return VehicleState(*self.motion)
+
+    @state.setter
+    def state(self, state: VehicleState) -> None:
+        self.motion = state
+        self.world.look_round(self)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The vehicle's pose (x, y, theta) in the room, m and rad."""
+        return self.motion[:3]
+
+    def outline(self, motion: Sequence[float]) -> Box:
+        """The body at a pose or in a motion, which begins with the pose."""
+        return Box(motion[0], motion[1], self.body.length, self.body.width, motion[2])
+
+    # -- outputs -----------------------------------------------------------------------------------------------
+
+    def command(self, motor: float, front: float, rear: float) -> None:
+        """Hold these PWM counts on motor and steering from now on."""
+        self._outputs = motor, front, rear
+
+    def place(self, x: float, y: float, theta: float) -> None:
+        """Put the vehicle down at a pose in the room, at rest; m and rad.
+
+        Raises:
+            ValueError: something is in the way there, or the pose is not finite.
+
+        """
+        self._put_down(x, y, theta)
+        self.world.look_round(self)
+
+    def _put_down(self, x: float, y: float, theta: float) -> None:
+        theta = wrap_angle(theta)
+        if not (isfinite(x) and isfinite(y) and isfinite(theta)):
+            raise ValueError(f"the vehicle cannot stand at ({x:g}, {y:g}, {theta:g}): a pose is finite")
+        obstacle = self.world.in_the_way(self, x, y, theta)
+        if obstacle is not None:
+            raise ValueError(f"the vehicle at ({x:g}, {y:g}, {theta:g}) sticks into {obstacle}")
+        self.motion = self.state._replace(x=x, y=y, theta=theta, v=0.0)
+
+    # -- time --------------------------------------------------------------------------------------------------
+
+    def advance_to(self, time: float) -> None:
+        """Let the vehicle move until `time`, s since its robot's run began; an instant in the past changes nothing."""
+        if time > self.time:
+            if self.accompanied:
+                self.world.advance(self, time)
+            else:
+                self.move_to(time)
+
+    def rewind(self) -> None:
+        """Let its time be 0 again, where another run begins."""
+        self._settle_due -= self.time
+        self._voltage_noise_ends -= self.time
+        self._drag_count = 0
+        self.time = self.piece_ends = 0.0
+
+    def move_to(self, time: float) -> None:
+        """Move until `time`, whatever other vehicles do."""
+        while self.time < time:
+            if self.time >= self.piece_ends:
+                self._draw_drag()
+            if self.time >= self._settle_due:
+                self._settle_batteries()
+            until = time if time < self.piece_ends else self.piece_ends
+            after = self.motion_at(until)
+            if after is self.motion and not self.crowded:  # at rest, the motors off
+                self._drawn += (until - self.time) * (
+                    self.batteries.idle_load if self.atx_on else self.batteries.standby_load
+                )
+                self.time = until
+                continue
+            x_min, x_max, y_min, y_max = self.free
+            if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
+                after = self.world.contact(self, after, until)
+            self.arrive(after, until)
+
+    def finish_piece(self) -> None:
+        """Move to the end of the present drag, and take the next."""
+        self.move_to(self.piece_ends)
+        self._draw_drag()
+
+    def motion_at(self, time: float) -> Motion:
+        """The motion at an instant before the drag changes, if nothing is in the way."""
+        motor, front, rear = self._outputs
+        if self.cut_off or not self.esc_on:
+            motor = 0.0
+        before = self.motion
+        if before[3] == 0.0 and (before, motor, front, rear) == self._rest:  # 5 % of an idle simulation is saved here
+            return before
+        after = move(before, motor, front, rear, time - self.time, self.drag, self.dynamics)
+        if after is before:
+            self._rest = before, motor, front, rear
+        return after
+
+    def arrive(self, after: Motion, until: float) -> None:
+        """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
+        before, dt = self.motion, until - self.time
+        self.motion, self.time = after, until
+        if self.atx_on and not self.cut_off:  # the encoders need the ATX supply's 5 V
+            # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
+            if not self.faults.right_encoder:
+                self._right_counts += (after[6] - before[6]) * self._counts_per_m
+            if not self.faults.left_encoder:
+                self._left_counts += (after[7] - before[7]) * self._counts_per_m
+        if abs(self._outputs[0]) > self.dynamics[DEAD_BAND] and self.esc_on and not self.cut_off:
+            self._drawn += dt
         else:
-            gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
-            h = remaining if remaining < ramp_step else ramp_step
-            for gap in (gap_front, gap_rear):
-                if gap != 0.0 and abs(gap) < h * servo_rate:
-                    h = abs(gap) / servo_rate
-            travel = servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
-            next_front, next_rear = target_front, target_rear
-            if abs(gap_front) > travel:
-                next_front = phi_front + (travel if gap_front > 0.0 else -travel)
-            if abs(gap_rear) > travel:
-                next_rear = phi_rear + (travel if gap_rear > 0.0 else -travel)
-            mean_front, mean_rear = 0.5 * (phi_front + next_front), 0.5 * (phi_rear + next_rear)
-            phi_front, phi_rear = next_front, next_rear
-            if h < SHORT_RAMP * ramp_step and phi_front == target_front and phi_rear == target_rear:
-                # The end of a turn, too short for a piece of its own: one arc for it and the rest, at the mean angle
-                share = h / remaining
-                mean_front = phi_front + share * (mean_front - phi_front)
-                mean_rear = phi_rear + share * (mean_rear - phi_rear)
-                h = remaining
+            self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
 
-        # -- direction of motion: sideslip of the centre, 0 for opposite angles
-        tan_front = tan(mean_front)
-        tan_rear = -tan_front if mean_rear == -mean_front else tan(mean_rear)
-        if tan_rear == -tan_front:
-            beta, cos_beta, sin_beta = 0.0, 1.0, 0.0
-        else:
-            beta = atan(0.5 * (tan_front + tan_rear))
-            cos_beta, sin_beta = cos(beta), sin(beta)
+    def _settle_batteries(self) -> None:
+        """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
+        self._settle_due = self.time + SETTLE_PERIOD
+        self.packs = discharge(self.packs, self._drawn)
+        self._drawn = 0.0
+        self.voltages = self.packs.voltages()
+        self._read_batteries()
+        fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
+        self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
 
-        # -- speed: tau dv/dt = v_target - (1 + drag) v, exactly
-        lock = 0.5 * (tan_front - tan_rear) / tan_max
-        loss = 1.0 + scrub * lock * lock + drag
-        tau_h = tau / loss
-        if coasting:
-            friction = coast_friction if v > 0.0 else -coast_friction
-            v_end = -friction / loss
-            # dry friction stops the vehicle, it does not turn it round; without friction it rolls on
-            stop = 0.0 if v == 0.0 else tau_h * log(1.0 - v / v_end) if v_end != 0.0 else h + 1.0
-            rolling = h if h < stop else stop
-            decay = exp(-rolling / tau_h)
-            distance = v_end * rolling + (v - v_end) * tau_h * (1.0 - decay)
-            v = v_end + (v - v_end) * decay if stop > h else 0.0
-        else:
-            v_end = v_free / loss
-            decay = exp(-h / tau_h)
-            distance = v_end * h + (v - v_end) * tau_h * (1.0 - decay)
-            v = v_end + (v - v_end) * decay
+    def _draw_drag(self) -> None:
+        """Take the floor's drag for the next 20 ms."""
+        if not self._drags:
+            self._drags = (self.noise.drag * self._drag_rng.standard_normal(256)).tolist()
+        self.drag = self._drags.pop()
+        # whole multiples of the period, so that it does not matter how the caller cuts up the time; the quotient is
+        # the very float that the scheduler's tick has
+        self._drag_count += 1
+        self.piece_ends = self._drag_count / NOISE_RATE
 
-        if distance != 0.0:
-            # -- curvature, thesis (2.12) for opposite angles; understeer by the piece's mean speed
-            mean_v = distance / h
-            curvature = cos_beta * (tan_front - tan_rear) / (wheelbase * (1.0 + understeer * mean_v * mean_v))
-            # -- the front wheels roll along their own heading: the hub's velocity projected on it
-            cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
-            sin_front = tan_front * cos_front
-            forward = cos_beta * cos_front + (sin_beta + 0.5 * curvature * wheelbase) * sin_front
-            apart = 0.5 * curvature * track_width * cos_front
-            rolled = distance if coasting else distance * (1.0 + slip)
-            right += rolled * (forward + apart)
-            left += rolled * (forward - apart)
-            # -- the arc, (2.2) integrated over its length
-            half = 0.5 * distance * curvature
-            chord = distance * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half)
-            direction = theta + beta + half
-            x += chord * cos(direction)
-            y += chord * sin(direction)
-            theta += 2.0 * half
-            while theta > pi:
-                theta -= TWO_PI
-            while theta <= -pi:
-                theta += TWO_PI
-        remaining -= h
-    return x, y, theta, v, phi_front, phi_rear, right, left
+    # -- sensors -----------------------------------------------------------------------------------------------
+
+    def sense(self, time: float) -> tuple[tuple[int, int], tuple[float, float], bool, tuple[float, float, float]]:
+        """All that a HAL reports, at `time`: encoder counts, battery readings (V), whether they are cut off, pose."""
+        self.advance_to(time)
+        return self.encoder_counts(), self.battery_readings(), self.cut_off, self.pose
+
+    def encoder_counts(self) -> tuple[int, int]:
+        """Counts of the right and left encoder since the start, forward positive."""
+        return floor(self._right_counts), floor(self._left_counts)
+
+    def battery_readings(self) -> tuple[float, float]:
+        """Readings of the two packs' voltages, V, with the converter's noise; 0 where no pack is fitted."""
+        while self.time >= self._voltage_noise_ends:  # one draw per period, however seldom somebody looks
+            one, two = self._battery_rng.standard_normal(2).tolist()
+            self._voltage_noise = one * self.noise.battery, two * self.noise.battery
+            self._voltage_noise_ends += BATTERY_NOISE_PERIOD
+            self._read_batteries()
+        return self._readings
+
+    def _read_batteries(self) -> None:
+        """Keep the readings: they are looked at 61 times a second and change once, with voltages and noise."""
+        (one, two), (noise_one, noise_two) = self.voltages, self._voltage_noise
+        self._readings = (one + noise_one if one else 0.0), (two + noise_two if two else 0.0)

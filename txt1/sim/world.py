@@ -19,11 +19,11 @@ from math import hypot, inf, isfinite
 from typing import Final
 
 from txt1.kernel.clock import NS_PER_S, Clock
+from txt1.sim.dynamics import Motion
 from txt1.sim.obstacles import Obstacle, distance, gap
 from txt1.sim.parameters import Post
 from txt1.sim.room import Room, clearance
-from txt1.sim.simulator import Vehicle
-from txt1.sim.vehicle import Motion
+from txt1.sim.vehicle import Vehicle
 
 ROAM: Final = 0.25
 """A vehicle looks round anew when it is so far along x or y from where it did so last, m."""

@@ -12,7 +12,7 @@ import pytest
 from sim_steps import Parameters, advance
 
 from txt1.model.kinematics import wrap_angle
-from txt1.sim.vehicle import VehicleState
+from txt1.sim.dynamics import VehicleState
 
 FINE = 0.001
 """Step of the reference, s: fourth order, and never across an instant at which a servo arrives, so exact to 1e-10."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim_steps import Parameters, advance
 
 from txt1.sim import fleet
-from txt1.sim.vehicle import VehicleState
+from txt1.sim.dynamics import VehicleState
 
 COUNT = 40
 PARAMETERS = st.fixed_dictionaries(

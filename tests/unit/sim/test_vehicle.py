@@ -1,222 +1,373 @@
-"""The vehicle's dynamics (spec 1, 2): motor, steering, scrub, wheels, slip."""
+"""The simulated robot: counters, switches, batteries, walls and noise."""
 
 from __future__ import annotations
 
-from math import atan, copysign, cos, exp, hypot, pi, radians, sin, tan
+import random
+from math import cos, hypot, inf, nan, pi, sin
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_steps import Parameters, advance
 
-from txt1.model.kinematics import wrap_angle
-from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.sim.vehicle import VehicleState
+from txt1.model.battery import pack_voltage
+from txt1.model.vehicle import Geometry
+from txt1.sim.battery import Packs, discharge
+from txt1.sim.dynamics import dynamics
+from txt1.sim.parameters import Batteries, Faults, Noise, VehicleParameters
+from txt1.sim.room import Room, clearance
+from txt1.sim.vehicle import Vehicle
+from txt1.sim.world import World
 
-P = Parameters()
+QUIET = Noise(0.0, 0.0)
 BODY = Geometry()
-LOCK = BODY.steering_max
-COUNT = 0.5125 / 1600
+OPEN, FULL, VEHICLE = Room(), Batteries(), VehicleParameters()
 
 
-def drive(
-    state: VehicleState, motor: float, front: float, rear: float, seconds: float, p: Parameters = P
-) -> VehicleState:
-    """The state after so many seconds of control ticks without drag."""
-    for _ in range(round(seconds * 50)):
-        state = advance(state, motor, front, rear, 0.02, 0.0, p)
-    return state
+def simulator(
+    *,
+    room: Room = OPEN,
+    batteries: Batteries = FULL,
+    noise: Noise = QUIET,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    seed: int = 1,
+) -> Vehicle:
+    return Vehicle(World(room), VEHICLE, BODY, batteries, noise, start, seed)
 
 
-# -- motor -------------------------------------------------------------------------------------------------------
+def run(sim: Vehicle, seconds: float, step: float = 0.02) -> None:
+    start = sim.time
+    for k in range(1, round(seconds / step) + 1):
+        sim.advance_to(start + k * step)
 
 
-@pytest.mark.parametrize("counts", [500, 1800, 4000, -500, -4000])
-def test_the_free_speed_is_a_third_of_a_mm_per_s_per_count_beyond_the_dead_band(counts: int) -> None:
-    beyond = counts - 300 if counts > 0 else counts + 300
-    assert drive(VehicleState(), counts, 0, 0, 10.0).v == pytest.approx(0.00033 * beyond, rel=1e-9)
-
-
-@pytest.mark.parametrize("counts", [0, 1, 299, 300, -300])
-def test_inside_the_dead_band_nothing_moves(counts: int) -> None:
-    assert drive(VehicleState(), counts, 0, 0, 1.0) == VehicleState()
-
-
-def test_just_beyond_the_dead_band_something_moves() -> None:
-    assert advance(VehicleState(), 301, 0, 0, 0.02, 0.0, P).v > 0.0
-    assert advance(VehicleState(), -301, 0, 0, 0.02, 0.0, P).v < 0.0
-
-
-def test_after_one_time_constant_63_percent_of_the_speed_is_reached() -> None:
-    share = drive(VehicleState(), 3300, 0, 0, 0.3).v / (0.00033 * 3000)
-    assert share == pytest.approx(1 - exp(-1), rel=1e-9)
-
-
-@given(st.floats(-2.0, 2.0), st.floats(-300.0, 300.0))
-@example(8.152263228519404e-10, 0.0)
-def test_coasting_comes_to_rest_in_finite_time_and_never_reverses(v: float, motor: float) -> None:
-    state, travelled = VehicleState(v=v), 0.0
-    for _ in range(200):
-        before = state
-        state = advance(before, motor, 0, 0, 0.02, 0.0, P)
-        assert abs(state.v) <= abs(before.v)
-        assert state.v * v >= 0.0
-        assert copysign(1.0, v) * (state.x - before.x) >= -1e-15  # m: the sum's rounding
-        travelled += abs(state.x - before.x)
-    assert state.v == 0.0
-    assert travelled == pytest.approx(abs(state.x), abs=1e-9)
-    assert advance(state, motor, 0, 0, 0.02, 0.0, P) == state
-
-
-@pytest.mark.parametrize("counts", [300, -300])
-def test_a_moving_vehicle_coasts_up_to_the_very_end_of_the_dead_band(counts: int) -> None:
-    moving = VehicleState(v=1.0)
-    assert advance(moving, counts, 0, 0, 0.02, 0.0, P) == advance(moving, 0, 0, 0, 0.02, 0.0, P)
-
-
-def test_without_dry_friction_coasting_only_slows_down() -> None:
-    p = P._replace(coast_friction=0.0)
-    assert drive(VehicleState(v=1.0), 0, 0, 0, 0.6, p).v == pytest.approx(exp(-1), rel=1e-9)
-    assert drive(VehicleState(), 0, 0, 0, 0.6, p) == VehicleState()
-
-
-def test_the_floor_s_drag_costs_its_share_of_the_speed() -> None:
-    state = VehicleState()
-    for _ in range(500):
-        state = advance(state, 4000, 0, 0, 0.02, 0.1, P)
-    assert state.v == pytest.approx(0.00033 * 3700 / 1.1, rel=1e-9)
-
-
-# -- steering ----------------------------------------------------------------------------------------------------
-
-
-def test_a_servo_turns_60_degrees_in_150_ms() -> None:
-    p = P._replace(steering_max=radians(60))
-    almost = advance(VehicleState(), 0, -18000, 18000, 0.149, 0.0, p)
-    assert almost.phi_front == pytest.approx(radians(60) * 149 / 150, rel=1e-9)
-    assert advance(VehicleState(), 0, -18000, 18000, 0.15, 0.0, p).phi_front == pytest.approx(radians(60), rel=1e-9)
-
-
-def test_from_lock_to_lock_takes_84_ms() -> None:
-    duration = 2 * LOCK / (radians(60) / 0.15)
-    assert duration == pytest.approx(0.084, abs=0.001)
-    left = VehicleState(phi_front=LOCK, phi_rear=-LOCK)
-    assert advance(left, 0, 18000, -18000, duration - 1e-4, 0.0, P).phi_front > -LOCK
-    state = advance(left, 0, 18000, -18000, duration + 1e-9, 0.0, P)
-    assert (state.phi_front, state.phi_rear) == (-LOCK, LOCK)
-
-
-@given(st.integers(-24000, 24000), st.integers(-24000, 24000))
-def test_front_and_rear_go_independently_where_the_counts_say_and_stop_at_the_lock(front: int, rear: int) -> None:
-    state = drive(VehicleState(), 0, front, rear, 0.2)
-    assert state.phi_front == pytest.approx(-LOCK * max(-1, min(1, front / STEERING_MAX)), abs=1e-12)
-    assert state.phi_rear == pytest.approx(-LOCK * max(-1, min(1, rear / STEERING_MAX)), abs=1e-12)
-    assert max(abs(state.phi_front), abs(state.phi_rear)) <= LOCK
-
-
-@pytest.mark.parametrize(("u", "motor"), [(18000, 3000), (-18000, 3000), (24000, -3000), (-18000, -3000)])
-def test_at_full_lock_the_path_is_a_circle_of_0_56_m(u: int, motor: int) -> None:
-    state = drive(VehicleState(), motor, -u, u, 3.0)
-    points = []
-    for _ in range(3):
-        points.append((state.x, state.y))
-        state = drive(state, motor, -u, u, 0.5)
-    (ax, ay), (bx, by), (cx, cy) = points
-    sides = hypot(bx - ax, by - ay), hypot(cx - bx, cy - by), hypot(ax - cx, ay - cy)
-    area = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
-    assert sides[0] * sides[1] * sides[2] / (4 * area) == pytest.approx(0.56, rel=1e-9)
+# -- encoders ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("motor", [3000, -3000])
-def test_positive_u_turns_left_driving_forward_and_right_reversing(motor: int) -> None:
-    state = drive(VehicleState(), motor, -6000, 6000, 0.5)
-    assert state.theta * motor > 0.0
+def test_encoders_count_whole_ticks_1600_for_every_0_5125_m(motor: int) -> None:
+    sim = simulator()
+    assert sim.encoder_counts() == (0, 0)
+    sim.command(motor, 0, 0)
+    for _ in range(100):
+        run(sim, 0.02)
+        for counts in sim.encoder_counts():
+            assert isinstance(counts, int)
+            assert abs(counts - sim.state.x / 0.5125 * 1600) <= 1
+    assert abs(sim.encoder_counts()[0]) > 4000
 
 
-@pytest.mark.parametrize("counts", [9000, -18000])
-def test_equal_angles_move_sideways_without_turning(counts: int) -> None:
-    state = drive(VehicleState(), 3000, counts, counts, 2.0)
-    start = drive(VehicleState(), 0, counts, counts, 0.2)
-    state = drive(start, 3000, counts, counts, 2.0)
-    assert state.theta == 0.0
-    assert state.y / state.x == pytest.approx(tan(-LOCK * counts / 18000), rel=1e-9)
-    straight = drive(VehicleState(), 3000, 0, 0, 2.0)
-    assert hypot(state.x, state.y) == pytest.approx(straight.x, rel=1e-9), "and without scrubbing"
+@pytest.mark.parametrize("seed", range(8))
+def test_the_counters_start_at_zero_wherever_the_wheels_stand(seed: int) -> None:
+    assert simulator(seed=seed).encoder_counts() == (0, 0)
 
 
-def test_the_scrub_of_full_lock_costs_2_to_10_percent_of_the_free_speed() -> None:
-    free = drive(VehicleState(), 3000, 0, 0, 10.0).v
-    turning = drive(VehicleState(), 3000, -18000, 18000, 10.0).v
-    assert 0.02 < 1 - turning / free < 0.10
-    half = drive(VehicleState(), 3000, -9000, 9000, 10.0).v
-    assert turning < half < free
+def test_driving_there_and_back_returns_the_counters() -> None:
+    sim = simulator()
+    sim.command(2000, 0, 0)
+    run(sim, 2.0)
+    sim.command(-2000, 0, 0)
+    while sim.state.x > 0.0:
+        run(sim, 0.001, 0.001)
+    assert all(abs(counts) <= 3 for counts in sim.encoder_counts())
 
 
-# -- encoder wheels ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("broken", ["right_encoder", "left_encoder"])
+def test_a_dead_encoder_stands_still_and_the_other_counts(broken: str) -> None:
+    sim = simulator()
+    sim.command(3000, 0, 0)
+    run(sim, 1.0)
+    before = sim.encoder_counts()
+    sim.faults = Faults(**{broken: True})
+    run(sim, 1.0)
+    dead, alive = (0, 1) if broken == "right_encoder" else (1, 0)
+    assert sim.encoder_counts()[dead] == before[dead]
+    assert sim.encoder_counts()[alive] > before[alive] + 1000
 
 
-def test_a_straight_tyre_circumference_is_1600_counts_of_either_wheel() -> None:
-    state = drive(VehicleState(), 3000, 0, 0, 3.0)
-    assert state.right == state.left == state.x
-    assert state.x / 0.5125 * 1600 == pytest.approx(state.right / COUNT)
+# -- power -------------------------------------------------------------------------------------------------------
 
 
-@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.sampled_from([-1.0, 1.0]))
-def test_the_front_wheels_roll_with_the_velocity_of_their_hubs_along_their_heading(
-    front: float, rear: float, v: float
+def test_with_the_esc_off_the_vehicle_coasts_to_a_stop_whatever_the_pwm_says() -> None:
+    sim = simulator()
+    sim.command(4000, 0, 0)
+    run(sim, 2.0)
+    assert sim.state.v > 1.0
+    sim.esc_on = False
+    run(sim, 0.1)
+    assert 0.5 < sim.state.v < 1.2
+    run(sim, 5.0)
+    assert sim.state.v == 0.0
+    sim.esc_on = True
+    run(sim, 0.1)
+    assert sim.state.v > 0.0
+
+
+def test_without_the_atx_supply_the_counters_stand_still() -> None:
+    sim = simulator()
+    sim.command(4000, 0, 0)
+    run(sim, 1.0)
+    before, x = sim.encoder_counts(), sim.state.x
+    sim.atx_on = False
+    run(sim, 1.0)
+    assert sim.encoder_counts() == before
+    assert sim.state.x > x + 0.5
+    sim.atx_on = True
+    run(sim, 1.0)
+    assert sim.encoder_counts()[0] > before[0]
+
+
+def test_46_minutes_of_driving_follow_the_measured_line() -> None:
+    sim = simulator(noise=Noise(drag=0.0, battery=0.01))
+    sim.command(3000, 0, 0)
+    readings = []
+    for minute in range(1, 47):
+        run(sim, 60.0, 1.0)
+        reading, second = sim.battery_readings()
+        readings.append(reading - (12.165769 - 0.033691 * minute))
+        assert second == 0.0
+        assert not sim.cut_off
+    assert max(map(abs, readings)) < 0.04
+    assert abs(sum(readings) / len(readings)) < 0.006
+    assert 0.004 < (sum(r * r for r in readings) / len(readings)) ** 0.5 < 0.016
+
+
+@pytest.mark.parametrize(("atx", "share"), [(True, 0.4), (False, 0.1)])
+def test_standing_still_discharges_slower_by_the_configured_share(atx: bool, share: float) -> None:
+    sim = simulator(batteries=Batteries(idle_load=0.4, standby_load=0.1))
+    sim.atx_on = atx
+    run(sim, 601.0, 1.0)
+    assert sim.packs.used_1 == pytest.approx(10.0 * share, rel=0.005)
+    # a motor inside the dead band or behind an open switch draws nothing either
+    sim.command(300, 0, 0)
+    run(sim, 300.0, 1.0)
+    sim.command(4000, 0, 0)
+    sim.esc_on = False
+    run(sim, 300.0, 1.0)
+    assert sim.packs.used_1 == pytest.approx(20.0 * share, rel=0.005)
+
+
+def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
+    sim = simulator(batteries=Batteries(49.9))
+    sim.command(4000, 0, 0)
+    run(sim, 4.0)
+    assert not sim.cut_off
+    assert sim.state.v > 1.0
+    run(sim, 6.0)
+    assert sim.cut_off
+    before = sim.encoder_counts()
+    run(sim, 5.0)
+    assert sim.state.v == 0.0
+    assert sim.encoder_counts() == before
+    assert sim.battery_readings()[0] == pytest.approx(9.25)
+
+
+def test_an_empty_pack_moves_nothing_from_the_start() -> None:
+    sim = simulator(batteries=Batteries(60.0))
+    assert sim.cut_off
+    sim.command(4000, 0, 0)
+    run(sim, 1.0)
+    assert sim.state.v == 0.0
+
+
+def test_one_good_pack_of_two_keeps_the_robot_alive() -> None:
+    sim = simulator(batteries=Batteries(60.0, 10.0))
+    assert not sim.cut_off
+    sim.command(4000, 0, 0)
+    run(sim, 60.0, 1.0)
+    assert sim.packs.used_1 == 60.0
+    assert sim.packs.used_2 == pytest.approx(11.0, abs=0.02)
+
+
+def test_of_two_packs_the_fuller_one_is_drawn_from_first() -> None:
+    assert discharge(Packs(10.0, 20.0), 60.0) == Packs(11.0, 20.0)
+    assert discharge(Packs(20.0, 10.0), 60.0) == Packs(20.0, 11.0)
+    assert discharge(Packs(None, 10.0), 60.0) == Packs(None, 11.0)
+    assert discharge(Packs(10.0, None), 60.0) == Packs(11.0, None)
+    assert discharge(Packs(None, None), 60.0) == Packs(None, None)
+
+
+def test_two_packs_equally_full_share_the_load_and_last_twice_as_long() -> None:
+    assert discharge(Packs(10.0, 10.0), 60.0) == Packs(10.5, 10.5)
+    sim = simulator(batteries=Batteries(2.0, 0.0))
+    sim.command(4000, 0, 0)
+    run(sim, 600.0, 1.0)
+    assert sim.packs.used_1 == pytest.approx(6.0, abs=0.03)
+    assert sim.packs.used_2 == pytest.approx(6.0, abs=0.03)
+
+
+def test_voltages_follow_from_use_and_are_zero_without_a_pack() -> None:
+    assert Packs(3.0, None).voltages() == (pack_voltage(3.0), 0.0)
+    assert Packs(None, 7.0).voltages() == (0.0, pack_voltage(7.0))
+    assert simulator(batteries=Batteries(None, None), noise=Noise()).battery_readings() == (0.0, 0.0)
+
+
+# -- walls -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("theta", "motor"), [(0.0, 4000), (pi / 2, 4000), (0.7, 4000), (pi, -4000), (-2.0, -4000)])
+def test_a_wall_stops_the_vehicle_and_lets_it_back_out(theta: float, motor: int) -> None:
+    room = Room(3.0, 4.0)
+    sim = simulator(room=room, start=(0.0, 0.0, theta))
+    sim.command(motor, 0, 0)
+    for _ in range(250):
+        run(sim, 0.02)
+        assert clearance(*sim.state[:3], room, BODY) >= 0.0
+    at = sim.state
+    assert clearance(*at[:3], room, BODY) < 0.01
+    before = sim.encoder_counts()
+    run(sim, 1.0)
+    assert hypot(sim.state.x - at.x, sim.state.y - at.y) < 0.01
+    assert abs(sim.encoder_counts()[0] - before[0]) < 40, "the wheels stand still with the vehicle"
+    sim.command(-motor, 0, 0)
+    run(sim, 1.0)
+    assert clearance(*sim.state[:3], room, BODY) > 0.2
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=25, deadline=None)
+def test_no_corner_ever_enters_a_wall(seed: int) -> None:
+    rng = random.Random(seed)
+    room = Room(1.6, 1.2)
+    sim = simulator(room=room, start=(0.0, 0.0, rng.uniform(-pi, pi)), noise=Noise(), seed=seed)
+    for _ in range(30):
+        u = rng.choice((-18000, 0, 18000))
+        sim.command(rng.choice((-5000, 5000, 5000, 0)), -u, rng.choice((u, -u)))
+        run(sim, 0.2)
+        x, y, theta = sim.state[:3]
+        for along in (-0.255, 0.255):
+            for across in (-0.1925, 0.1925):
+                assert abs(x + along * cos(theta) - across * sin(theta)) <= 0.8 + 1e-9
+                assert abs(y + along * sin(theta) + across * cos(theta)) <= 0.6 + 1e-9
+
+
+def test_a_room_without_walls_stops_nobody() -> None:
+    sim = simulator()
+    sim.command(5000, 0, 0)
+    run(sim, 100.0, 0.1)
+    assert sim.state.x > 140.0
+
+
+def test_placing_puts_the_vehicle_down_at_rest() -> None:
+    sim = simulator()
+    sim.command(4000, 0, 0)
+    run(sim, 1.0)
+    counts = sim.encoder_counts()
+    sim.place(1.0, -2.0, 3 * pi)
+    assert sim.state[:4] == (1.0, -2.0, pi, 0.0)
+    assert sim.encoder_counts() == counts
+
+
+@pytest.mark.parametrize("pose", [(2.3, 0.0, 0.0), (0.0, -2.35, 0.0), (2.25, 0.0, pi / 4), (9.0, 9.0, 0.0)])
+def test_placing_the_vehicle_into_a_wall_is_refused(pose: tuple[float, float, float]) -> None:
+    sim = simulator(room=Room(5.0, 5.0))
+    with pytest.raises(ValueError, match="sticks into a wall of the 5 x 5 m room"):
+        sim.place(*pose)
+    assert sim.state[:3] == (0.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match="sticks into a wall"):
+        simulator(room=Room(5.0, 5.0), start=pose)
+
+
+@pytest.mark.parametrize("pose", [(nan, 0.0, 0.0), (0.0, nan, 0.0), (0.0, 0.0, nan), (inf, 0.0, 0.0), (0.0, 0.0, inf)])
+@pytest.mark.parametrize("room", [Room(), Room(5.0, 5.0)])
+def test_a_pose_that_is_not_finite_is_refused(pose: tuple[float, float, float], room: Room) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        simulator(room=room).place(*pose)
+
+
+def test_clearance_is_that_of_the_nearest_corner() -> None:
+    room = Room(5.0, 4.0)
+    assert clearance(0.0, 0.0, 0.0, room, BODY) == pytest.approx(2.0 - 0.385 / 2)
+    assert clearance(2.0, 0.0, 0.0, room, BODY) == pytest.approx(0.5 - 0.51 / 2)
+    assert clearance(2.0, 0.0, pi / 2, room, BODY) == pytest.approx(0.5 - 0.385 / 2)
+    assert clearance(0.0, 1.7, pi / 4, room, BODY) == pytest.approx(0.3 - (0.51 + 0.385) / 2 / 2**0.5)
+
+
+# -- time and noise ----------------------------------------------------------------------------------------------
+
+
+def manoeuvre(sim: Vehicle, extra_period: float | None = None) -> list[tuple[float, ...]]:
+    """Ten seconds of varied driving in 20 ms ticks, and, when asked, in further steps in between."""
+    instants = {(k + 1) / 50: True for k in range(500)}
+    if extra_period is not None:
+        for k in range(1, round(10 / extra_period)):
+            instants.setdefault(k * extra_period, False)
+    log = []
+    for at in sorted(instants):
+        sim.advance_to(at)
+        if instants[at]:
+            tick = round(at * 50)
+            log.append((*sim.state, *sim.encoder_counts(), *sim.battery_readings(), sim.drag))
+            u = (0, 9000, 18000, -18000, -5000)[tick // 25 % 5]
+            sim.command((3000, 4000, 0, -3000)[tick // 60 % 4], -u, u)
+    return log
+
+
+def test_the_same_seed_repeats_bit_for_bit_and_another_one_differs() -> None:
+    one, same, other = (manoeuvre(simulator(noise=Noise(), seed=seed)) for seed in (7, 7, 8))
+    assert one == same
+    assert all(a != b for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("extra_period", [0.016, 0.001, 0.007])
+def test_the_result_does_not_depend_on_how_the_time_is_cut_up(extra_period: float) -> None:
+    one, two = simulator(noise=Noise()), simulator(noise=Noise())
+    one.dynamics = two.dynamics = dynamics(VEHICLE, BODY, ramp_step=0.0002)
+    plain, cut = manoeuvre(one), manoeuvre(two, extra_period)
+    for one, two in zip(plain, cut, strict=True):
+        assert one[:8] == pytest.approx(two[:8], abs=1e-6)
+        assert one[8:10] == pytest.approx(two[8:10], abs=1)
+        assert one[10:12] == pytest.approx(two[10:12], abs=1e-6)
+        assert one[12] == two[12], "the same noise at the same time"
+
+
+@pytest.mark.parametrize("extra_period", [0.016, 0.007])
+def test_with_the_usual_ramp_step_cutting_up_the_time_costs_less_than_a_tenth_of_a_millimetre(
+    extra_period: float,
 ) -> None:
-    phi_f, phi_r = front * LOCK, rear * LOCK
-    state = VehicleState(v=v, phi_front=phi_f, phi_rear=phi_r)
-    dt = 1e-4
-    after = advance(state, 0, -front * 18000, -rear * 18000, dt, 0.0, P)
-    # the hubs' paths over the ground, from the poses alone
-    for y, rolled in ((-0.125, after.right), (0.125, after.left)):
-        x0, y0 = 0.17, y
-        x1 = after.x + 0.17 * cos(after.theta) - y * sin(after.theta)
-        y1 = after.y + 0.17 * sin(after.theta) + y * cos(after.theta)
-        along = (x1 - x0) * cos(phi_f + after.theta / 2) + (y1 - y0) * sin(phi_f + after.theta / 2)
-        assert rolled == pytest.approx(along, abs=1e-10)
+    plain = manoeuvre(simulator(noise=Noise()))
+    cut = manoeuvre(simulator(noise=Noise()), extra_period)
+    assert max(hypot(one[0] - two[0], one[1] - two[1]) for one, two in zip(plain, cut, strict=True)) < 1e-4
 
 
-def test_in_a_left_turn_the_right_wheel_runs_ahead() -> None:
-    turned = drive(VehicleState(), 3000, -18000, 18000, 2.0)
-    assert turned.right > turned.left > 0.0
+def test_ticks_of_20_ms_are_one_step_each() -> None:
+    # ... also where k * 0.02 and k / 50 are different floats: no slivers
+    sim = simulator(noise=Noise())
+    for k in range(1, 3001):
+        sim.advance_to(k * 20_000_000 / 1e9)
+        assert sim.time == sim.piece_ends == k / 50
 
 
-@given(st.floats(0.05, 1.0))
-def test_slip_makes_the_encoders_overestimate_by_its_share(slip: float) -> None:
-    p = P._replace(slip=slip)
-    driven, rolled = (drive(VehicleState(), 3000, -9000, 9000, 1.0, q) for q in (p, P))
-    assert driven[:6] == rolled[:6], "slip changes what the wheels turn, not what the vehicle does"
-    assert driven.right == pytest.approx(rolled.right * (1 + slip), rel=1e-9)
-    assert driven.left == pytest.approx(rolled.left * (1 + slip), rel=1e-9)
+def test_the_past_changes_nothing() -> None:
+    sim = simulator(noise=Noise())
+    sim.command(4000, 0, 0)
+    sim.advance_to(1.0)
+    state = sim.state
+    sim.advance_to(1.0)
+    sim.advance_to(0.5)
+    assert (sim.state, sim.time) == (state, 1.0)
 
 
-def test_coasting_wheels_do_not_slip() -> None:
-    p = P._replace(slip=0.2)
-    state = drive(VehicleState(v=1.0), 0, 0, 0, 1.0, p)
-    assert state.right == pytest.approx(state.x, rel=1e-12)
+def test_drag_noise_has_its_standard_deviation_and_no_bias() -> None:
+    sim, drags = simulator(noise=Noise(drag=0.03, battery=0.0)), []
+    for k in range(1, 5001):
+        sim.advance_to(k / 50)
+        drags.append(sim.drag)
+    assert len(set(drags)) == 5000
+    assert abs(sum(drags) / 5000) < 4 * 0.03 / 5000**0.5
+    assert (sum(d * d for d in drags) / 5000) ** 0.5 == pytest.approx(0.03, rel=0.05)
 
 
-@pytest.mark.parametrize("understeer", [0.1, 0.5])
-def test_understeer_widens_the_circle_with_the_square_of_the_speed(understeer: float) -> None:
-    state = drive(VehicleState(), 3000, -18000, 18000, 5.0, P._replace(understeer=understeer))
-    after = advance(state, 3000, -18000, 18000, 0.02, 0.0, P._replace(understeer=understeer))
-    radius = state.v * 0.02 / wrap_angle(after.theta - state.theta)
-    assert radius == pytest.approx(0.56 * (1 + understeer * state.v**2), rel=1e-6)
+def test_a_battery_reading_is_good_for_a_second_whoever_looks_and_however_often() -> None:
+    often, seldom = (simulator(noise=Noise(), seed=3) for _ in range(2))
+    seen = []
+    for k in range(1, 500):
+        often.advance_to(k / 50)
+        seen.append(often.battery_readings())
+    seldom.advance_to(499 / 50)
+    assert seldom.battery_readings() == seen[-1]
+    assert len(set(seen)) >= 10
 
 
-def test_the_heading_stays_wrapped_over_many_laps_in_one_step() -> None:
-    turning = VehicleState(v=1.0, phi_front=LOCK, phi_rear=-LOCK)
-    for sign in (1, -1):
-        state = advance(turning._replace(v=sign * 1.0), sign * 4000, -18000, 18000, 30.0, 0.0, P)
-        assert -pi < state.theta <= pi
-
-
-def test_no_time_changes_nothing() -> None:
-    state = VehicleState(1.0, 2.0, 0.5, 0.7, 0.1, -0.1, 3.0, 4.0)
-    assert advance(state, 4000, 18000, 0, 0.0, 0.0, P) == state
-
-
-def test_the_lock_follows_from_r_min() -> None:
-    assert P.steering_max == atan(0.34 / (2 * 0.56))
+def test_quiet_sensors_tell_the_truth() -> None:
+    sim = simulator(batteries=Batteries(5.0, 6.0))
+    assert sim.battery_readings() == (pack_voltage(5.0), pack_voltage(6.0))

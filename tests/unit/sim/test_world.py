@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from txt1.kernel.clock import VirtualClock
 from txt1.model.vehicle import Geometry
+from txt1.sim.dynamics import VehicleState
 from txt1.sim.obstacles import Obstacle, distance, gap
 from txt1.sim.parameters import Batteries, Box, Noise, Post, VehicleParameters
 from txt1.sim.room import Room
-from txt1.sim.simulator import Vehicle
-from txt1.sim.vehicle import VehicleState
+from txt1.sim.vehicle import Vehicle
 from txt1.sim.world import World
 
 BODY = Geometry()
