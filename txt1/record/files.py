@@ -36,26 +36,15 @@ def parts(path: Path) -> Iterator[Path]:
 class FileSink:
     """Writes blocks to FILE.mcap and, where a rotation asks for it, to FILE.1.mcap, FILE.2.mcap and so on.
 
-    Args:
-        path: of the first file.
-        metadata: for the beginning of each.
-        rotation: when to begin the next.
-        compression: of the chunks.
-        strict: a block that the disk does not take ends the recording; otherwise it is lost and counted.
-
-    Raises:
-        ConfigError: the file exists, or cannot be made.
-
+    A block that the disk does not take ends the recording where this is `strict`; otherwise it is lost and counted.
+    Raises ConfigError: the file exists, or cannot be made.
     """
 
     def __init__(
         self, path: Path, metadata: Mapping[str, str], rotation: Rotation, compression: Compression, *, strict: bool
     ) -> None:
-        self._path = path
-        self._metadata = dict(metadata)
-        self._rotation = rotation
+        self._path, self._metadata, self._rotation, self._strict = path, dict(metadata), rotation, strict
         self._compression: Compression = compression
-        self._strict = strict
         self._lost = 0
         self._parts = 1
         self._synced_ns = stopwatch_ns()
@@ -63,12 +52,7 @@ class FileSink:
         self._file = McapFile(path, self._metadata, compression)
 
     def write(self, block: Block) -> int:
-        """Write a block; how many messages were lost because the disk is full.
-
-        Raises:
-            RecordingError: the same, where nothing may be lost.
-
-        """
+        """How many messages of a block were lost because the disk is full; RecordingError where none may be."""
         if not block.index:
             return 0
         try:
@@ -88,12 +72,7 @@ class FileSink:
         return 0
 
     def close(self, dropped: int) -> None:
-        """Finish the file.
-
-        Raises:
-            RecordingError: it cannot be finished; what is in it can be recovered.
-
-        """
+        """Finish the file; RecordingError when that cannot be done: what is in it can be recovered."""
         try:
             self._finish(dropped)
         except OSError as error:

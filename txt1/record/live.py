@@ -36,22 +36,15 @@ _CLOCK: Final = RealClock()  # clients know nothing of virtual time
 
 
 class LiveView:
-    """A sink that serves every block to whoever is connected.
+    """A sink that serves every block to whoever is connected; with `control` clients may drive.
 
-    Args:
-        host: address to listen on; without a token a loopback one.
-        port: 0 for any that is free.
-        control: whether a client may drive.
-        token: that a client has to present; None: none.
-
-    Raises:
-        ConfigError: the address is not a loopback one, or cannot be listened on.
-
+    Without a token for them to present, `host` has to be a loopback address; `port` is 0 for any that is free. Raises
+    ConfigError: the address is not a loopback one, or cannot be listened on.
     """
 
     def __init__(self, host: str, port: int, *, control: bool, token: str | None = None) -> None:
         if token is None:
-            require_loopback(host)
+            _require_loopback(host)
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
         self._channels: dict[str, foxglove.Channel] = {}
         self._latest: dict[str, deque[tuple[int, bytes]]] = {}
@@ -176,13 +169,7 @@ def velocity(data: bytes) -> tuple[float, float] | None:
         return None
 
 
-def require_loopback(host: str) -> None:
-    """Nothing happens for a loopback address.
-
-    Raises:
-        ConfigError: it is another one.
-
-    """
+def _require_loopback(host: str) -> None:
     try:
         loopback = host == "localhost" or ip_address(host).is_loopback
     except ValueError:

@@ -25,9 +25,7 @@ class Recovered(NamedTuple):
 def recover(source: Path, target: Path) -> Recovered:
     """What of a recording could be saved, written to a new file.
 
-    Raises:
-        RecordingError: the source cannot be read or is no MCAP file, or the target exists or cannot be written.
-
+    Raises RecordingError: the source cannot be read or is no MCAP file, or the target exists or cannot be written.
     """
     reading = Reading(source)
     try:

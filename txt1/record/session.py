@@ -33,12 +33,7 @@ MEGABYTE: Final = 1_000_000
 
 
 def need(feature: str, extra: str, *modules: str) -> None:
-    """Nothing happens when the modules of an optional feature are installed.
-
-    Raises:
-        MissingExtra: one is not.
-
-    """
+    """Raise MissingExtra unless the modules of an optional feature are installed."""
     if any(find_spec(module) is None for module in modules):
         raise MissingExtra(feature, extra)
 
@@ -77,11 +72,8 @@ async def recording(
     `plan` is what else the run was told, for the metadata; `view` shows it live at the same time and is closed at the
     end; `told` is called then with a sentence about what was lost, if anything was. Without a file nothing is recorded.
 
-    Raises:
-        ConfigError: the file exists, or cannot be made.
-        MissingExtra: the extra `record` is not installed.
-        RecordingError: the file could not be written, or not to its end.
-
+    Raises ConfigError: the file exists, or cannot be made; MissingExtra: the extra `record` is not installed;
+    RecordingError: the file could not be written, or not to its end.
     """
     if file is None and view is None:
         yield lambda runtime: None

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S
@@ -51,10 +53,7 @@ def summarise(reading: Reading) -> dict[str, TopicSummary]:
     """Every topic of a recording, in the order of its channels."""
     found: dict[str, TopicSummary] = {}
     for item in reading:
-        summary = found.get(item.topic)
-        if summary is None:
-            summary = found[item.topic] = TopicSummary(item.schema.name)
-        summary.add(item.message.log_time, item.message.sequence)
+        found.setdefault(item.topic, TopicSummary(item.schema.name)).add(item.message.log_time, item.message.sequence)
     order = [channel.topic for _, channel in sorted(reading.channels.items())]
     return {topic: found[topic] for topic in order if topic in found}
 
@@ -90,13 +89,8 @@ def _state(reading: Reading) -> str:
 
 def chosen(items: Iterable[Item], topics: frozenset[str], start: float | None, end: float | None) -> Iterator[Item]:
     """The items on these topics (all, if there are none), from `start` up to `end`, s of time stamp."""
-    for item in items:
-        if (
-            (not topics or item.topic in topics)
-            and (start is None or item.time >= start)
-            and (end is None or item.time <= end)
-        ):
-            yield item
+    first, last = -inf if start is None else start, inf if end is None else end
+    return (item for item in items if (not topics or item.topic in topics) and first <= item.time <= last)
 
 
 def lines(items: Iterable[Item]) -> Iterator[str]:
@@ -118,30 +112,25 @@ def _finite(value: Any) -> Any:
 def export(items: Iterable[Item], directory: Path) -> dict[Path, int]:
     """The rows written, for each CSV file: one per topic, a row per message, a column per number or text.
 
-    Raises:
-        RecordingError: the directory or a file cannot be written.
-
+    Raises RecordingError: the directory or a file cannot be written.
     """
     decoding = Decoding()
-    files: dict[str, tuple[TextIO, Any]] = {}
-    rows: dict[Path, int] = {}
+    writers: dict[str, csv.DictWriter[str]] = {}
+    rows: Counter[Path] = Counter()
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for item in items:
-            values = {"time": item.time, **{name: _cell(value) for name, value in flat(decoding.values(item))}}
-            path = directory / f"{item.topic.strip('/').replace('/', '_')}.csv"
-            if item.topic not in files:
-                file: TextIO = path.open("w", newline="", encoding="utf-8")
-                writer = csv.DictWriter(file, list(values))
-                writer.writeheader()
-                files[item.topic] = file, writer
-            files[item.topic][1].writerow(values)
-            rows[path] = rows.get(path, 0) + 1
+        with ExitStack() as files:
+            directory.mkdir(parents=True, exist_ok=True)
+            for item in items:
+                values = {"time": item.time, **{name: _cell(value) for name, value in flat(decoding.values(item))}}
+                path = directory / f"{item.topic.strip('/').replace('/', '_')}.csv"
+                if item.topic not in writers:
+                    file = files.enter_context(path.open("w", newline="", encoding="utf-8"))
+                    writers[item.topic] = csv.DictWriter(file, list(values))
+                    writers[item.topic].writeheader()
+                writers[item.topic].writerow(values)
+                rows[path] += 1
     except OSError as error:
         raise RecordingError(f"{error.filename or directory}: cannot write it: {error.strerror}") from None
-    finally:
-        for opened, _ in files.values():
-            opened.close()
     return rows
 
 

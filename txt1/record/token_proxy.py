@@ -24,7 +24,6 @@ from txt1.errors import ConfigError
 
 HEAD_MAX: Final = 16_384
 """Bytes of a request's head."""
-HEAD_END: Final = b"\r\n\r\n"
 HEAD_TIME: Final = 5.0
 """Real s in which it has to come."""
 STRANGERS_MAX: Final = 32
@@ -45,17 +44,9 @@ REFUSED: Final = (
 
 
 class TokenProxy:
-    """A server in a thread of its own.
+    """A server in a thread of its own; `port` is 0 for any that is free, `inner` the one on the loopback interface.
 
-    Args:
-        host: address to listen on.
-        port: 0 for any that is free.
-        inner: port on the loopback interface to which clients with the token are let through.
-        token: that they have to present.
-
-    Raises:
-        ConfigError: the address cannot be listened on.
-
+    Raises ConfigError: the address cannot be listened on.
     """
 
     def __init__(self, host: str, port: int, inner: int, token: str) -> None:
@@ -98,7 +89,7 @@ class TokenProxy:
                 self._strangers.append(address)
                 try:
                     async with asyncio.timeout(HEAD_TIME):
-                        head = await reader.readuntil(HEAD_END)
+                        head = await reader.readuntil(b"\r\n\r\n")
                 finally:
                     self._strangers.remove(address)
                 if compare_digest(presented(head), self._token):
@@ -106,10 +97,8 @@ class TokenProxy:
                 else:
                     writer.write(REFUSED)
                     await writer.drain()
-        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # it has gone, or is no client
-        except asyncio.CancelledError:
-            pass  # only `_part` cancels, and asyncio's streams would print that as an error
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
+            pass  # it has gone, or is no client; only `_part` cancels, and asyncio's streams would print that
         finally:
             writer.close()
 
@@ -140,8 +129,8 @@ def presented(head: bytes) -> bytes:
     """The token in the head of a request; empty when there is none."""
     request, *fields = head.decode("latin-1").split("\r\n")
     target = request.partition(" ")[2].partition(" ")[0]
-    for token in parse_qs(target.partition("?")[2]).get("token", []):
-        return token.encode()
+    if tokens := parse_qs(target.partition("?")[2]).get("token"):
+        return tokens[0].encode()
     for field in fields:
         name, _, value = field.partition(":")
         scheme, _, token = value.strip().partition(" ")
@@ -153,10 +142,7 @@ def presented(head: bytes) -> bytes:
 def token_in(file: Path) -> str:
     """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
 
-    Raises:
-        ConfigError: it is no regular file, others may read it, there is no good token in it, or it cannot be read or
-            made.
-
+    Raises ConfigError: it is no regular file, others may read it, its token is no good, or it cannot be read or made.
     """
     try:
         if not file.exists():
@@ -166,11 +152,9 @@ def token_in(file: Path) -> str:
             raise ConfigError(f"--view-token {file}: not a regular file; name one, or one that is to be made")
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             raise ConfigError(f"--view-token {file}: others may read it; chmod 600 {file}")
-        token = file.read_text(encoding="ascii").strip()
+        token = file.read_text(encoding="latin-1").strip()
     except OSError as error:
         raise ConfigError(f"--view-token {file}: {error.strerror}; give a file that can be read or made") from None
-    except UnicodeDecodeError:
-        token = ""
     if not TOKEN.fullmatch(token):
         raise ConfigError(
             f"--view-token {file}: its token has to be a word of at least {TOKEN_MIN} characters, each a letter from A "
