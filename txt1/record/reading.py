@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, Final, NamedTuple, cast
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
@@ -17,7 +17,7 @@ from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 
 from txt1.errors import RecordingError
-from txt1.kernel.clock import NS_PER_S
+from txt1.kernel.clock import NS_PER_S, nanoseconds
 
 HEAD: Final = struct.Struct("<BQ")
 _KINDS: Final[dict[int, Any]] = {
@@ -49,24 +49,20 @@ class Item(NamedTuple):
 
 
 class Reading:
-    """One pass through a file.
-
-    Attributes:
-        complete: whether the file goes to its proper end; known after the pass.
-        damaged: chunks that were left out because their bytes are not what was written.
-        unread: bytes at the end that belong to no complete record.
-        metadata: the metadata records so far, by name.
-
-    """
+    """One pass through a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.complete = False
+        """Whether the file goes to its proper end; known after the pass."""
         self.damaged = 0
+        """Chunks that were left out because their bytes are not what was written."""
         self.unread = 0
-        self.profile = ""
-        self.library = ""
+        """Bytes at the end that belong to no complete record."""
+        self.header = Header("", "")
+        self._epoch_ns = 0
         self.metadata: dict[str, dict[str, str]] = {}
+        """The metadata records so far, by name."""
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
 
@@ -77,12 +73,14 @@ class Reading:
                 if channel is not None and (schema := self.schemas.get(channel.schema_id)) is not None:
                     yield Item(channel.topic, schema, channel, record)
 
+    def run_time(self, item: Item) -> float:
+        """When it was told, s of the run."""
+        return (item.message.log_time - self._epoch_ns) / NS_PER_S
+
     def records(self) -> Iterator[McapRecord]:
         """Every sound record of the data section, in order, those inside the chunks included.
 
-        Raises:
-            RecordingError: the file cannot be read, or is no MCAP file.
-
+        Raises RecordingError: the file cannot be read, or is no MCAP file.
         """
         try:
             with self.path.open("rb") as file:
@@ -108,14 +106,16 @@ class Reading:
                 return
             payload = file.read(length)
             try:
-                yield from self._parse(opcode, payload)
-            except (McapError, ValueError, ArithmeticError, LookupError, struct.error, EOFError, RuntimeError):
+                records = self._parse(opcode, payload)
+            except Exception:  # each compression has errors of its own
                 self.damaged += 1
+            else:
+                yield from records
 
     def _parse(self, opcode: int, payload: bytes) -> list[McapRecord]:
         stream = ReadDataStream(BytesIO(payload))
         if opcode == Opcode.CHUNK:
-            return [self._noted(record) for record in _chunk(Chunk.read(stream))]
+            return [self._noted(record) for record in breakup_chunk(Chunk.read(stream), validate_crc=True)]
         if opcode == Opcode.MESSAGE:
             return [Message.read(stream, len(payload))]
         kind = _KINDS.get(opcode)
@@ -123,23 +123,16 @@ class Reading:
 
     def _noted(self, record: McapRecord) -> McapRecord:
         match record:
-            case Header(profile, library):
-                self.profile, self.library = profile, library
+            case Header():
+                self.header = record
             case Schema():
                 self.schemas[record.id] = record
             case Channel():
                 self.channels[record.id] = record
             case Metadata(name, values):
                 self.metadata[name] = values
+                self._epoch_ns = nanoseconds(float(self.metadata.get("txt1", {}).get("epoch", "0")))
         return record
-
-
-def _chunk(chunk: Chunk) -> list[McapRecord]:
-    """The records of a chunk; any exception when its bytes are not those that were written."""
-    try:
-        return breakup_chunk(chunk, validate_crc=True)
-    except Exception as error:  # each compression has exceptions of its own
-        raise ValueError(f"not a sound chunk: {error}") from error
 
 
 def _ends_well(file: IO[bytes], size: int) -> bool:
@@ -157,14 +150,11 @@ def _ends_well(file: IO[bytes], size: int) -> bool:
 
 def metadata_of(path: Path, name: str) -> dict[str, str]:
     """The first metadata record of this name; empty when there is none, or the file is no recording."""
-    try:
-        return next(
-            record.metadata
-            for record in Reading(path).records()
-            if isinstance(record, Metadata) and record.name == name
-        )
-    except (StopIteration, RecordingError):
-        return {}
+    with suppress(RecordingError):
+        for record in Reading(path).records():
+            if isinstance(record, Metadata) and record.name == name:
+                return dict(record.metadata)
+    return {}
 
 
 class Decoding:
@@ -177,9 +167,7 @@ class Decoding:
     def message(self, item: Item) -> Any:
         """The message, with its fields as attributes.
 
-        Raises:
-            RecordingError: it is in another encoding than ROS 2's, or it or its definition is damaged.
-
+        Raises RecordingError: it is in another encoding than ROS 2's, or it or its definition is damaged.
         """
         try:
             decoder = self._decoders.get(item.schema.id)
@@ -201,9 +189,7 @@ class Decoding:
 
     def values(self, item: Item) -> dict[str, Any]:
         """The message as nested dictionaries and lists."""
-        plain = _plain(self.message(item))
-        assert isinstance(plain, dict)
-        return plain
+        return cast(dict[str, Any], _plain(self.message(item)))
 
 
 def _plain(value: Any) -> Any:

@@ -48,7 +48,7 @@ def _copy(reading: Reading, writer: Writer) -> int:
     count = 0
     records = reading.records()
     first = next(records, None)  # the header, whose profile the new file takes over
-    writer.start(reading.profile, reading.library)
+    writer.start(reading.header.profile, reading.header.library)
     for record in chain((first,), records):
         match record:
             case Schema() if record.id not in schemas:

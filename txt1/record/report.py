@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from txt1.config import Config, flatten
 from txt1.errors import RecordingError
-from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.kernel.clock import NS_PER_S
 from txt1.record.reading import Decoding, Item, Reading
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
@@ -32,12 +32,7 @@ DPI: Final = 110
 
 
 class Content:
-    """A recording as far as a report needs it.
-
-    Raises:
-        RecordingError: the file cannot be read, or no odometry is in it.
-
-    """
+    """A recording as far as a report needs it; RecordingError: it cannot be read, or no odometry is in it."""
 
     def __init__(self, path: Path) -> None:
         self._rows: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
@@ -47,13 +42,10 @@ class Content:
         self.faults: dict[str, str] = {}
         self._decoding = Decoding()
         reading = Reading(path)
-        self._epoch_ns: int | None = None
         for item in reading:
-            if self._epoch_ns is None:
-                self._epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
             summary = self.topics.setdefault(item.name, TopicSummary(item.schema.name))
             summary.add(item.message.log_time, item.message.sequence)
-            self._take(item, (item.message.log_time - self._epoch_ns) / NS_PER_S)
+            self._take(item, reading.run_time(item))
         self.metadata = reading.metadata
         self.complete = reading.complete
         if ODOMETRY.name not in self.topics:
@@ -98,9 +90,7 @@ def draw(content: Content) -> bytes:
     FigureCanvasAgg(figure)
     axes = figure.subplot_mosaic([["path", "v"], ["path", "omega"], ["motor", "steering"], ["battery", "timing"]])
     time, x, y, v, omega = content.columns("odometry")[:5]
-    set_time, set_v, set_omega = content.columns("setpoint")[:3]
-    pwm_time, motor, front, rear = content.columns("pwm")[:4]
-
+    setpoint, pwm = content.columns("setpoint"), content.columns("pwm")
     path = axes["path"]
     path.plot(x, y, label="odometry, from where it began")
     pose = content.columns("pose")
@@ -108,10 +98,10 @@ def draw(content: Content) -> bytes:
         path.plot(pose[1], pose[2], label="true pose in the room")
     path.set(title="Path", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
     path.legend(loc="best", fontsize="small")
-    _lines(axes["v"], "Speed", "v / (m/s)", (set_time, set_v, "set-point"), (time, v, "measured"))
-    _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (set_time, set_omega, "set-point"), (time, omega, "measured"))
-    _lines(axes["motor"], "Motor", "PWM / counts", (pwm_time, motor, "motor"))
-    _lines(axes["steering"], "Steering", "PWM / counts", (pwm_time, front, "front"), (pwm_time, rear, "rear"))
+    _lines(axes["v"], "Speed", "v / (m/s)", (*setpoint[:2], "set-point"), (time, v, "measured"))
+    _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (*setpoint[:3:2], "set-point"), (time, omega, "measured"))
+    _lines(axes["motor"], "Motor", "PWM / counts", (*pwm[:2], "motor"))
+    _lines(axes["steering"], "Steering", "PWM / counts", (*pwm[:3:2], "front"), (*pwm[:4:3], "rear"))
     packs = [(*content.columns(name)[:2], name.removeprefix("/")) for name in PACKS]
     _lines(axes["battery"], "Battery", "voltage / V", *packs)
     periods = np.diff(time) * 1000.0
@@ -190,12 +180,7 @@ def _changed(text: str) -> list[tuple[str, str]]:
 
 
 def report(path: Path, stem: Path) -> tuple[Path, Path]:
-    """The files drawn: STEM.png and STEM.html.
-
-    Raises:
-        RecordingError: the recording cannot be read, or the files cannot be written.
-
-    """
+    """The files drawn, STEM.png and STEM.html; RecordingError when one cannot be read or written."""
     content = Content(path)
     picture = draw(content)
     png, page_file = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")

@@ -11,7 +11,7 @@ from typing import Any, Final
 from txt1.control.pid import Gains
 from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
-from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.kernel.clock import NS_PER_S
 from txt1.model.odometry import Odometry
 from txt1.record.reading import Decoding, Reading
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
@@ -45,16 +45,9 @@ class Snapshots:
         reading, decoding = Reading(path), Decoding()
         events: deque[Event] = deque(maxlen=EVENTS_MAX)
         latest: dict[str, Any] = {}
-        epoch_ns, due_ns, shown_ns, wanted = 0, 0, 0, True
-
-        def keep() -> None:
-            self._steps.append(((shown_ns - epoch_ns) / NS_PER_S, _values(latest, tuple(events))))
-
+        due_ns, shown_ns, shown, wanted = 0, 0, 0.0, True
         for item in reading:
-            time_ns = item.message.log_time
-            if ODOMETRY.name not in latest:
-                epoch_ns = nanoseconds(float(reading.metadata.get("txt1", {}).get("epoch", "0")))
-            now = (time_ns - epoch_ns) / NS_PER_S
+            time_ns, now = item.message.log_time, reading.run_time(item)
             if item.name == LOG.name:
                 events.append(Event(now, decoding.message(item).msg))
             elif item.name == SNAPSHOT.name:
@@ -62,14 +55,14 @@ class Snapshots:
             elif item.name == ODOMETRY.name:
                 # the first of a cycle's topics: what is known now is all of the cycle before
                 if item.name in latest and shown_ns >= due_ns:
-                    keep()
+                    self._steps.append((shown, _values(latest, tuple(events))))
                     due_ns = shown_ns + STEP_NS
                 wanted = time_ns >= due_ns
-                shown_ns = time_ns
+                shown_ns, shown = time_ns, now
             if item.name == MODE.name or (wanted and item.name in _FAST):
                 latest[item.name] = decoding.message(item)
         if ODOMETRY.name in latest:
-            keep()
+            self._steps.append((shown, _values(latest, tuple(events))))
         if not self._recorded or not self._steps:
             raise RecordingError(f"{path}: no snapshots in it for the screens; was it recorded by txt1, for a second?")
         self.start, self.end = self._steps[0][0], self._steps[-1][0]

@@ -12,6 +12,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -25,7 +26,6 @@ from txt1.hal.registry import create
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
-from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.layout import from_numbers
 from txt1.record.encoder import Block
@@ -45,17 +45,19 @@ EARLY: Final = 0.4 / NS_PER_S
 
 
 class Difference(NamedTuple):
-    """Where a replay first departs from its recording: the controller cycle, counted from 0, time in s, topic, values.
+    """Where a replay first departs from its recording: `time` in s of the run, and the two values."""
 
-    The field is dotted; it is empty when a message is missing or there is one too many.
-    """
-
-    cycle: int
     time: float
     topic: str
     field: str
+    """The first that differs, dotted; empty when a message is missing or there is one too many."""
     recorded: object
     replayed: object
+
+    @property
+    def cycle(self) -> int:
+        """The controller cycle, counted from 0."""
+        return int(self.time / PERIOD + 1e-6)
 
     def __str__(self) -> str:
         where = f"{self.topic} {self.field}".rstrip()
@@ -75,30 +77,22 @@ class Verdict(NamedTuple):
 def verify(path: Path) -> Verdict:
     """The verdict on a recorded simulation.
 
-    Raises:
-        RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
-
+    Raises RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
     """
     return run(_replay(_recorded(path)), speed="max")
 
 
 class _Recorded(NamedTuple):
-    """A run to be repeated.
-
-    Attributes:
-        path: of the recording.
-        config: of its robot.
-        inputs: everything given from outside, and when, s of the run.
-        steps: task, time and missed cycles of every step; None where virtual time says that.
-        last: the time of the last message, s of the run.
-
-    """
+    """A run to be repeated."""
 
     path: Path
     config: Config
     inputs: list[tuple[float, Input]]
+    """Everything given from outside, and when, s of the run."""
     steps: list[tuple[int, float, int]] | None
+    """Task, time and missed cycles of every step; None where virtual time says that."""
     last: float
+    """The time of the last message, s of the run."""
 
 
 def _recorded(path: Path) -> _Recorded:
@@ -152,9 +146,8 @@ class _Comparison:
     def __init__(self, recorded: _Recorded) -> None:
         self._epoch_ns = nanoseconds(recorded.config.record.epoch)
         self._real = recorded.steps is not None
-        self._path = recorded.path
         self._own: set[str] = set()
-        self._recorded = (item for item in Reading(self._path) if item.name in self._own)
+        self._recorded = (item for item in Reading(recorded.path) if item.name in self._own)
         self._decoding = Decoding()
         self.compared = 0
         self.difference: Difference | None = None
@@ -183,8 +176,7 @@ class _Comparison:
         """What is left of the recording was not said again."""
         del dropped
         if self.difference is None and (item := next(self._recorded, None)) is not None:
-            at = self._run_time(item.message.log_time)
-            self.difference = Difference(_cycle(at), at, item.name, "", "a message", "none")
+            self.difference = Difference(self._run_time(item.message.log_time), item.name, "", "a message", "none")
 
     def _run_time(self, stamp: int) -> float:
         return (stamp - self._epoch_ns) / NS_PER_S
@@ -192,20 +184,15 @@ class _Comparison:
     def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference | None:
         at = self._run_time(min(item.message.log_time, time))
         if item.name != topic:
-            return Difference(_cycle(at), at, item.name, "", "a message", f"one on {topic}")
-        message = item.message
-        now = Item(item.topic, item.schema, item.channel, type(message)(message.channel_id, time, data, time, 0))
+            return Difference(at, item.name, "", "a message", f"one on {topic}")
+        now = item._replace(message=replace(item.message, data=data))
         before, after = dict(flat(self._decoding.values(item))), dict(flat(self._decoding.values(now)))
         line_of_log = self._real and topic == LOG.name  # as late as the processor was
         for name in dict.fromkeys((*before, *after)):
             old, new = before.get(name), after.get(name)
             if repr(old) != repr(new) and not (line_of_log and name.startswith("stamp.")):
-                return Difference(_cycle(at), at, topic, name, old, new)
-        return None if line_of_log else Difference(_cycle(at), at, topic, "", "so many bytes", "other ones")
-
-
-def _cycle(time: float) -> int:
-    return int(time / PERIOD + 1e-6)
+                return Difference(at, topic, name, old, new)
+        return None if line_of_log else Difference(at, topic, "", "so many bytes", "other ones")
 
 
 async def _replay(recorded: _Recorded) -> Verdict:
@@ -245,9 +232,11 @@ async def _take_steps(
 ) -> None:
     """Run on the real clock's times: every step and every input in the recorded order."""
     with suppress(TaskFault):
-        for number, (task, time, missed) in enumerate(steps):
+        for number, step in enumerate(steps):
             script.give_up_to(number)
-            scheduler.step(task, time, missed)
+            scheduler.step(*step)
+            if scheduler.ended.done():
+                await scheduler.ended
             await recorder.written()
     script.give_up_to(scheduler.steps)
 
@@ -259,37 +248,27 @@ class _Following(Scheduler):
         super().__init__(on_fault)
         self.after: Callable[[], None] = lambda: None
 
-    def add(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
-        """Add a task."""
-        super().add(name, priority, period, partial(self._followed, task))
+    def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> Any:
+        def followed(ticks: Ticks) -> Coroutine[Any, Any, None]:
+            coroutine = task(ticks)
+            ends = ticks.ends
 
-    def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
-        """Add a task that runs on arrival."""
-        return super().add_sporadic(name, priority, partial(self._followed, task))
+            def ended() -> None:
+                if ends is not None:
+                    ends()
+                self.after()
 
-    def _followed(self, task: PeriodicTask, ticks: Ticks) -> Coroutine[Any, Any, None]:
-        coroutine = task(ticks)
-        ends = ticks.ends
+            ticks.ends = ended
+            return coroutine
 
-        def ended() -> None:
-            if ends is not None:
-                ends()
-            self.after()
-
-        ticks.ends = ended
-        return coroutine
+        return super()._add(name, priority, period, followed)
 
 
 class _StepByStep(Scheduler):
     """Runs a task's step when it is told to, at the time that it is told; no other clock plays a part."""
 
-    def __init__(self, on_fault: OnFault) -> None:
-        super().__init__(on_fault)
-        self.time = 0.0
-        """s of the run."""
-        self._failed = on_fault
-        self._tasks: list[tuple[str, Ticks, Coroutine[Any, Any, None]]] = []
-        self._started = False
+    time = 0.0
+    """s of the run."""
 
     @property
     def now(self) -> float:
@@ -297,48 +276,23 @@ class _StepByStep(Scheduler):
         return self.time
 
     def add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
-        """Add a task."""
-        del priority
-        ticks = Ticks(period)
-        self._tasks.append((name, ticks, task(ticks)))
-        if self._started:
-            self._tasks[-1][2].send(None)
+        """Add a task; that it is due is for the recording to say."""
+        self._add(name, priority, period, task)
 
     def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
-        """Add a task; that it is due is for the recording to say."""
-        self.add(name, priority, None, task)
+        """Add a task that runs on arrival; the same holds for it."""
+        self._add(name, priority, None, task)
         return lambda: None
 
-    def start(self) -> None:
-        """Run every task up to its first tick."""
-        self._started = True
-        for _, _, coroutine in self._tasks:
-            coroutine.send(None)
-
     def step(self, number: int, now: float, missed: int) -> None:
-        """Run a cycle of the task that was added as this one, at `now`, so many having been missed before it.
-
-        Raises:
-            TaskFault: it raised.
-
-        """
-        name, ticks, coroutine = self._tasks[number]
-        self.time, ticks.missed = now, missed
+        """Run a cycle of the task that was added as this one, at `now`, so many having been missed before it."""
+        entry = self._entries[number]
+        self.time, entry.ticks.missed = now, missed
         self.steps += 1
         try:
-            coroutine.send(now)
+            entry.send(now)
         except Exception as error:
-            self._failed(name, error)
-            raise TaskFault(name, error) from error
-
-    def stop(self) -> None:
-        """Close every task."""
-        for _, _, coroutine in self._tasks:
-            coroutine.close()
-
-    def statistics(self) -> dict[str, TaskStatistics]:
-        """Nothing: nobody is late here."""
-        return {name: TaskStatistics() for name, _, _ in self._tasks}
+            self._fault(entry, error)
 
 
 class _Failure(Exception):
