@@ -1,15 +1,12 @@
 """A process beside the event loop: telemetry in, requests out, a heartbeat. Both ends of the line between them.
 
-Whatever draws, talks to other programs or may hang runs in a process of its own; this side of it never waits. The line
-carries one JSON object a line. The robot sends telemetry, and nothing before the last piece was received; the other
-process sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with "request" and further fields
-when it wants something. Their "time" is the origin's, in ns of the machine's monotonic clock.
+Each sends one JSON object a line. The robot sends telemetry, and nothing before the last piece was received; the other
+process, ``python -m txt1.beside``, sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with
+"request" and further fields when it wants something. Their "time" is the origin's, in ns of the monotonic clock.
 
 Nothing that process does delays the robot: a flood is read a few messages at a time behind the tasks (the rest is
-dropped and counted, but for an emergency stop), a message too long or a heartbeat too late ends it, memory it may have
-so much of, and when it is silent its commands go stale by the ordinary rule.
-
-The other process is ``python -m txt1.beside``; it calls the function it was told with its `Connection`.
+dropped and counted, but for an emergency stop), a message too long or a heartbeat too late ends it, its memory is
+limited, and when it is silent its commands go stale by the ordinary rule.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Final, Literal, NamedTuple, Self
 
 from txt1.kernel.clock import RealClock, nanoseconds, seconds
@@ -78,9 +75,6 @@ class Restart(NamedTuple):
     pause: float = 0.5
 
 
-NEVER: Final = Restart()
-
-
 @dataclass(eq=False)
 class Beside:
     """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task."""
@@ -96,7 +90,7 @@ class Beside:
     """Keyword arguments of the function."""
     beat: float = BEAT
     """s of real time between heartbeats."""
-    restart: Restart = NEVER
+    restart: Restart = field(default_factory=Restart)
     silence: float | None = None
     """s without a heartbeat after which it is ended as hung; None: never."""
     tell: Callable[[str], None] = lambda text: None
@@ -121,9 +115,7 @@ class Beside:
         self._life = self._loop.create_task(self._live())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self._closing.set()
         self._drop("")
         await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left behind
@@ -334,16 +326,12 @@ class Connection:
 
     Its heartbeat comes from `receive`, which the process has to call again and again, as iterating does: when the
     process hangs the heartbeat ceases, which is the point of it.
-
-    Attributes:
-        received: pieces of telemetry that arrived.
-
     """
 
     def __init__(self, link: socket.socket, beat: float = BEAT) -> None:
-        self.received = 0
         self._socket, self._beat = link, nanoseconds(beat)
         self._tail = b""
+        self._received = 0  # pieces of telemetry
         self._next = _clock.now_ns()
 
     def fileno(self) -> int:
@@ -355,24 +343,16 @@ class Connection:
         return max(0.0, seconds(self._next - _clock.now_ns()))
 
     def request(self, name: str, **fields: object) -> None:
-        """Ask the robot for something, as of now.
-
-        Raises:
-            OSError: the robot's process is gone.
-
-        """
+        """Ask the robot for something, as of now; OSError: its process is gone."""
         now = _clock.now_ns()
-        named = {"request": name} if name else {}
-        message = {"time": now, "received": self.received, **named, **fields}
+        message = {"time": now, "received": self._received, "request": name, **fields}
         self._socket.sendall(json.dumps(message).encode() + b"\n")
         self._next = now + self._beat
 
     def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
         """The newest telemetry; None when there is none within `timeout` s, and after each heartbeat.
 
-        Raises:
-            EOFError: the robot's process is gone.
-
+        Raises EOFError: the robot's process is gone.
         """
         if self.due() <= 0.0:
             self.request("")
@@ -382,15 +362,13 @@ class Connection:
     def newest(self) -> bytes | None:
         """The last of the lines that have arrived, None if none is complete yet; waits for at least a piece.
 
-        Raises:
-            EOFError: the robot's process is gone.
-
+        Raises EOFError: the robot's process is gone.
         """
         chunk = self._socket.recv(1 << 18)
         if not chunk:
             raise EOFError
         *lines, self._tail = (self._tail + chunk).split(b"\n")
-        self.received += len(lines)
+        self._received += len(lines)
         return lines[-1] if lines else None
 
     def __iter__(self) -> Iterator[dict[str, Any]]:

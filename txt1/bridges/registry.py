@@ -54,19 +54,11 @@ async def bridge(
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
 ) -> AsyncIterator[Beside]:
-    """A bridge at work beside a robot, until the block is left.
+    """A bridge at work beside a robot, until the block is left; `options` are keyword arguments for its function.
 
-    Args:
-        robot: that it is for.
-        name: of the bridge.
-        options: keyword arguments for its function.
-        requests: what it may ask for beyond driving and the joystick, as functions of the request's fields.
-        restart: what to do when it fails.
-        silence: s without a heartbeat after which it is ended; None: never.
-
-    Raises:
-        ConfigError: there is no bridge of that name, or it is at work already.
-
+    Beyond driving and the joystick it may ask for `requests`, functions of the request's fields. After `silence` s
+    without a heartbeat it is ended (None: never), and treated as `restart` says. Raises ConfigError: there is no bridge
+    of that name, or it is at work already.
     """
     where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     desk = Desk(robot, name, requests or {})
