@@ -83,12 +83,12 @@ class CommandSource:
         wheel = self._wheel
         now = wheel.runtime.now
         try:
-            require_finite("velocity command", v=v, omega=omega)
+            v, omega = finite("velocity command", v=v, omega=omega)
         except CommandRefused:
             wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
             raise
         try:
-            taken = wheel.commander.command(self.name, float(v), float(omega), now if time is None else time, now)
+            taken = wheel.commander.command(self.name, v, omega, now if time is None else time, now)
         except ValueError as error:
             raise CommandRefused(str(error)) from None
         if taken:
@@ -132,8 +132,8 @@ class CommandSource:
         self.command(v, omega)
 
 
-def require_finite(message: str, **values: float) -> None:
-    """Nothing happens for finite numbers; raises CommandRefused, which names the first that is something else."""
+def finite(message: str, **values: float) -> list[float]:
+    """The values as floats, of whatever kind of number; raises CommandRefused, which names the first that is none."""
     for name, value in values.items():
         try:
             if isfinite(value):
@@ -144,3 +144,4 @@ def require_finite(message: str, **values: float) -> None:
         except OverflowError:
             told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
         raise CommandRefused(f"{message}: {name} must be a finite number, not {told}")
+    return [float(value) for value in values.values()]

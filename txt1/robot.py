@@ -14,7 +14,7 @@ from txt1.control.commander import Driver
 from txt1.control.limits import Fault
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
-from txt1.driver import REFRESH, CommandSource, Wheel, require_finite
+from txt1.driver import REFRESH, CommandSource, Wheel, finite
 from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
@@ -337,11 +337,13 @@ class Robot:
         control = self.config.loops()
         gains = control.linear.gains() if linear is None else linear
         sets = control.schedule().sets if angular is None else angular
-        message = PidSet((gains.kp, gains.ki, gains.kd), tuple((s.v_max, *s.gains) for s in sets))
         try:
-            require_finite("linear gains", **gains._asdict())
+            kp, ki, kd = finite("linear gains", **gains._asdict())
+            table = []
             for each in sets:
-                require_finite("angular gains", v_max=each.v_max, **each.gains._asdict())
+                v_max, *angular_gains = finite("angular gains", v_max=each.v_max, **each.gains._asdict())
+                table.append((v_max, *Gains(*angular_gains)))
+            message = PidSet((kp, ki, kd), tuple(table))
             encode(message)
         except (CommandRefused, EncodeError) as error:
             self.runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
@@ -476,11 +478,11 @@ class Robot:
     def _post(self, kind: Callable[..., HostMessage], **values: float) -> None:
         """Post a message of these values; one that is not finite is refused, and counted by the gate."""
         try:
-            require_finite(kind.__name__, **values)
+            message = kind(*finite(kind.__name__, **values))  # given in the order of its fields
         except CommandRefused:
             self.runtime.post(kind(**dict.fromkeys(values, nan)), self.now)
             raise
-        self.runtime.post(kind(**values), self.now)
+        self.runtime.post(message, self.now)
 
     def _require(self, capability: str) -> None:
         if not getattr(self.hal.capabilities, capability):

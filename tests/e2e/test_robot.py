@@ -4,11 +4,13 @@ import asyncio
 import gc
 import runpy
 import sys
+from fractions import Fraction
 from math import inf, nan
 from pathlib import Path
 from typing import Any
 
 import pytest
+from numpy import float32
 
 import txt1
 from tests.e2e.conftest import ENDLESS
@@ -229,6 +231,22 @@ async def test_simulation_arms_by_itself_unless_told_not_to() -> None:
         assert not robot.armed
         robot.arm()
         assert robot.armed
+
+
+async def test_numbers_of_any_kind_are_taken(robot: Robot) -> None:
+    for kind in (int, float32, Fraction):
+        one, none = kind(1), kind(0)
+        assert robot.command(one, none)
+        robot.combined_odometry(none, none, none, one, none)
+        robot.servos(one, none)
+        assert await robot.load_gains(Gains(one, none, none), [GainSet(one, Gains(one, none, none))])
+        assert robot.runtime.state.gains.linear == (1.0, 0.0, 0.0)
+        await robot.set_manual(True)
+        robot.pwm_test(one, none, none, one, none)
+        await asyncio.sleep(0.05)
+        await robot.set_manual(False)
+    assert robot.runtime.state.servos == (1, 0)
+    assert robot.armed
 
 
 class SetpointHal(SimHal):

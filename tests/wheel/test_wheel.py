@@ -6,7 +6,7 @@ import subprocess
 import sys
 import sysconfig
 from pathlib import Path
-from shutil import copytree, which
+from shutil import copytree, ignore_patterns, which
 from typing import Any
 
 import pytest
@@ -15,6 +15,10 @@ from mcap.reader import make_reader
 REPOSITORY = Path(__file__).parents[2]
 PARTS = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "config", "txt1")
 RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed", "7", "--drive", "0.5,0.5")
+SUITES = (
+    *("test_robot.py", "test_closed_loop.py", "test_safety.py", "test_learning.py", "test_learning_on_hardware.py"),
+    *("test_commander.py", "test_sensors.py", "test_world.py", "../conformance"),
+)
 LEARN = ("learn", "--agent", "thesis", "--trials", "2", "--episodes", "6", "--seed", "3")
 
 pytestmark = [
@@ -47,13 +51,12 @@ def pip(*arguments: str, environment: dict[str, str] | None = None) -> None:
     subprocess.run(command, env=os.environ | (environment or {}), check=True, timeout=600)
 
 
-def python(package: Path, *arguments: str) -> str:
-    """What Python prints with the txt1 package of a folder."""
+def python(package: Path, *arguments: str, folder: Path | None = None) -> str:
+    """What Python prints with the txt1 package of a folder; it runs there or in another folder."""
     environment = os.environ | {"PYTHONPATH": str(package)}
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=package, env=environment, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=folder or package, env=environment, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
@@ -105,3 +108,11 @@ def test_what_is_learned_is_the_same(installed: Path, tmp_path: Path) -> None:
         python(package, "-m", "txt1", *LEARN, "--out", str(tmp_path / name))
     for file in ("learning.csv", "qtable.json"):
         assert (tmp_path / "compiled" / file).read_bytes() == (tmp_path / "interpreted" / file).read_bytes()
+
+
+def test_it_keeps_what_the_robot_promises(installed: Path, tmp_path: Path) -> None:
+    for part in ("tests", "examples", "config", "benchmarks"):  # without the sources
+        copytree(REPOSITORY / part, tmp_path / part, ignore=ignore_patterns("__pycache__"))
+    (tmp_path / "pyproject.toml").write_bytes((REPOSITORY / "pyproject.toml").read_bytes())
+    suites = [str(tmp_path / "tests" / "e2e" / name) for name in SUITES]
+    assert " passed" in python(installed, "-m", "pytest", "-n", "2", *suites, folder=tmp_path)

@@ -9,6 +9,7 @@ from math import cos, erf, exp, pi, sin, sqrt, tan
 from typing import Final, NamedTuple
 
 import numpy as np
+from mypy_extensions import mypyc_attr
 
 from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
@@ -151,6 +152,7 @@ def noise_for_jitter(
     return 0.5 * (low + high)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class LightSensors:
     """The four sensors of a vehicle: `read` once every `txt1.model.light.SAMPLE_PERIOD`.
 
