@@ -21,16 +21,12 @@ _PADDING: Final = tuple(map(bytes, range(8)))
 
 
 class Layout(bytearray):
-    """A message in the making, which begins as `HEADER`.
-
-    Attributes:
-        places: for every number's path, such as "header.stamp.sec", its offset in the bytes and its struct code.
-
-    """
+    """A message in the making, which begins as `HEADER`."""
 
     def __init__(self, message: str, values: Mapping[str, Any] | None = None) -> None:
         super().__init__(HEADER)
         self.places: dict[str, tuple[int, str]] = {}
+        """For every number's path, such as "header.stamp.sec", its offset in the bytes and its struct code."""
         _writer(message)(self, values or {}, "", self.places)
 
 

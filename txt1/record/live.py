@@ -46,8 +46,7 @@ class LiveView:
         if token is None:
             _require_loopback(host)
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
-        self._channels: dict[str, foxglove.Channel] = {}
-        self._latest: dict[str, deque[tuple[int, bytes]]] = {}
+        self._channels: dict[str, tuple[foxglove.Channel, deque[tuple[int, bytes]]]] = {}  # with the latest messages
         self._listener = _Listener()
         try:
             self._server = foxglove.start_server(
@@ -74,43 +73,50 @@ class LiveView:
 
         A car does not turn on the spot: a turn alone is driven forward on the smallest circle, of `radius_min` m.
         """
+        loop = asyncio.get_running_loop()
 
-        def turn_or_drive(v: float, omega: float, age: float) -> None:
-            drive(v or radius_min * abs(omega), omega, age)
+        def drive_or_turn(v: float, omega: float, received_ns: int) -> None:
+            with suppress(CommandRefused):  # counted by the safety gate
+                drive(v or radius_min * abs(omega), omega, seconds(_CLOCK.now_ns() - received_ns))
 
-        self._listener.drive_in(asyncio.get_running_loop(), turn_or_drive)
+        def asked(v: float, omega: float) -> None:
+            with suppress(RuntimeError):  # the loop has just been closed
+                loop.call_soon_threadsafe(drive_or_turn, v, omega, _CLOCK.now_ns())
+
+        self._listener.asked = asked
 
     def write(self, block: Block) -> int:
         """Send a block; a client that is too slow loses the oldest, which is its own affair."""
         for name in self._listener.newcomers():
-            for time, data in self._latest.get(name, ()):
-                self._channels[name].log(data, log_time=time)
+            if name in self._channels:
+                channel, latest = self._channels[name]
+                for time, data in latest:
+                    channel.log(data, log_time=time)
         for (name, topic), time, data in block.messages():
-            channel = self._channels.get(name)
-            if channel is None:  # of the others those that are told
-                channel = self._channels[name] = self._advertise(name, topic)
+            if name not in self._channels:  # of the others those that are told
+                self._advertise(name, topic)
+            channel, latest = self._channels[name]
             channel.log(data, log_time=time)
             if topic.rule is not Rule.CYCLE:
-                self._latest[name].append((time, data))
+                latest.append((time, data))
         return 0
 
     def advertise(self, bus: Bus) -> None:
         """Advertise what every robot tells: Foxglove's server may refuse who subscribes in the instant of a new one."""
         for topic in (*bus.offered, COMMAND, LOG):
-            name = bus.full_name(topic)
-            self._channels[name] = self._advertise(name, topic)
+            self._advertise(bus.full_name(topic), topic)
 
-    def _advertise(self, name: str, topic: Topic[Any]) -> foxglove.Channel:
-        self._latest[name] = deque(maxlen=LATEST if topic is LOG else 1)
+    def _advertise(self, name: str, topic: Topic[Any]) -> None:
         schema = foxglove.Schema(
             name=schema_name(topic.message), encoding="ros2msg", data=schema_text(topic.message).encode()
         )
-        return foxglove.Channel(name, schema=schema, message_encoding="cdr", context=self._context)
+        channel = foxglove.Channel(name, schema=schema, message_encoding="cdr", context=self._context)
+        self._channels[name] = channel, deque(maxlen=LATEST if topic is LOG else 1)
 
     def close(self, dropped: int) -> None:
         """Let go of the clients."""
         del dropped
-        self._listener.drive_in(None, None)
+        self._listener.asked = lambda v, omega: None
         if self._proxy is not None:
             self._proxy.close()
         self._server.stop()
@@ -120,8 +126,8 @@ class _Listener(ServerListener):
     """Takes what clients publish; called in the server's threads."""
 
     def __init__(self) -> None:
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._drive: Drive | None = None
+        self.asked: Callable[[float, float], None] = lambda v, omega: None
+        """Called with the speed (m/s) and yaw rate (rad/s) that a client asks for."""
         self._driving: set[tuple[int, int]] = set()
         self._subscribed: SimpleQueue[str] = SimpleQueue()
 
@@ -134,9 +140,6 @@ class _Listener(ServerListener):
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         self._subscribed.put(channel.topic)
 
-    def drive_in(self, loop: asyncio.AbstractEventLoop | None, drive: Drive | None) -> None:
-        self._loop, self._drive = loop, drive
-
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
         if channel.topic == COMMAND.name and channel.encoding == "json":
             self._driving.add((client.id, channel.id))
@@ -145,18 +148,8 @@ class _Listener(ServerListener):
         self._driving.discard((client.id, client_channel_id))
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        loop, drive = self._loop, self._drive
-        if (client.id, client_channel_id) not in self._driving or loop is None or drive is None:
-            return
-        asked = velocity(data)
-        if asked is not None:
-            with suppress(RuntimeError):  # the loop has just been closed
-                loop.call_soon_threadsafe(_drive, drive, *asked, _CLOCK.now_ns())
-
-
-def _drive(drive: Drive, v: float, omega: float, received_ns: int) -> None:
-    with suppress(CommandRefused):  # counted by the safety gate
-        drive(v, omega, seconds(_CLOCK.now_ns() - received_ns))
+        if (client.id, client_channel_id) in self._driving and (twist := velocity(data)) is not None:
+            self.asked(*twist)
 
 
 def velocity(data: bytes) -> tuple[float, float] | None:

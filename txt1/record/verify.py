@@ -352,46 +352,41 @@ class _Script:
             self._give(*self._outside.popleft())
 
     def _give(self, time: float, given: Input) -> None:
+        runtime, text, values = self._runtime, given.text, given.values
         if isinstance(self._scheduler, _StepByStep):
             self._scheduler.time = time
-        if given.kind == "task":
-            inputs = self._by_source.get(given.text, deque())
-            self._runtime.add_task(given.text, round(given.values[0]), given.values[1], partial(self._repeat, inputs))
-        elif given.kind != "end":
-            give(self._runtime, given)
-        elif not self.ended.done():
-            self.ended.set_result(None)
+        match given.kind:
+            case "task":
+                inputs = self._by_source.get(text, deque())
+                runtime.add_task(text, round(values[0]), values[1], partial(self._repeat, inputs))
+            case "end":
+                if not self.ended.done():
+                    self.ended.set_result(None)
+            case "failure":
+                raise _Failure(text)
+            case "look":
+                runtime.look()
+            case "tell":
+                runtime.tell(text)
+            case "arm":
+                with suppress(NotArmed):
+                    runtime.arm()
+            case "disarm":
+                runtime.disarm(text)
+            case "stop":
+                runtime.emergency_stop()
+            case "press":
+                runtime.press(Button(round(values[0])))
+            case "place":
+                runtime.place(*values)
+            case _:
+                try:
+                    runtime.post(from_numbers(given.kind, values), given.given)
+                except ValueError as error:
+                    raise RecordingError(f"{INPUT.name}: {error}") from None
 
     async def _repeat(self, inputs: deque[tuple[float, Input]], ticks: Ticks) -> None:
         """Stand for a task of the user's: give what it gave, in the same steps."""
         async for _ in ticks:
             while inputs and inputs[0][1].step <= self._scheduler.steps:
                 self._give(*inputs.popleft())
-
-
-def give(runtime: Runtime, given: Input) -> None:
-    """Give an input again."""
-    values = given.values
-    match given.kind:
-        case "failure":
-            raise _Failure(given.text)
-        case "look":
-            runtime.look()
-        case "tell":
-            runtime.tell(given.text)
-        case "arm":
-            with suppress(NotArmed):
-                runtime.arm()
-        case "disarm":
-            runtime.disarm(given.text)
-        case "stop":
-            runtime.emergency_stop()
-        case "press":
-            runtime.press(Button(round(values[0])))
-        case "place":
-            runtime.place(values[0], values[1], values[2])
-        case _:
-            try:
-                runtime.post(from_numbers(given.kind, values), given.given)
-            except ValueError as error:
-                raise RecordingError(f"{INPUT.name}: {error}") from None
