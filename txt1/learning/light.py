@@ -84,9 +84,9 @@ def _refuse(readings: Readings) -> None:
     """Raise what is wrong with readings of which one is not positive and finite."""
     for sensor, reading in zip(SENSORS, readings, strict=True):
         if not isfinite(reading):
-            raise LightFault(sensor, f"reads {reading:g}, which is no reading")
+            raise LightFault(f"light sensor {sensor} reads {reading:g}, which is no reading")
         if reading < 0.0:
-            raise LightFault(sensor, f"reads {reading:g} lux, which is less than nothing")
+            raise LightFault(f"light sensor {sensor} reads {reading:g} lux, which is less than nothing")
     if max(readings) == 0.0:
         raise NoDirection(0.0)
     raise _odd_one_out(readings)
@@ -98,7 +98,7 @@ def _odd_one_out(readings: Readings) -> LightFault:
     odd, what = (first, "dead or covered") if second * third >= first * last else (last, "stuck or dazzled")
     listed = ", ".join(f"{sensor} {reading:.4g}" for sensor, reading in zip(SENSORS, readings, strict=True))
     sensor = SENSORS[readings.index(odd)]
-    return LightFault(sensor, f"is {what}: no light makes the four differ so much ({listed} lux)")
+    return LightFault(f"light sensor {sensor} is {what}: no light makes the four differ so much ({listed} lux)")
 
 
 def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
@@ -187,7 +187,8 @@ class LightFilter:
             return
         frozen = changes.index(0)
         if LUX_MIN < sample[frozen] < LUX_MAX:
-            raise LightFault(SENSORS[frozen], f"is frozen at {sample[frozen]:.4g} lux while the others change")
+            told = f"light sensor {SENSORS[frozen]} is frozen at {sample[frozen]:.4g} lux while the others change"
+            raise LightFault(told)
 
 
 def sector(angle: float) -> int:

@@ -41,7 +41,7 @@ class Link:
 
         """
         if self._down:
-            raise LinkLost(self._down)
+            raise LinkLost(f"nothing was sent: {self._down}")
         self._send(data)
 
     def close(self) -> None:

@@ -70,10 +70,11 @@ def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
         for token in re.finditer(r"(?:0[xX])?([^\s,]*)", line.partition("#")[0]):
             wrong = re.search("[^0-9a-fA-F]", token[1])
             if wrong is not None:
-                raise CaptureError(number, token.start(1) + wrong.start() + 1, f"{wrong[0]!r} is no hexadecimal digit")
+                place = f"line {number}, column {token.start(1) + wrong.start() + 1}"
+                raise CaptureError(f"{place}: {wrong[0]!r} is no hexadecimal digit")
             if len(token[1]) % 2 or (token[0] and not token[1]):
                 why = f"'{token[0]}' ends in half a byte: write two digits for each"
-                raise CaptureError(number, token.start() + 1, why)
+                raise CaptureError(f"line {number}, column {token.start() + 1}: {why}")
             digits += token[1]
         yield bytes.fromhex(digits)
 

