@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple
 from benchmarks.rounds import interleave, spread, table, verdict
 from txt1.beside import Beside, Connection, Restart
 from txt1.bridges.registry import BRIDGES, bridge
-from txt1.kernel import run
+from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from txt1.beside import PERIOD, PRIORITY
-from txt1.kernel import run
+from txt1.kernel.loop import run
 from txt1.robot import Robot
 from txt1.ui.terminal import Terminal
 

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
 from txt1.config import load
-from txt1.kernel import Ticks, run
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
-from txt1.kernel.loop import Speed
+from txt1.kernel.loop import Speed, run
+from txt1.kernel.ticks import Ticks
 from txt1.record.session import recording
 from txt1.robot import REFRESH, Robot
 

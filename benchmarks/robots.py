@@ -12,8 +12,9 @@ from statistics import median
 from typing import Final
 
 from benchmarks.rounds import interleave, spread, table, verdict
-from txt1.kernel import Ticks, run
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
 from txt1.robot import REFRESH, Robot
 from txt1.sim.world import World
 

@@ -14,8 +14,10 @@ from typing import Final, NamedTuple
 
 from benchmarks import ticking
 from benchmarks.rounds import interleave, spread, table, verdict
-from txt1.kernel import Histogram, Ticks, run
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import run
+from txt1.kernel.statistics import Histogram
+from txt1.kernel.ticks import Ticks
 from txt1.robot import REFRESH, Robot
 
 LIMIT: Final = 500.0
@@ -89,7 +91,7 @@ async def _whole_system(driving: bool, simulated: float) -> Round:
 
 def mean_ns(durations: Histogram) -> float:
     """The mean of a histogram's durations: its percentiles, averaged."""
-    return sum(durations.percentile_ns((i + 0.5) / SHARES) for i in range(SHARES)) / SHARES
+    return sum(durations.percentiles_ns(*((i + 0.5) / SHARES for i in range(SHARES)))) / SHARES
 
 
 def break_down(name: str, results: list[Round], simulated: float) -> None:

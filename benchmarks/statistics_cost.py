@@ -8,8 +8,8 @@ from statistics import median
 
 from benchmarks import ticking
 from benchmarks.rounds import interleave, spread, table
-from txt1.kernel import TaskStatistics
 from txt1.kernel.clock import stopwatch_ns
+from txt1.kernel.statistics import TaskStatistics
 
 
 def main(*, quick: bool) -> None:

@@ -8,8 +8,10 @@ from collections.abc import Coroutine, Generator
 from heapq import heapify, heapreplace
 from typing import Any, Final
 
-from txt1.kernel import Scheduler, Ticks, run
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import run
+from txt1.kernel.scheduler import Scheduler
+from txt1.kernel.ticks import Ticks
 
 RATES: Final = (50, 50, 10, 10, 1, 1)
 """Hz, of the robot's periodic tasks on the board."""

@@ -6,7 +6,6 @@ it is counted in the state and shown.
 
 from __future__ import annotations
 
-from copyreg import __newobj__
 from typing import Any
 
 
@@ -15,7 +14,7 @@ class Txt1Error(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """How it travels from one process to another, whatever its own `__init__` takes."""
-        return __newobj__, (type(self), *self.args), self.__dict__
+        return Exception.__new__, (type(self), *self.args), self.__dict__
 
 
 class ConfigError(Txt1Error):

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 from blockbuster import BlockBuster, blockbuster_ctx
 
-from txt1.kernel import Ticks, VirtualTimeLoop
+from txt1.kernel.loop import VirtualTimeLoop
+from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
 ENDLESS = ("sim.room.length=.inf", "sim.room.width=.inf")

@@ -11,7 +11,7 @@ from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step
 from txt1.experiments.runner import Experiment
-from txt1.kernel import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, go_to
 from txt1.robot import Robot
 from txt1.tasks.fields import DRIVER

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.poses import ratio, sentence, trips
 from txt1.control.schedule import Schedule
 from txt1.errors import CommandRefused, NotArmed
-from txt1.kernel import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.navigation import PoseSource, follow, go_to
 from txt1.robot import Robot
 from txt1.sim.room import Room

@@ -22,7 +22,8 @@ from tests.e2e.conftest import ENDLESS
 from txt1.board import Board, DevicePlace
 from txt1.config import Config, load
 from txt1.hal.base import Outputs
-from txt1.kernel import Ticks, run
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
 from txt1.link import listen_pty
 from txt1.protocol.frame import encode
 from txt1.protocol.messages import Velocity

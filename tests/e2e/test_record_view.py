@@ -29,7 +29,7 @@ from websockets.sync.client import ClientConnection, connect
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.kernel import run
+from txt1.kernel.loop import run
 from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
 from txt1.record.token_proxy import STRANGERS_ALIKE_MAX, TokenProxy, token_in

@@ -21,7 +21,7 @@ from txt1.errors import CommandRefused, ConfigError, NotArmed, NotCapable
 from txt1.hal.base import Button, Capabilities, Inputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.kernel import Ticks
+from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.protocol.messages import Switch
 from txt1.robot import SHUTDOWN, Robot

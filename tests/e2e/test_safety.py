@@ -12,7 +12,8 @@ from txt1.errors import CommandRefused, HalError, NotArmed, TaskFault
 from txt1.hal.base import Button, Inputs, Outputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.kernel import Ticks, clock_of
+from txt1.kernel.loop import clock_of
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PwmCommand, Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import Faults

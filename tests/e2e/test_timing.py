@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from txt1.hal.base import Indicators
-from txt1.kernel import clock_of
+from txt1.kernel.loop import clock_of
 from txt1.robot import Robot
 
 PERIODS = {

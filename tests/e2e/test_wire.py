@@ -22,7 +22,8 @@ from txt1.control.limits import Fault as GateFault
 from txt1.errors import HalError, NotArmed, NotCapable, TaskFault
 from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal
-from txt1.kernel import Speed, Ticks, run
+from txt1.kernel.loop import Speed, run
+from txt1.kernel.ticks import Ticks
 from txt1.link import End, Link, Listener, listen_pty, listen_tcp
 from txt1.protocol.frame import checksum, encode
 from txt1.protocol.messages import (

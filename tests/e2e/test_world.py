@@ -13,8 +13,7 @@ from blockbuster import BlockBuster
 from txt1.config import load
 from txt1.errors import ConfigError, NotArmed
 from txt1.hal.registry import in_world
-from txt1.kernel import run
-from txt1.kernel.loop import Speed
+from txt1.kernel.loop import Speed, run
 from txt1.record.session import recording
 from txt1.record.verify import verify
 from txt1.robot import Robot

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from txt1.cli import execute
 from txt1.hal.base import Button
-from txt1.kernel import run
+from txt1.kernel.loop import run
 from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import screens

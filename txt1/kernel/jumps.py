@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Final
@@ -25,13 +26,13 @@ class Jumps:
     at the same instant. A turn of the loop for each would cost ten robots a quarter of their speed.
     """
 
-    def __init__(self, loop: VirtualTimeLoop) -> None:
+    def __init__(self, loop: VirtualTimeLoop, ready: deque[asyncio.Handle]) -> None:
         self.threads_outstanding = 0
         """Jobs in other threads that still compute what happens now."""
         self.made = 0
         self._loop = loop
         self.clock = loop.clock
-        self._ready = loop.ready
+        self._ready = ready
         self._paced = loop.speed is not None
         self._schedulers = 0
         self._due: list[tuple[int, int, Dispatch]] = []  # heap: time in ns, number of the scheduler, its dispatch

@@ -15,6 +15,8 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextvars import Context
+from functools import partial
+from math import inf
 from typing import Any, Final, Literal, TypeVar
 
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
@@ -25,6 +27,7 @@ Speed = float | Literal["max"] | None
 """None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
 
 _PR_SET_TIMERSLACK: Final = 29
+"""Linux's prctl option for how far a thread may oversleep its time-outs, 50 us by default."""
 
 
 class PunctualSelector(selectors.DefaultSelector):
@@ -49,7 +52,8 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
         # select() on an epoll descriptor is Linux's (and, for kqueue, BSD's) way; elsewhere plain asyncio is kept
         super().__init__(PunctualSelector() if hasattr(selectors.DefaultSelector, "fileno") else None)
         self.clock: Clock = RealClock()
-        _set_timer_slack(1)
+        if sys.platform == "linux":
+            ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
 
 
 class _JumpingSelector(selectors.DefaultSelector):
@@ -72,9 +76,9 @@ class _JumpingSelector(selectors.DefaultSelector):
             return events
         target = max(loop.clock.now_ns() + 1, loop.next_timer_ns())
         if loop.speed is not None:
-            pause = loop.real_seconds_until(target)
-            if pause > 0.0:
-                events = super().select(pause)
+            pause = loop.real_start_ns + int(target / loop.speed) - RealClock().now_ns()
+            if pause > 0:
+                events = super().select(pause / NS_PER_S)
                 if events:
                     loop.catch_up(target)
                     return events
@@ -102,12 +106,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         selector = _JumpingSelector()
         selector.loop = self
         super().__init__(selector)
-        self.jumps = Jumps(self)
-
-    @property
-    def ready(self) -> deque[asyncio.Handle]:
-        """What is to be called now."""
-        return self._ready
+        self.jumps = Jumps(self, self._ready)
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:
@@ -131,12 +130,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def next_timer_ns(self) -> int:
         """The instant of the next timer, to the nearest ns; that of the clock when there is none."""
         return nanoseconds(self._scheduled[0].when()) if self._scheduled else self.clock.ns
-
-    def real_seconds_until(self, target_ns: int) -> float:
-        """Real seconds to wait before the virtual instant `target_ns` at the loop's speed; negative when late."""
-        assert self.speed is not None
-        real_ns = self.real_start_ns + int(target_ns / self.speed)
-        return (real_ns - RealClock().now_ns()) / NS_PER_S
 
     def catch_up(self, limit_ns: int | None) -> None:
         """Move virtual time to where real time has come at the loop's speed, but not beyond `limit_ns`, if any."""
@@ -172,46 +165,21 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         await super().shutdown_default_executor()
 
 
-def new_loop(speed: Speed = None) -> RealTimeLoop | VirtualTimeLoop:
-    """An event loop: real time for None, virtual time at a multiple of real time or at full speed ("max").
+def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
+    """Run a coroutine to its end, like ``asyncio.run`` but on one of our loops, and return its result.
 
     Raises:
         ValueError: the speed is neither None, "max" nor a positive number.
 
     """
-    if speed is None:
-        return RealTimeLoop()
-    if speed == "max":
-        return VirtualTimeLoop()
-    if not (isinstance(speed, int | float) and 0.0 < speed < float("inf")):  # half a loop cannot be disposed of quietly
-        raise ValueError(f"speed must be 'max', a positive number, or None for real time, not {speed!r}")
-    return VirtualTimeLoop(speed)
-
-
-def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
-    """Run a coroutine to its end, like ``asyncio.run`` but on one of our loops, and return its result.
-
-    Raises:
-        ValueError: the speed is none (see `new_loop`).
-
-    """
-    try:
-        loop = new_loop(speed)
-    except ValueError:
+    if not (speed is None or speed == "max" or 0.0 < speed < inf):
         main.close()  # or Python warns that it was never awaited
-        raise
-    with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        raise ValueError(f"speed must be 'max', a positive number, or None for real time, not {speed!r}")
+    virtual = partial(VirtualTimeLoop, None if speed == "max" else speed)
+    with asyncio.Runner(loop_factory=RealTimeLoop if speed is None else virtual) as runner:
         return runner.run(main)
 
 
 def clock_of(loop: asyncio.AbstractEventLoop) -> Clock:
     """The clock an event loop runs on; the real one for a loop that is not ours (plain ``asyncio.run``)."""
-    if isinstance(loop, RealTimeLoop | VirtualTimeLoop):
-        return loop.clock
-    return RealClock()
-
-
-def _set_timer_slack(ns: int) -> None:
-    """Ask Linux to wake this thread within `ns` of its time-outs instead of the usual 50 us."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ns, 0, 0, 0)
+    return loop.clock if isinstance(loop, RealTimeLoop | VirtualTimeLoop) else RealClock()

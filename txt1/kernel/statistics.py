@@ -6,7 +6,8 @@ in a few kilobytes, and adding a sample is a shift and an increment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from itertools import accumulate
 from typing import Final, NamedTuple
 
 from txt1.kernel.clock import NS_PER_S
@@ -62,28 +63,14 @@ class Histogram:
         """Count durations of 0 until there are `count` durations in all."""
         self._counts[0] += count - self.count
 
-    def percentile_ns(self, q: float) -> int:
-        """The smallest duration in ns that a share `q` of the samples does not exceed, to 3 %; 0 without samples."""
-        return self._percentiles_ns((q,))[0]
-
-    def _percentiles_ns(self, shares: Sequence[float]) -> list[int]:
-        """The same for several shares, rising, in one pass."""
-        total = self.count
-        found: list[int] = []
-        seen = 0
-        for index, count in enumerate(self._counts):
-            if count:
-                seen += count
-                while len(found) < len(shares) and seen >= shares[len(found)] * total:
-                    found.append(min(_upper_bound_ns(index), self.max_ns))
-                if seen == total:
-                    break
-        return found or [0] * len(shares)
+    def percentiles_ns(self, *shares: float) -> list[int]:
+        """The smallest durations in ns that such shares of the samples do not exceed, to 3 %; 0 without samples."""
+        reached = list(accumulate(self._counts))
+        return [min(_upper_bound_ns(bisect_left(reached, share * reached[-1])), self.max_ns) for share in shares]
 
     def percentiles(self) -> Percentiles:
         """p50, p99, p99.9 and the maximum in seconds."""
-        p50, p99, p999 = (ns / NS_PER_S for ns in self._percentiles_ns((0.5, 0.99, 0.999)))
-        return Percentiles(p50, p99, p999, self.max_ns / NS_PER_S)
+        return Percentiles(*(ns / NS_PER_S for ns in (*self.percentiles_ns(0.5, 0.99, 0.999), self.max_ns)))
 
 
 def _upper_bound_ns(index: int) -> int:

@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
-from txt1.kernel import RealClock, RealTimeLoop, Scheduler, Ticks, run
+from txt1.kernel.clock import RealClock
+from txt1.kernel.loop import RealTimeLoop, run
+from txt1.kernel.scheduler import Scheduler
+from txt1.kernel.ticks import Ticks
 
 Runner = Callable[[Coroutine[Any, Any, Any]], Any]
 BOTH = pytest.mark.parametrize("runner", [run, asyncio.run], ids=["RealTimeLoop", "plain asyncio"])

@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from txt1.errors import TaskFault
-from txt1.kernel import Scheduler, Ticks, VirtualClock, clock_of, run
-from txt1.kernel.scheduler import TASKS_MAX
+from txt1.kernel.clock import VirtualClock
+from txt1.kernel.loop import clock_of, run
+from txt1.kernel.scheduler import TASKS_MAX, Scheduler
+from txt1.kernel.ticks import Ticks
 
 MS = 1_000_000
 Log = list[tuple[int, str]]

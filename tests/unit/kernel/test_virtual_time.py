@@ -11,7 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from txt1.kernel import Clock, RealClock, Scheduler, Ticks, VirtualClock, VirtualTimeLoop, clock_of, new_loop, run
+from txt1.kernel.clock import Clock, RealClock, VirtualClock
+from txt1.kernel.loop import VirtualTimeLoop, clock_of, run
+from txt1.kernel.scheduler import Scheduler
+from txt1.kernel.ticks import Ticks
 
 HOUR = 3600.0
 
@@ -70,7 +73,7 @@ def test_every_loop_has_the_clock_its_timers_follow() -> None:
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("inf"), float("nan")])
 def test_an_impossible_speed_is_refused(speed: float) -> None:
     with pytest.raises(ValueError, match="speed must be 'max', a positive number"):
-        new_loop(speed)
+        run(asyncio.sleep(0.0), speed=speed)
 
 
 # -- asyncio in virtual time -------------------------------------------------------------------------------------

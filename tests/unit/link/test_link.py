@@ -29,8 +29,8 @@ from numpy.random import SeedSequence
 from serial import SerialException
 
 from txt1.errors import HalError, LinkLost
-from txt1.kernel import VirtualClock, VirtualTimeLoop, clock_of, run
-from txt1.kernel.loop import PunctualSelector
+from txt1.kernel.clock import VirtualClock
+from txt1.kernel.loop import PunctualSelector, VirtualTimeLoop, clock_of, run
 from txt1.link import (
     BACKLOG,
     STANDARD_BAUDS,
