@@ -47,22 +47,15 @@ class Channel(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Message records in the order of their happening.
-
-    Attributes:
-        data: the records.
-        index: for each channel the log times (ns) and offsets of its records.
-        first: the smallest log time, ns.
-        last: the largest.
-        channels: the channels so far, channel number n at place n - 1.
-
-    """
+    """Message records in the order of their happening, with the smallest and the largest log time, ns."""
 
     data: bytes
     index: dict[int, NDArray[np.uint64]]
+    """For each channel the log times (ns) and offsets of its records."""
     first: int
     last: int
     channels: Sequence[Channel]
+    """The channels so far, channel number n at place n - 1."""
 
     @property
     def count(self) -> int:
@@ -80,13 +73,7 @@ class Block:
 
 
 class Encoder:
-    """Makes blocks of batches; remembers channels and sequence numbers.
-
-    Args:
-        epoch: added to the run's time, s.
-        full_name: a topic's name with the robot's before it.
-
-    """
+    """Makes blocks of batches; remembers channels and sequence numbers. `epoch` s are added to the run's time."""
 
     def __init__(self, epoch: float, full_name: Callable[[Topic[Any]], str] = lambda topic: topic.name) -> None:
         self._epoch_ns = nanoseconds(epoch)
@@ -282,13 +269,7 @@ class _Run(NamedTuple):
 
 
 class _Row:
-    """The records of a cycle's topics, by their channels, behind one another.
-
-    Attributes:
-        offsets: of the records by their channels.
-        width: of all of them in bytes.
-
-    """
+    """The records of a cycle's topics behind one another: their `offsets` by channel, the `width` of all in bytes."""
 
     def __init__(self, topics: Mapping[int, Topic[Any]]) -> None:
         self.offsets: dict[int, int] = {}

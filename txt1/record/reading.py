@@ -144,8 +144,7 @@ def _ends_well(file: IO[bytes], size: int) -> bool:
     data = file.read(tail)
     if data[0] != Opcode.FOOTER or not data.endswith(MCAP0_MAGIC):
         return False
-    footer = Footer.read(ReadDataStream(BytesIO(data[HEAD.size :])))
-    return bool(footer.summary_start <= size)
+    return bool(Footer.read(ReadDataStream(BytesIO(data[HEAD.size :]))).summary_start <= size)
 
 
 def metadata_of(path: Path, name: str) -> dict[str, str]:

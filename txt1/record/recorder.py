@@ -7,10 +7,8 @@ the real clock a writer that falls behind loses batches, which are counted; in v
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Sequence
-from contextlib import suppress
-from queue import SimpleQueue
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.errors import RecordingError
@@ -48,14 +46,10 @@ class _Batch(NamedTuple):
 
 
 class Recorder:
-    """Listens to a robot.
+    """Listens to a robot that is not started yet.
 
-    Args:
-        runtime: not started yet.
-        sinks: what takes the blocks.
-        epoch: added to the run's time in every time stamp, s.
-        batch: s between batches; None: as the clock asks for.
-
+    `epoch` is added to the run's time in every time stamp, s; `batch` s are between batches, None: as the clock asks
+    for.
     """
 
     def __init__(self, runtime: Runtime, sinks: Sequence[Sink], epoch: float, batch: float | None = None) -> None:
@@ -75,12 +69,8 @@ class Recorder:
         self._told = False
         self._failure: RecordingError | None = None
         self._encoder = Encoder(epoch, runtime.bus.full_name)
-        self._queue: SimpleQueue[_Batch | None] = SimpleQueue()
-        self._thread: threading.Thread | None = None
-        self._job: asyncio.Future[None] | None = None
-        if not self._virtual:
-            self._thread = threading.Thread(target=self._write_all, name="txt1 recorder", daemon=True)
-            self._thread.start()
+        self._writer = ThreadPoolExecutor(1, "txt1 recorder")
+        self._jobs: set[asyncio.Future[None]] = set()
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
 
     @property
@@ -89,38 +79,18 @@ class Recorder:
         return self._overflowed + self._not_written
 
     async def close(self) -> None:
-        """Write what is left and close the sinks.
-
-        Raises:
-            RecordingError: they have failed, on the way or now.
-
-        """
+        """Write what is left and close the sinks; RecordingError: they have failed, on the way or now."""
         self._leave()
-        if self._virtual:
-            await self.written()
-            if self._failure is None:
-                await self._loop.run_in_executor(None, self._write, self._take_batch())
-        else:
-            self._queue.put(self._take_batch())
-            self._queue.put(None)
-            if self._thread is not None:
-                await self._loop.run_in_executor(None, self._thread.join)
-        await self._loop.run_in_executor(None, self._close_sinks)
+        await self._loop.run_in_executor(self._writer, self._write, self._take_batch())  # behind all before it
+        await self._loop.run_in_executor(self._writer, self._close_sinks)
+        self._writer.shutdown(wait=False)
         if self._failure is not None:
             raise self._failure
 
     async def written(self) -> None:
-        """Wait until the sinks have what was handed over; in virtual time, where nothing else goes on meanwhile."""
-        if self._job is not None:
-            with suppress(RecordingError):
-                await self._job
-
-    def _close_sinks(self) -> None:
-        for sink in self._sinks:
-            try:
-                sink.close(self.dropped)
-            except RecordingError as error:
-                self._failure = self._failure or error
+        """Wait until the sinks have what was handed over."""
+        if self._jobs:
+            await asyncio.wait(self._jobs)
 
     # -- in the loop -------------------------------------------------------------------------------------------
 
@@ -144,37 +114,35 @@ class Recorder:
 
     def _hand_over(self) -> None:
         """Give the batch to the writer, or drop it where it is too far behind."""
-        if self._virtual:
-            job = self._loop.run_in_executor(None, self._write, self._take_batch())
-            job.add_done_callback(self._done)
-            self._job = job
-        elif self._queue.qsize() < BACKLOG:
-            self._queue.put(self._take_batch())
+        if self._virtual or len(self._jobs) <= BACKLOG:
+            job = self._loop.run_in_executor(self._writer, self._write, self._take_batch())
+            self._jobs.add(job)
+            job.add_done_callback(self._jobs.discard)
         else:
             self._overflowed += sum(len(topics) for _, topics, _ in self._samples) + len(self._events)
             skipped = self._skipped + len(self._samples)
             self._samples, self._events, self._skipped = [], [], skipped
 
-    def _done(self, job: asyncio.Future[None]) -> None:
-        if not job.cancelled() and isinstance(error := job.exception(), RecordingError):
-            self._failure = error
-
     # -- in the writer's thread --------------------------------------------------------------------------------
 
     def _write(self, batch: _Batch) -> None:
-        if batch.skipped and batch.samples:
-            self._encoder.skip(batch.samples[0][1], batch.skipped)
-        block = self._encoder.block(batch.samples, batch.events)
-        for sink in self._sinks:
-            self._not_written += sink.write(block)
+        if self._failure is not None:
+            return
+        try:
+            if batch.skipped and batch.samples:
+                self._encoder.skip(batch.samples[0][1], batch.skipped)
+            block = self._encoder.block(batch.samples, batch.events)
+            for sink in self._sinks:
+                self._not_written += sink.write(block)
+        except RecordingError as error:
+            self._failure = error
+        except Exception as error:
+            self._failure = RecordingError(f"the recorder failed: {error!r}")
+            self._failure.__cause__ = error
 
-    def _write_all(self) -> None:
-        while (batch := self._queue.get()) is not None:
-            if self._failure is None:
-                try:
-                    self._write(batch)
-                except RecordingError as error:
-                    self._failure = error
-                except Exception as error:
-                    self._failure = RecordingError(f"the recorder failed: {error!r}")
-                    self._failure.__cause__ = error
+    def _close_sinks(self) -> None:
+        for sink in self._sinks:
+            try:
+                sink.close(self.dropped)
+            except RecordingError as error:
+                self._failure = self._failure or error
