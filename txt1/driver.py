@@ -12,9 +12,7 @@ from txt1.protocol.messages import Velocity
 from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER
 
-REFRESH: Final = 0.05
-"""Seconds between two Velocity messages: the driver sends them all the time (20 Hz)."""
-
+REFRESH: Final = 0.05  # seconds between two Velocity messages: the driver sends them all the time (20 Hz)
 SOURCES: Final = Registry("source of commands", "txt1.sources", {})
 """Sources from other packages: ``async def steer(robot: Robot) -> None``, run beside the robot by `run --source NAME`.
 

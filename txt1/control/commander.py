@@ -24,8 +24,7 @@ from typing import Final, NamedTuple
 PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "gamepad": 40, "web": 30, "ros": 20, "program": 10}
 """Priorities by the name of the source; any other name has a program's. The emergency stop is the gate's, above all."""
 
-SKEW: Final = 0.001
-"""s by which a message may come from the future, as clocks are rounded."""
+SKEW: Final = 0.001  # s by which a message may come from the future, as clocks are rounded
 
 
 class SetPoint(NamedTuple):

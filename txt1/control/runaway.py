@@ -6,12 +6,9 @@ from typing import Final
 
 from txt1.control.parameters import Safety
 
-PERSISTS: Final = 0.1
-"""Time for which readings that the geometry forbids must last to be believed, s."""
-NOISE_COUNTS: Final = 3
-"""Counts per period that a wheel at rest may show."""
-DISAGREEMENT: Final = 0.5
-"""Difference between combined odometry and the encoders that slip does not explain, m/s."""
+PERSISTS: Final = 0.1  # time for which readings that the geometry forbids must last to be believed, s
+NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
+DISAGREEMENT: Final = 0.5  # difference between combined odometry and the encoders that slip does not explain, m/s
 
 
 class RunawayWatch:

@@ -9,8 +9,7 @@ from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
 
-SETS_MAX: Final = 14
-"""Angular gain sets that the board has room for."""
+SETS_MAX: Final = 14  # angular gain sets that the board has room for
 
 
 class GainSet(NamedTuple):
@@ -44,9 +43,7 @@ class Schedule:
         return self.sets[min(above, len(self.sets) - 1)].gains if self.sets else Gains()
 
 
-LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)
-"""The thesis's linear gains (4.2)."""
-
+LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)  # the thesis's linear gains (4.2)
 ANGULAR_GAINS: Final = tuple(
     GainSet(v_max, Gains(kp, ki, 0.005))
     for v_max, kp, ki in (

@@ -14,19 +14,14 @@ from txt1.protocol.messages import BatteryLevels, BoardMessage
 from txt1.tasks.fields import Battery, BatteryState, State
 from txt1.telemetry.topics import Rule, Topic, declare
 
-OLD_WEIGHT: Final = 0.6
-"""Weight of the old value in the smoothed voltage (the original firmware)."""
+OLD_WEIGHT: Final = 0.6  # weight of the old value in the smoothed voltage (the original firmware)
 GOOD_V: Final = 9.5
 WARNING_V: Final = 9.0
-FITTED_V: Final = 1.0
-"""A pack that reads less is not fitted."""
-BAD_TIME: Final = 5.0
-"""Seconds of bad batteries that stop the robot: readings may start low and settle."""
-
+FITTED_V: Final = 1.0  # a pack that reads less is not fitted
+BAD_TIME: Final = 5.0  # seconds of bad batteries that stop the robot: readings may start low and settle
 _DISCHARGING: Final = 2
 _LIPO: Final = 3
-_HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}
-"""In ROS's numbers."""
+_HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}  # in ROS's numbers
 
 
 def _topic(number: int) -> Topic[Battery]:

@@ -18,15 +18,9 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 PERIOD: Final = 0.02
 
-COMBINED_TIMEOUT: Final = 0.1
-"""Age in seconds at which combined odometry is not used any more."""
-
-ODOMETRY_TIMEOUT: Final = 0.5
-"""Age in seconds at which odometry is lost."""
-
-STEP_MAX: Final = 0.1
-"""Longest s from one reading of the odometry to the next that a step of the loops may bridge."""
-
+COMBINED_TIMEOUT: Final = 0.1  # age in seconds at which combined odometry is not used any more
+ODOMETRY_TIMEOUT: Final = 0.5  # age in seconds at which odometry is lost
+STEP_MAX: Final = 0.1  # longest s from one reading of the odometry to the next that a step of the loops may bridge
 SETPOINT: Final = declare(Topic(
     "/setpoint", Control, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.CYCLE,
     "the set-point in force behind the safety gate", {"header": {"frame_id": "base_footprint"}},

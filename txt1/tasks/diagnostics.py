@@ -18,8 +18,7 @@ class TaskCount(NamedTuple):
     run_time: Histogram | None = None
 
 
-TaskCounts = dict[str, TaskCount]
-"""By the tasks' names."""
+TaskCounts = dict[str, TaskCount]  # by the tasks' names
 
 
 def task_counts(tasks: Mapping[str, TaskStatistics], times: bool) -> TaskCounts:

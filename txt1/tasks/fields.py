@@ -197,8 +197,7 @@ DRIVER: Final = declare(Topic(
 ))  # fmt: skip
 
 _INFO: Final = 20
-_WARN: Final = 30
-"""Levels of ROS's log."""
+_WARN: Final = 30  # levels of ROS's log
 
 
 def _log_message(event: Event) -> dict[str, object]:

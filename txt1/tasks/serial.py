@@ -29,9 +29,7 @@ from txt1.protocol.messages import (
 )
 from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power, State
 
-INBOX_MAX: Final = 1000
-"""Messages that may wait for the task; a host that floods it loses the oldest."""
-
+INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
 Inbox = deque[tuple[Message, float, int]]
 """Messages that have arrived, each with the time its author gave it (s of the run) and the gate's epoch then.
 

@@ -115,8 +115,7 @@ SNAPSHOT: Final = declare(Topic(
     make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
 ))  # fmt: skip
 
-_LAST: Final[dict[str, tuple[Any, str]]] = {}
-"""Of each topic the value that was encoded last, and as what."""
+_LAST: Final[dict[str, tuple[Any, str]]] = {}  # of each topic the value that was encoded last, and as what
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 

@@ -24,16 +24,11 @@ from txt1.ui.keys import Keys
 from txt1.ui.screens import installed, render
 from txt1.ui.viewer import DRIVING, Viewer
 
-DRAW_INTERVAL: Final = 0.1
-"""s between frames, unless a key asks for one."""
-
-STALE: Final = 0.5
-"""s after which a key that waited while this process was held up no longer drives or arms."""
-
+DRAW_INTERVAL: Final = 0.1  # s between frames, unless a key asks for one
+STALE: Final = 0.5  # s after which a key that waited while this process was held up no longer drives or arms
 STALE_KEYS: Final = frozenset("wasdm")
 
-REPAINT: Final = 20
-"""Every so many frames all lines are sent again, over what other programs may have written."""
+REPAINT: Final = 20  # every so many frames all lines are sent again, over what other programs may have written
 
 
 class Painter:

@@ -21,25 +21,18 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import DIM
 from txt1.ui.viewer import Viewer, pose_of
 
-BODY_DOTS: Final = 9.0
-"""The robot is drawn at least so many dots long, or its heading could not be seen."""
-
-VIEW_MIN: Final = 2.0
-"""Side of the smallest view without a room, m."""
-
+BODY_DOTS: Final = 9.0  # the robot is drawn at least so many dots long, or its heading could not be seen
+VIEW_MIN: Final = 2.0  # side of the smallest view without a room, m
 _BITS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 """Bit of the dot in column x and row y of a braille character."""
 
-_BLANK: Final = 0x2800
-"""The braille character without a dot."""
-
+_BLANK: Final = 0x2800  # the braille character without a dot
 _STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
 """Colour of a cell by the highest layer that has a dot in it."""
 
 AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
-Point = tuple[float, float]
-"""x and y, m."""
+Point = tuple[float, float]  # x and y, m
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Panel:

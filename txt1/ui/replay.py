@@ -17,8 +17,7 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.line import status_line
 from txt1.ui.terminal import Terminal
 
-SEEK: Final = 5.0
-"""s that one press of a or d winds."""
+SEEK: Final = 5.0  # s that one press of a or d winds
 SPEED_MIN: Final = 1.0 / 64.0
 SPEED_MAX: Final = 64.0
 STDOUT: Final = 1

@@ -19,13 +19,9 @@ from txt1.ui.map import screen as map_screen
 from txt1.ui.text import BAD, DASH, DIM, FIELDS, GOOD, LABEL, NAME, WARNING, Column, Kept, clean, number, styled, table
 from txt1.ui.viewer import Viewer
 
-LEFT = 43
-"""Columns of the left half in a window of 80."""
-
+LEFT = 43  # columns of the left half in a window of 80
 LEFT_ROWS = 21
-EVENT_ROWS = 8
-"""Rows kept for the events, border included, however many faults there are."""
-
+EVENT_ROWS = 8  # rows kept for the events, border included, however many faults there are
 _BATTERY_STYLES = {BatteryState.WARNING: WARNING, BatteryState.BAD: BAD}
 _NUMBER = Column(right=True)
 

@@ -41,15 +41,10 @@ from txt1.ui.text import (
 )
 from txt1.ui.viewer import Viewer
 
-COUNTS_MAX: Final = 24000
-"""PWM counts at the end of the range: a pulse of 1 or 2 ms."""
-V_MAX: Final = 1.5
-"""m/s, full scale of the bar: what the controller accepts."""
-OMEGA_MAX: Final = V_MAX / 0.56
-"""rad/s, full scale of the bar: the tightest bend at full speed, (2.16)."""
-SPACED: Final = 20
-"""Rows from which PWM and ENCODERS have blank rows."""
-
+COUNTS_MAX: Final = 24000  # PWM counts at the end of the range: a pulse of 1 or 2 ms
+V_MAX: Final = 1.5  # m/s, full scale of the bar: what the controller accepts
+OMEGA_MAX: Final = V_MAX / 0.56  # rad/s, full scale of the bar: the tightest bend at full speed, (2.16)
+SPACED: Final = 20  # rows from which PWM and ENCODERS have blank rows
 _NUMBER: Final = Column(right=True)
 
 

@@ -14,17 +14,11 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-HOLD: Final = 0.7
-"""s that a key counts as held after its last press."""
-
-DECAY: Final = 0.3
-"""s from the end of the hold to zero."""
-
+HOLD: Final = 0.7  # s that a key counts as held after its last press
+DECAY: Final = 0.3  # s from the end of the hold to zero
 SPEED_MIN: Final = 0.1
 SPEED_MAX: Final = 1.5
-SPEED_STEP: Final = 0.1
-"""m/s."""
-
+SPEED_STEP: Final = 0.1  # m/s
 _DRIVE: Final = {"w": 1, "s": -1}
 _STEER: Final = {"a": 1, "d": -1}
 

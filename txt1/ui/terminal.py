@@ -22,12 +22,8 @@ from txt1.ui.teleop import Teleop
 
 Reason = Literal["quit", "lost"]
 
-INTERVAL: Final = 0.1
-"""s between snapshots."""
-
-BACKLOG: Final = 0.5
-"""s: keys older than that, found after this process was held up, no longer drive or arm."""
-
+INTERVAL: Final = 0.1  # s between snapshots
+BACKLOG: Final = 0.5  # s: keys older than that, found after this process was held up, no longer drive or arm
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "q"))
 

@@ -15,9 +15,7 @@ from rich.panel import Panel
 from rich.segment import Segment
 from rich.table import Table
 
-DASH: Final = "–"
-"""Stands for a value that this HAL cannot know."""
-
+DASH: Final = "–"  # stands for a value that this HAL cannot know
 LABEL: Final = "cyan"
 DIM: Final = "bright_black"
 GOOD: Final = "green"
@@ -102,8 +100,7 @@ class Column(NamedTuple):
 
 
 NAME: Final = Column(style=LABEL)
-FIELDS: Final = (NAME, Column())
-"""Names and values."""
+FIELDS: Final = (NAME, Column())  # names and values
 
 
 class Kept:

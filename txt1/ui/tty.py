@@ -12,14 +12,11 @@ from typing import Any, Final
 IN: Final = 0
 OUT: Final = 1
 
-ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"
-"""Alternate screen, no cursor, cleared."""
-
+ENTER: Final = b"\x1b[?1049h\x1b[?25l\x1b[2J"  # alternate screen, no cursor, cleared
 LEAVE: Final = b"\x1b[0m\x1b[2J\x1b[H\x1b[?25h\x1b[?1049l"
 """Colours off, cleared (after a resize tmux would leave the text behind), cursor, the screen as it was."""
 
-Modes = list[Any]
-"""What termios.tcgetattr returns."""
+Modes = list[Any]  # what termios.tcgetattr returns
 
 
 def saved() -> Modes:

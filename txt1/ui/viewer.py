@@ -11,18 +11,10 @@ from txt1.model.odometry import Odometry
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.telemetry.snapshot import Snapshot
 
-PATH_MAX: Final = 4000
-"""Points kept; when they are used up every other one goes, and the spacing doubles."""
-
-SPACING: Final = 0.02
-"""m between points, to begin with."""
-
-JUMP: Final = 0.5
-"""m from one snapshot to the next that tell that the robot was lifted ..."""
-
-REACH: Final = 2.0
-"""... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart."""
-
+PATH_MAX: Final = 4000  # points kept; when they are used up every other one goes, and the spacing doubles
+SPACING: Final = 0.02  # m between points, to begin with
+JUMP: Final = 0.5  # m from one snapshot to the next that tell that the robot was lifted ...
+REACH: Final = 2.0  # ... unless it could drive there at so many m/s: snapshots of a run in fast motion are far apart
 DRIVING: Final = {
     "SPACE": "stop",
     "q": "quit",
