@@ -73,12 +73,6 @@ class Snapshot:
         other._values.update((topic.name, value) for topic, value in values.items())
         return other
 
-    @property
-    def names(self) -> list[str]:
-        """The names of the topics that have a value."""
-        known = {name for name, value in self._values.items() if value is not None}
-        return sorted(known | (self._plain.keys() - self._values.keys()))
-
     def encode(self) -> bytes:
         """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
         texts = {name: _JSON.encode(value) for name, value in self._plain.items()}

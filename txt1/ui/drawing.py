@@ -36,12 +36,8 @@ class Painter:
 
     def __init__(self) -> None:
         self._shown: list[str] = []
-        self._size = (0, 0)
+        self.size = (0, 0)
         self._frames = 0
-
-    def resized(self) -> bool:
-        """Whether the window is no longer the one that was drawn."""
-        return window() != self._size
 
     def paint(self, snapshot: Snapshot | None, viewer: Viewer) -> None:
         """Draw one frame."""
@@ -50,13 +46,13 @@ class Painter:
         with console.capture() as capture:
             console.print(render(snapshot, viewer, width, height), end="")
         lines = capture.get().split("\n")[:height]
-        output = "\x1b[0m\x1b[2J" if size != self._size else ""
-        repaint = size != self._size or self._frames % REPAINT == 0
+        output = "\x1b[0m\x1b[2J" if size != self.size else ""
+        repaint = size != self.size or self._frames % REPAINT == 0
         for row, (line, shown) in enumerate(zip_longest(lines, self._shown), start=1):
             if line is not None and (repaint or line != shown):
                 output += f"\x1b[{row};1H{line}"
         tty.write(output.encode("utf-8", "replace"))
-        self._shown, self._size, self._frames = lines, size, self._frames + 1
+        self._shown, self.size, self._frames = lines, size, self._frames + 1
 
 
 def window() -> tuple[int, int]:
@@ -68,9 +64,7 @@ def window() -> tuple[int, int]:
 def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
     """Draw and report keys until the terminal goes away; `keys` are those to be shown.
 
-    Raises:
-        EOFError: the robot's process has gone.
-
+    Raises EOFError when the robot's process has gone.
     """
     decoder, painter, viewer = Keys(), Painter(), Viewer(keys or DRIVING)
     line: bytes | None = None
@@ -97,7 +91,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
                 viewer.help = not viewer.help
             if connection in ready:
                 line = connection.newest() or line
-            if pressed or painter.resized() or (now >= next_frame and line is not None):
+            if pressed or window() != painter.size or (now >= next_frame and line is not None):
                 if line is not None:
                     snapshot, line = Snapshot.decode(line), None
                     viewer.follow(snapshot)

@@ -110,7 +110,6 @@ class Canvas:
         return lines
 
     def _dots(self, point: Point) -> Point:
-        """Column and row of a point in dots, as fractions."""
         return (point[0] - self._left) / self.scale, (self._top - point[1]) / self.scale
 
 
@@ -186,7 +185,6 @@ def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: Point, l
 
 
 def _legend(snapshot: Snapshot, scale: float) -> Text:
-    """Scale bar, symbols, and the pose in numbers."""
     length, cells = scale_bar(scale)
     light = snapshot.get(SURROUNDINGS, Surroundings()).light
     x, y, theta = pose_of(snapshot)

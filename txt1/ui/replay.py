@@ -73,16 +73,12 @@ class Player:
         """Do what a key of the player's means."""
         position = self.position
         match key:
-            case "space":
-                self.paused = not self.paused
             case "a" | "d":
                 self.seek(position + (SEEK if key == "d" else -SEEK))
             case "w":
                 self.seek(self.recording.start)
             case "+" | "-":
                 self.speed = min(max(self.speed * (2.0 if key == "+" else 0.5), SPEED_MIN), SPEED_MAX)
-            case "m":
-                self.loop = not self.loop
 
     # -- what the terminal needs of a robot --------------------------------------------------------------------
 
@@ -102,11 +98,11 @@ class Player:
 
     def stop(self) -> None:
         """Pause, or go on."""
-        self.key("space")
+        self._position, self.paused = self.position, not self.paused
 
     def arm(self) -> None:
         """Loop, or play once."""
-        self.key("m")
+        self._position, self.loop = self.position, not self.loop
 
     def disarm(self, reason: str) -> None:
         """Nothing moves."""
@@ -129,9 +125,9 @@ class _ReplayTerminal(Terminal):
 
     def obey(self, key: str) -> None:
         """Do what a key means to the player, or else to the terminal."""
-        if key in ("a", "d", "w", "+", "-"):
+        if key in tuple("wasd+-"):
             self._player.key(key)
-        elif key != "s":
+        else:
             super().obey(key)
 
 

@@ -108,13 +108,12 @@ def _state_line(snapshot: Snapshot) -> RenderableType:
     alive, traffic = snapshot.get(MODE, Mode()).link.alive, snapshot.get(TRAFFIC, Traffic())
     sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state)
     link = styled("link alive", GOOD) if alive else styled("link lost", "red")
-    leds = (f"  {name} {_led(count)}" for name, count in (("RX", traffic.received), ("TX", traffic.transmitted)))
-    return _edges(state_of(snapshot), f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {link}{''.join(leds)}")
-
-
-def _led(count: int) -> str:
-    """An LED that toggles with every message."""
-    return styled("●", "bright_green") if count % 2 else styled("○", DIM)
+    rx, tx = (
+        styled("●", "bright_green") if messages % 2 else styled("○", DIM)
+        for messages in (traffic.received, traffic.transmitted)
+    )
+    lights = f"{link}  RX {rx}  TX {tx}"
+    return _edges(state_of(snapshot), f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {lights}")
 
 
 def _edges(left: str | Text, right: str | Text) -> Table:
@@ -136,7 +135,6 @@ def _keys(viewer: Viewer, width: int) -> Text:
 
 
 def _help(viewer: Viewer) -> RenderableType:
-    """What every key does."""
     driving = (
         ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
         ("m", "arm: opens the safety gate; also the way back from an emergency stop"),

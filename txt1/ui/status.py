@@ -62,7 +62,6 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
 
 
 def _robot(snapshot: Snapshot) -> Kept:
-    """Mode of operation and commands."""
     can, control = snapshot.get(fields.CAPABILITIES, Capabilities()), snapshot.get(SETPOINT, Control())
     mode, command = snapshot.get(MODE, Mode()), snapshot.get(fields.COMMAND)
     link = styled("alive", GOOD) if mode.link.alive else styled("lost", BAD)
@@ -74,6 +73,8 @@ def _robot(snapshot: Snapshot) -> Kept:
     if driver.refused:
         refused = ", ".join(f"{clean(name)} {n}" for name, n in driver.refused.items())
         drives += styled(f", refused {refused}", WARNING)
+    power = (("ATX", mode.power.atx), ("ESC", mode.power.esc))
+    switches = (f"{name} {styled('on', GOOD) if on else styled('off', WARNING)}" for name, on in power)
     rows = (
         ("state", state_of(snapshot)),
         ("link", link),
@@ -82,22 +83,16 @@ def _robot(snapshot: Snapshot) -> Kept:
         ("driver", drives),
         ("command", "none" if command is None else _velocity(command.v, command.omega)),
         ("set-point", _velocity(control.v, control.omega)),
-        ("power", f"ATX {_on_off(mode.power.atx)}  ESC {_on_off(mode.power.esc)}" if can.power else DASH),
+        ("power", "  ".join(switches) if can.power else DASH),
     )
     return table("robot", FIELDS, rows)
 
 
-def _on_off(on: bool) -> str:
-    return styled("on", GOOD) if on else styled("off", WARNING)
-
-
 def _velocity(v: float, omega: float) -> str:
-    """Speed and yaw rate with their units."""
     return f"{number(v, 2):>5} m/s {number(omega, 3):>6} rad/s"
 
 
 def _batteries(snapshot: Snapshot) -> Kept:
-    """Voltages, state and what is left."""
     battery = snapshot.get(BATTERIES[0], fields.Battery())
     state = battery.state
     rows = (

@@ -59,9 +59,8 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
     channels = {"motor": motor, "front": front, "rear": rear, "pwm4": pwm4, "pwm5": pwm5}
     cells: list[tuple[str, ...]] = []
     for channel, (name, counts) in enumerate(channels.items(), start=1):
-        known = counts is not None
-        level = centred_bar(counts / COUNTS_MAX, length) if counts is not None else ""
-        cells.append((str(channel), name, str(counts) if known else DASH, level))
+        level = "" if counts is None else centred_bar(counts / COUNTS_MAX, length)
+        cells.append((str(channel), name, number(counts, 0), level))
         if spaced:
             cells.append(())
     light = snapshot.get(fields.BACKLIGHT)
@@ -77,15 +76,12 @@ def encoders(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rende
     if width < 130:
         return _motion(snapshot, width, rows)
     left, layout = width // 2, Layout()
-    layout.split_row(
-        Layout(_motion(snapshot, left, rows), size=left),
-        Layout(map_screen(snapshot, viewer, width - left, rows)),
-    )
+    picture = map_screen(snapshot, viewer, width - left, rows)
+    layout.split_row(Layout(_motion(snapshot, left, rows), size=left), Layout(picture))
     return layout
 
 
 def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
-    """Ticks, velocities and poses in two panels."""
     odometry, ticks = snapshot.get(ODOMETRY, Odometry()), snapshot.get(ENCODERS, fields.Encoders())
     x, y, theta = snapshot.get(POSE) or (None, None, None)
     length = max(11, width - 34)
@@ -125,10 +121,9 @@ def gains(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderab
     known = f"in force: {DASH}" if current is None else "► in force"
     title = f"angular: sets {shown.start + 1} to {shown.stop} of {len(sets)}, {known}" if sets else "angular"
     state = styled("loaded", GOOD) if loaded.loaded else styled("not loaded", WARNING)
+    linear = ("", "linear", *gain_cells(loaded.linear if loaded.loaded else None))
     return Group(
-        _gain_table(
-            f"linear: {state}", "", (("", "linear", *gain_cells(loaded.linear if loaded.loaded else None)),), width
-        ),
+        _gain_table(f"linear: {state}", "", (linear,), width),
         _gain_table(title, "v_max (m/s)", tuple(angular) or (("", "no sets"),), width),
     )
 
@@ -202,12 +197,9 @@ def tasks(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderab
     A narrow window has to do with p99; a wide one has p99.9 and the share of the processor, too.
     """
     wide = width >= 133
-    shown = {"p50": "p50", "p99": "p99", "p99.9": "p999", "max": "max"}
-    if not wide:
-        del shown["p99.9"]
-    if width < 72:
-        shown = {"p99": "p99"}
-    times = [(f"{group if i == 0 else ''}\n{name}") for group in ("late", "run") for i, name in enumerate(shown)]
+    shown = ("p50", "p99", "p999", "max") if wide else ("p50", "p99", "max") if width >= 72 else ("p99",)
+    titles = [name.replace("p999", "p99.9") for name in shown]
+    times = [f"{group if name == titles[0] else ''}\n{name}" for group in ("late", "run") for name in titles]
     columns = (
         Column("\ntask", least=8),
         *(Column(f"\n{name}", right=True) for name in ("prio", "rate", "cycles", "miss")),
@@ -224,11 +216,7 @@ def tasks(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderab
                 "event" if task.rate is None else f"{task.rate:g}Hz",
                 count(task.cycles, 7),
                 styled(count(task.misses, 4), BAD if task.misses else ""),
-                *(
-                    duration(getattr(spread, name))
-                    for spread in (task.lateness, task.run_time)
-                    for name in shown.values()
-                ),
+                *(duration(getattr(spread, name)) for spread in (task.lateness, task.run_time) for name in shown),
                 *((share,) if wide else ()),
             )
         )

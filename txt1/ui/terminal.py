@@ -10,15 +10,19 @@ import asyncio
 from collections.abc import Callable, Mapping
 from math import inf
 from types import TracebackType
-from typing import Final, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 from txt1.beside import BEAT, Beside, Request
 from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
-from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop
+
+if TYPE_CHECKING:
+    from txt1.board import Board
+    from txt1.robot import Robot
+    from txt1.ui.replay import Player
 
 Reason = Literal["quit", "lost"]
 
@@ -28,51 +32,17 @@ _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=
 _ALWAYS: Final = frozenset(("space", "q"))
 
 
-class Robot(Protocol):
-    """What the terminal needs of a robot."""
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """Everything to be shown, as it is now."""
-
-    @property
-    def now(self) -> float:
-        """Time of the run, s."""
-
-    def stop(self) -> None:
-        """Emergency stop."""
-
-    def arm(self) -> None:
-        """Open the safety gate; raises CommandRefused if that is not allowed now."""
-
-    def disarm(self, reason: str) -> None:
-        """Close the safety gate."""
-
-    def press(self, button: Button) -> None:
-        """Press a button of the joystick."""
-
-    def tell(self, text: str) -> None:
-        """Add to the event log."""
-
-
 class Terminal:
     """``async with Terminal(robot) as terminal: reason = await terminal.wait()``.
 
-    Args:
-        robot: whom the keys are for.
-        keys: takes the driving keys' commands; None where somebody else drives.
-        beat: s (real time) between the drawing process's heartbeats.
-        teleop: turns keys into commands.
-        shown: the keys to show and their meaning; None: those of a robot.
-
-    Raises:
-        TerminalLost: on entering, if standard input or output is no terminal.
-
+    The keys are for `robot`; `keys` takes the driving keys' commands, None where somebody else drives; `beat` is s
+    (real time) between the drawing process's heartbeats; `shown` the keys to show and their meaning, if no robot's.
+    Entering raises TerminalLost if standard input or output is no terminal.
     """
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Robot | Board | Player,
         keys: CommandSource | None = None,
         beat: float = BEAT,
         teleop: Teleop | None = None,
@@ -170,13 +140,11 @@ class Terminal:
             self._keys.release()
 
     def _let_go(self) -> None:
-        """No key counts as held any more."""
         self._teleop.release()
         if self._keys is not None:
             self._keys.release()
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do it, or tell the user why the robot refused."""
         try:
             action()
         except (CommandRefused, NotCapable) as refusal:
@@ -184,6 +152,5 @@ class Terminal:
             self._robot.tell(str(refusal))
 
     def _lost(self) -> None:
-        """Nobody looks any more."""
         self._let_go()
         self._robot.disarm("terminal lost")

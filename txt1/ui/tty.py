@@ -34,11 +34,7 @@ def full_screen() -> Iterator[None]:
     """Within it the terminal is ours; behind it, whatever happened, it is as it was.
 
     Keys are read one by one and without echo. Ctrl-C still interrupts; Ctrl-Z does not suspend (a robot would go on
-    without its program) and Ctrl-S does not freeze the screen.
-
-    Raises:
-        OSError: standard input or output is no terminal.
-
+    without its program) and Ctrl-S does not freeze the screen. Raises OSError: input or output is no terminal.
     """
     before, modes = saved(), saved()
     modes[0] &= ~termios.IXON
