@@ -29,9 +29,8 @@ from txt1.learning.agents import LEARNERS
 from txt1.learning.experiment import Plan
 from txt1.learning.light import sector
 from txt1.learning.metrics import LEARNED, summary
-from txt1.learning.seeding import AGENT, stream
 from txt1.learning.thesis import ThesisAgent
-from txt1.learning.trial import COMMANDS, TICK, Episode
+from txt1.learning.trial import AGENT, COMMANDS, TICK, Episode, stream
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry

@@ -31,11 +31,9 @@ from txt1.hal.sim import SimHal
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
-from txt1.learning.live import EPISODES
 from txt1.learning.qtable import StoredTable
-from txt1.learning.seeding import new_trial
-from txt1.learning.task import LearningTask
-from txt1.learning.trial import Episode, Phase
+from txt1.learning.task import EPISODES, LearningTask
+from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
@@ -56,7 +54,7 @@ async def task_on(robot: Robot, episodes: int = 3, agent: str = "sweeps") -> Lea
     """A learning task at work."""
     if "light" not in robot.sensors:
         await with_light(robot)
-    trial = new_trial(make(agent, CONFIG, np.random.default_rng(1)), SMALL, 1, 1, episodes)
+    trial = Trial(make(agent, CONFIG, np.random.default_rng(1)), task_of(SMALL), starts(1, 1, episodes))
     task = LearningTask(robot, trial)
     task.start()
     return task
@@ -206,7 +204,7 @@ async def test_odometry_serves_for_goal_and_boundary() -> None:
 
 async def test_a_pose_source_of_the_users_is_asked(robot: Robot) -> None:
     asked = wheel_pose(robot)._replace(read=lambda: (0.0, 0.0, 0.0))
-    trial = new_trial(make("sweeps", CONFIG, np.random.default_rng(1)), SMALL, 1, 1, 2)
+    trial = Trial(make("sweeps", CONFIG, np.random.default_rng(1)), task_of(SMALL), starts(1, 1, 2))
     await with_light(robot)
     task = LearningTask(robot, trial, asked)
     task.start()

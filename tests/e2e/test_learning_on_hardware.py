@@ -24,11 +24,11 @@ from txt1.board import Board
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import HalError, LightFault, TaskFault
-from txt1.learning import live, qtable
-from txt1.learning.agents import make
-from txt1.learning.seeding import new_trial
+from txt1.learning import qtable
+from txt1.learning import task as learning
+from txt1.learning.agents import agent_of, make
 from txt1.learning.task import LearningTask
-from txt1.learning.trial import Phase, Pose, Trial
+from txt1.learning.trial import Phase, Pose, Trial, starts, task_of
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import LUX_MAX, SAMPLE_PERIOD, Readings
 from txt1.navigation import PoseSource
@@ -78,7 +78,7 @@ async def until(condition: Callable[[], bool], timeout: float = 200.0) -> None:
 
 
 def trial_of(agent: str, episodes: int) -> Trial:
-    return new_trial(make(agent, CONFIG, np.random.default_rng(1)), CONFIG, 1, 1, episodes)
+    return Trial(make(agent, CONFIG, np.random.default_rng(1)), task_of(CONFIG), starts(1, 1, episodes))
 
 
 def from_start(trial: Trial, pose: Pose) -> tuple[float, float]:
@@ -197,7 +197,7 @@ async def test_who_ends_the_learning_gets_a_robot_that_stands_still_and_obeys(se
 
 
 def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(tmp_path: Path) -> None:
-    agent = live.agent_of(CONFIG, "sweeps", None)
+    agent = agent_of(CONFIG, "sweeps", None)
     assert agent is not None
 
     async def learn() -> None:
@@ -205,14 +205,14 @@ def test_a_program_with_sensors_of_its_own_learns_and_keeps_a_table_to_drive_by(
             assert await robot.load_gains()
             where = vehicle_of(robot)
             await robot.add_sensor("light", Ceiling(where))
-            task = live.start(robot, agent, PoseSource("ceiling", where), episodes=2)
+            task = learning.start(robot, agent, PoseSource("ceiling", where), episodes=2)
             await task.ended.wait()
             assert [one.success for one in task.trial.episodes] == [True, True]
 
     txt1.run(learn(), speed="max")
     file = tmp_path / "qtable.json"
     qtable.save(file, agent.table())
-    driver = live.agent_of(CONFIG, None, file)
+    driver = agent_of(CONFIG, None, file)
     assert driver is not None
     assert np.array_equal(driver.table().values, agent.table().values)
 

@@ -20,8 +20,7 @@ from txt1.kernel.processors import processors
 from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
-from txt1.learning.task import task_of
-from txt1.learning.trial import Episode
+from txt1.learning.trial import Episode, task_of
 
 OUT: Final = Path("out/learn")
 

@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
     config = options.loaded(arguments).config
     agent: Agent | None = None
     if arguments.learn is not None or arguments.policy is not None:
-        from txt1.learning.live import agent_of
+        from txt1.learning.agents import agent_of
 
         agent = agent_of(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
@@ -120,10 +120,9 @@ class Start:
         """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
         robot = self.robot
         if self.agent is not None:
-            from txt1.learning import live as learning
-            from txt1.learning.task import need_light
+            from txt1.learning import task as learning
 
-            await need_light(robot)
+            await learning.need_light(robot)
         await robot.linked()
         self.linked = True
         if self._to_be_armed():

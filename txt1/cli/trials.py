@@ -22,9 +22,20 @@ from txt1.errors import NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan, Watch, load_results, prepare, recordings, save_result
-from txt1.learning.seeding import AGENT, SENSORS, TrialResult, new_trial, recorded_plan, result_of, robot_config, stream
 from txt1.learning.task import LearningTask, need_light
-from txt1.learning.trial import COMMANDS, Episode
+from txt1.learning.trial import (
+    AGENT,
+    COMMANDS,
+    SENSORS,
+    Episode,
+    Trial,
+    TrialResult,
+    recorded_plan,
+    robot_config,
+    starts,
+    stream,
+    task_of,
+)  # fmt: skip
 
 POLL: Final = 0.1
 """s of real time between two looks at what the processes have to tell."""
@@ -175,10 +186,9 @@ def on_robot(
     """
     config, seed, episodes = plan.config, plan.seed, plan.episodes
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
-    trial = new_trial(agent, config, seed, number, episodes, done, plan.keep_paths(), commands)
+    trial = Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, plan.keep_paths())
     if before is not None:
-        agent.recall(before.memory)
-        trial.carry_on(before.episodes, before.paths, before.voided)
+        trial.carry_on(before)
     own, told = robot_config(config, seed, number), recorded_plan(agent.name, seed, number, episodes)
     app = App(plan.speed)
 
@@ -205,7 +215,7 @@ def on_robot(
     except Txt1Error as caught:
         trial.void()
         error = caught
-    result = result_of(trial, number, episodes)
+    result = trial.result(number)
     if out is not None and (trial.episodes or error is None):
         save_result(out, result)
     if error is not None:

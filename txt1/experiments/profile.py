@@ -24,8 +24,7 @@ class Step(Section):
 
     v: Annotated[float, Field(ge=-1.5, le=1.5)]
     """m/s."""
-    omega: float
-    """rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted."""
+    omega: float  # rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
     """s."""
 
@@ -41,8 +40,7 @@ class Waypoints(Section):
     """Number of times round; .inf: until the batteries are empty."""
     speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
     """m/s, the fastest."""
-    look_ahead: Positive = 1.0
-    """m."""
+    look_ahead: Positive = 1.0  # m
     pose: Literal["odometry", "true"] = "odometry"
     """The pose that the robot goes by; "true" is known in simulation only."""
 
@@ -59,16 +57,13 @@ class Profile(Section):
 
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
-    title: str
-    """Title of its figure."""
+    title: str  # title of its figure
     figure: Literal["velocities", "path", "waypoints", "battery"]
     """The figure's layout: 4.3 and 4.4, 4.5 and 4.6, waypoints with their errors, or 3.13."""
     sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
     """s between two samples."""
-    steps: tuple[Step, ...] = ()
-    """Velocities to command, in turn."""
-    waypoints: Waypoints | None = None
-    """Places to drive to."""
+    steps: tuple[Step, ...] = ()  # velocities to command, in turn
+    waypoints: Waypoints | None = None  # places to drive to
 
     @model_validator(mode="after")
     def _either(self) -> Profile:

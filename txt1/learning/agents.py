@@ -23,6 +23,7 @@ from txt1.errors import ConfigError, QTableError
 from txt1.learning import sweeps, thesis
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import RELEARN, load
+from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 
 LEARNERS: Final = Registry("learner", "txt1.learners", {"thesis": thesis.create, "sweeps": sweeps.create})
@@ -35,6 +36,17 @@ def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
     """
     agent: Agent = LEARNERS.make("agent", name, config, rng, None)
     return agent
+
+
+def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
+    """The learner of this name, or one that drives by the table in this file; None for neither.
+
+    Raises ConfigError: there is no learner of that name; QTableError: the file is no sound table.
+    """
+    rng = stream(config.own_seed, 1, AGENT)
+    if policy is not None:
+        return from_table(policy, config, rng)
+    return None if learn is None else make(learn, config, rng)
 
 
 def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:

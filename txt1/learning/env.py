@@ -32,9 +32,7 @@ from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch
 from txt1.learning.light import LightFilter, direction, reward, sector
-from txt1.learning.seeding import ready_to_learn
-from txt1.learning.task import task_of
-from txt1.learning.trial import COMMANDS, Start
+from txt1.learning.trial import COMMANDS, Start, ready_to_learn, task_of
 from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes

@@ -28,9 +28,8 @@ from txt1.kernel.loop import Speed
 from txt1.learning import qtable
 from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
-from txt1.learning.seeding import TrialResult, recorded_plan, robot_config
 from txt1.learning.task import SIMULATED
-from txt1.learning.trial import Episode, Start
+from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
 from txt1.record.session import discard, need
 
 FORMAT: Final = "txt1 learning"

@@ -11,8 +11,7 @@ import numpy as np
 
 from txt1.errors import MissingExtra
 from txt1.learning.qtable import ACTIONS, StoredTable
-from txt1.learning.seeding import TrialResult
-from txt1.learning.trial import Task
+from txt1.learning.trial import Task, TrialResult
 
 DPI: Final = 120
 BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from math import degrees, nan
 from typing import Final, NamedTuple
 
-from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.errors import HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
-from txt1.learning.trial import TICK, Phase, Task, Trial
+from txt1.learning.agent import Agent
+from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light import Readings
 from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
@@ -25,6 +25,8 @@ from txt1.telemetry.topics import Rule, Topic, declare
 PRIORITY = 0
 SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
 TO_START: Final = 0.4  # m/s, the fastest on the way to a start
+EPISODES: Final = 10_000  # more than anybody will watch
+FROM_WALL: Final = 0.5  # the boundary is at least so far inside the simulated room's walls, m
 
 
 class LearningStep(NamedTuple):
@@ -202,10 +204,25 @@ class LearningTask:
         return True
 
 
-def task_of(config: Config) -> Task:
-    """Return the task, as configured."""
-    one = config.learning
-    return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
+def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES) -> LearningTask:
+    """The learning task, at work beside the robot's others under an operator's eyes (`txt1 run`).
+
+    The robot has its gains and light sensors (see `need_light`); `pose` None: as configured.
+    """
+    config = robot.config
+    if robot.hal.capabilities.place:
+        room = config.sim.room
+        boundary = min(config.learning.boundary, 0.5 * min(room.length, room.width) - FROM_WALL)
+        config = config.model_copy(update={"learning": config.learning.model_copy(update={"boundary": boundary})})
+
+    def tell(one: Episode) -> None:
+        how = "reached the light" if one.success else "lost the light"
+        robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
+
+    trial = Trial(agent, task_of(config), starts(config.own_seed, 1, episodes), done=tell)
+    task = LearningTask(robot, trial, pose)
+    task.start()
+    return task
 
 
 async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:

@@ -1,34 +1,40 @@
-"""One trial: episodes of the task by one agent, from random starts, told the time 20 times a second (thesis 5.3).
+"""One trial: episodes of the task by one agent, and everything that its seed decides (thesis 5.3).
 
 It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import cos, hypot, pi, sin
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from txt1.config import Config
 from txt1.learning.agent import Agent
+from txt1.learning.qtable import StoredTable
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, SPEED, optimal_time
 from txt1.model.vehicle import Geometry
+from txt1.sensors.light import STREAM
 
 Pose = tuple[float, float, float]
 
 TICK: Final = 0.05  # the set-point is refreshed 20 times a second, s
 
-TURN: Final = SPEED / Geometry().radius_min
-"""The sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2."""
+TURN: Final = SPEED / Geometry().radius_min  # sharpest yaw rate at the robot's speed, rad/s: 0.54 in table 5.2
 
-COMMANDS: tuple[tuple[float, float], ...] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
-"""(v, omega) of the actions right, straight, left (table 5.2), m/s and rad/s."""
-
+Commands = tuple[tuple[float, float], ...]  # (v, omega) of each action, m/s and rad/s
+COMMANDS: Final[Commands] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))  # right, straight, left (table 5.2)
 
 OVER: Final = -1  # in place of an action, when an episode has ended
+
+STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4  # streams of random numbers of a trial
+
+MARGIN: Final = 1.0  # the walls stand so much beyond the boundary, m: the body's half, and room to stop
 
 
 class Task(NamedTuple):
@@ -78,57 +84,102 @@ class Phase(StrEnum):
     DONE = "has done all episodes"
 
 
+@dataclass
+class TrialResult:
+    """The result of a trial."""
+
+    trial: int  # its number, from 1
+    episodes: list[Episode]  # those that were completed
+    complete: bool  # whether that is all of them
+    table: StoredTable  # what was learned
+    memory: dict[str, Any]  # with which the agent can carry on
+    paths: dict[int, list[tuple[float, float]]]  # by the episode's number, (x, y) in m 20 times a second
+    voided: int = 0  # episodes that were broken off by a disarm and done again
+
+
+def stream(seed: int, trial: int, which: int) -> np.random.Generator:
+    """One of a trial's streams of random numbers."""
+    return np.random.default_rng(np.random.SeedSequence([seed, trial, which]))
+
+
 def starts(seed: int, trial: int, count: int) -> list[Start]:
     """The starts of a trial's episodes: the same for every agent."""
-    rng = np.random.default_rng(np.random.SeedSequence([seed, trial, 1]))
-    return [Start(*map(float, pair)) for pair in rng.uniform(-pi, pi, (count, 2))]
+    pairs = stream(seed, trial, STARTS).uniform(-pi, pi, (count, 2))
+    return [Start(*map(float, pair)) for pair in pairs]
 
 
+def task_of(config: Config) -> Task:
+    """Return the task, as configured."""
+    one = config.learning
+    return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
+
+
+def ready_to_learn(config: Config) -> Config:
+    """The configuration with a simulated room that holds the boundary, and batteries that outlast the trial.
+
+    The external supply feeds the simulated robot: a trial can take longer than a pack lasts, and whoever learns on the
+    real robot changes them.
+    """
+    side = 2.0 * (config.learning.boundary + MARGIN)
+    sim = config.sim
+    room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
+    battery = replace(sim.battery, used_1=None, used_2=None)
+    return config.model_copy(update={"sim": sim.model_copy(update={"room": room, "battery": battery})})
+
+
+def robot_config(config: Config, seed: int, trial: int) -> Config:
+    """The configuration of a trial's own robot."""
+    own = int(stream(seed, trial, ROBOT).integers(2**32))
+    return ready_to_learn(config).model_copy(update={"seed": own})
+
+
+def recorded_plan(name: str, seed: int, number: int, episodes: int) -> dict[str, object]:
+    """Return the description of a trial that its recording holds."""
+    return {"learn": name, "seed": seed, "trial": number, "episodes": episodes}
+
+
+@dataclass
 class Trial:
     """Episodes by one agent.
 
     Whoever conducts it brings the robot to `start` while the phase is MOVE, calls `placed`, shows the agent every
     sample of the light, and calls `tick` 20 times a second.
-
-    `commands` are (v, omega) of each action, m/s and rad/s; `done` is told each episode as it ends; `keep_paths` are
-    the numbers of the episodes whose paths are kept.
     """
 
-    def __init__(
-        self,
-        agent: Agent,
-        task: Task,
-        starts: list[Start],
-        commands: tuple[tuple[float, float], ...] = COMMANDS,
-        done: Callable[[Episode], None] = lambda _: None,
-        keep_paths: Collection[int] = (),
-    ) -> None:
-        self.agent = agent
-        self.task = task
-        self.episodes: list[Episode] = []
-        self.paths: dict[int, list[tuple[float, float]]] = {}
-        self.voided = 0
-        self._starts = starts
-        self._commands = commands
-        self._done = done
-        self._keep_paths = keep_paths
-        self.decided: Callable[[int], None] = lambda action: None
-        """Told the index of every action as it is decided, and OVER when an episode has ended."""
+    agent: Agent
+    task: Task
+    starts: list[Start]
+    commands: Commands = COMMANDS
+    done: Callable[[Episode], None] = lambda _: None  # told each episode as it ends
+    keep_paths: Collection[int] = ()  # numbers of the episodes whose paths are kept
+    decided: Callable[[int], None] = lambda _: None  # told every action as it is decided, OVER when an episode ended
+    episodes: list[Episode] = field(default_factory=list)  # those that are over
+    paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    voided: int = 0
+
+    def __post_init__(self) -> None:
         self._began = 0.0
         self._action = 0
-        self.phase: Phase = Phase.MOVE if starts else Phase.DONE
+        self.phase = Phase.DONE
+        self._next()
 
-    def carry_on(self, earlier: Sequence[Episode], paths: Mapping[int, list[tuple[float, float]]], voided: int) -> None:
-        """Count episodes that were done before, and keep their paths."""
-        self.episodes.extend(earlier)
-        self.paths.update({number: path for number, path in paths.items() if number <= len(earlier)})
-        self.voided += voided
-        self.phase = Phase.MOVE if len(self.episodes) < len(self._starts) else Phase.DONE
+    def carry_on(self, before: TrialResult) -> None:
+        """Count episodes that were done before, keep their paths, and remind the agent of what it had learned."""
+        self.agent.recall(before.memory)
+        self.episodes.extend(before.episodes)
+        self.paths.update({number: path for number, path in before.paths.items() if number <= len(before.episodes)})
+        self.voided += before.voided
+        self._next()
+
+    def result(self, number: int) -> TrialResult:
+        """Return the result so far of the trial of this number."""
+        complete, agent = len(self.episodes) == len(self.starts), self.agent
+        return TrialResult(number, self.episodes, complete, agent.table(), agent.memory(), self.paths, self.voided)
 
     @property
     def start(self) -> Pose:
         """The pose at which the next episode begins."""
-        return self._starts[len(self.episodes)].pose(self.task)
+        return self.starts[len(self.episodes)].pose(self.task)
 
     def placed(self, now: float) -> None:
         """The robot stands on its start pose since `now`."""
@@ -153,7 +204,7 @@ class Trial:
             self.phase = Phase.DRIVE
             self._began = now
         number = len(self.episodes) + 1
-        if number in self._keep_paths:
+        if number in self.keep_paths:
             self.paths.setdefault(number, []).append((pose[0], pose[1]))
         if not self.agent.waits(now, odometry):
             ended = self._ended(now, pose)
@@ -162,7 +213,7 @@ class Trial:
                 return 0.0, 0.0
             self._action = self.agent.act(now, odometry)
             self.decided(self._action)
-        return self._commands[self._action]
+        return self.commands[self._action]
 
     def void(self) -> None:
         """Do the present episode again, as if it had never begun."""
@@ -186,8 +237,11 @@ class Trial:
         self.agent.end(success, odometry)
         self.decided(OVER)
         number = len(self.episodes) + 1
-        start = self._starts[number - 1]
+        start = self.starts[number - 1]
         episode = Episode(number, start, now - self._began, success, start.optimal_time(self.task))
         self.episodes.append(episode)
-        self.phase = Phase.MOVE if number < len(self._starts) else Phase.DONE
-        self._done(episode)
+        self._next()
+        self.done(episode)
+
+    def _next(self) -> None:
+        self.phase = Phase.MOVE if len(self.episodes) < len(self.starts) else Phase.DONE
