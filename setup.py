@@ -17,7 +17,7 @@ MODULES = {
     "control": ["commander", "limits", "loops", "pid", "runaway"],
     "tasks": ["battery", "controller", "encoder", "fields", "mode", "panel", "serial"],
     "telemetry": ["bus"],
-    "learning": ["light", "policy", "task", "thesis", "trial"],
+    "learning": ["light", "task", "thesis", "trial"],
 }
 """By package: what is typed, runs often, and is neither given values of a user's nor replaced in part.
 

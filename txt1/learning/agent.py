@@ -32,10 +32,7 @@ class Agent(Protocol):
         """An episode begins: the robot rests on its start pose, and what was sensed before is past."""
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the four light sensors, lux, once every 16 ms.
-
-        Raises LightFault: a sensor cannot be believed.
-        """
+        """One sample of the four light sensors, lux, every 16 ms; LightFault: a sensor cannot be believed."""
 
     @property
     def ready(self) -> bool:

@@ -30,10 +30,7 @@ LEARNERS: Final = Registry("learner", "txt1.learners", {"thesis": thesis.create,
 
 
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
-    """Return a learner that knows nothing yet.
-
-    Raises ConfigError: there is none of that name, or its options are wrong.
-    """
+    """Return a learner that knows nothing yet; ConfigError: there is none of that name, or its options are wrong."""
     agent: Agent = LEARNERS.make("agent", name, config, rng, None)
     return agent
 

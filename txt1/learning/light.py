@@ -5,12 +5,11 @@ Directions are in the vehicle's frame, rad, counter-clockwise positive: 0 straig
 A reading that cannot be believed raises `LightFault`, so that no direction is ever made of it:
 
 - not a number, infinite or negative: at once (`LightFilter.step`, `direction`)
-- dead, that is, at 0 while the others see the light: `direction` raises when it is exactly 0; a sensor that dies later
-  leaves the filter by degrees, and `LightFilter.step` raises as soon as the filtered readings differ more than any
-  place of the light could make them (`spread_limit`), which takes half a second. The same rule catches a sensor that
+- dead, at 0 while the others see the light: `direction` at once; `LightFilter.step` within half a second, as soon as
+  the filtered readings differ more than any place of the light could make them (`spread_limit`). So does a sensor that
   sticks at its upper limit while the light is farther away than about 1.4 m
-- frozen at some reading in between: `LightFilter.step` raises when one reading has not changed for a second in
-  which each of the others changed at least every other time
+- frozen in between: `LightFilter.step`, when one reading has not changed for a second in which each of the others
+  changed at least every other time
 """
 
 from __future__ import annotations
@@ -26,28 +25,23 @@ FILTER_WEIGHT: Final = 0.9  # weight of the past in the filter (5.10)
 SECTORS: Final = (
     "rear centre", "rear right", "centre right", "front right",
     "front centre", "front left", "centre left", "rear left",
-)  # fmt: skip
-"""The eight states, by index (figure 5.5)."""
-
+)  # by index (figure 5.5)  # fmt: skip
 SETTLING_SAMPLES: Final = 22  # after so many samples the first one has lost nine tenths of its weight in the filter
-
 FROZEN_SAMPLES: Final = 63  # A sensor's changes are counted over so many samples, about a second
 
 
 def direction(readings: Readings) -> float:
     """Direction of the light as the thesis computes it (5.3), rad in (-pi, pi].
 
-    Each reading is a vector from the robot's centre out through its sensor; the direction is that of their sum. All
-    four sensors are equally far from the centre, so their positions serve as the vectors.
+    Each reading is a vector from the robot's centre out through its sensor; the direction is that of their sum.
 
     The sum compresses the bearing. With the light at distance D in the direction u, a sensor at p, small beside D,
-    reads I = |D u - p|^-n, which is D^-n (1 + n p.u / D) to first order, so that
+    reads I = |D u - p|^-n, which is D^-n (1 + n p.u / D) to first order, so that with the offsets a and b
 
         sum of p I  =  n D^-(n+1)  sum of p (p.u)  =  n D^-(n+1)  (4 a^2 u_x, 4 b^2 u_y)
 
-    with the offsets a = 0.2286 m and b = 0.127 m: the constant part cancels and what is left are the sensors' moments
-    along the two axes. Hence tan(direction) = (b / a)^2 tan(bearing) = 0.31 tan(bearing), whatever the exponent n: a
-    light at 53 degrees reads 23, and "front centre" spans about +-53 degrees. `corrected_direction` undoes it.
+    Hence tan(direction) = (b / a)^2 tan(bearing) = 0.31 tan(bearing), whatever the exponent n: a light at 53 degrees
+    reads 23. `corrected_direction` undoes it.
 
     Raises LightFault: a reading is not a positive, finite number; NoDirection: the readings are all alike.
     """
@@ -56,13 +50,10 @@ def direction(readings: Readings) -> float:
 
 
 def corrected_direction(readings: Readings) -> float:
-    """Direction of the light without the compression of `direction`, rad in (-pi, pi].
+    """Direction of the light without the compression of `direction`, rad in (-pi, pi]; raises as that does.
 
-    The differences front - rear and left - right, each divided by its sensors' offset: by the equation at `direction`
-    they are 4 n D^-(n+1) (a u_x, b u_y), and the quotient leaves u. Exact for a light far away; off by at most
-    1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
-
-    Raises as `direction` does.
+    The differences front - rear and left - right are 4 n D^-(n+1) (a u_x, b u_y). Exact for a light far away; off by at
+    most 1.1 degrees at 2.5 m, 4.4 at 1.25 m and 23 at 0.5 m.
     """
     front, left = _differences(readings)
     return atan2(left / SENSOR_Y, front / SENSOR_X)
@@ -148,10 +139,7 @@ class LightFilter:
         return self._samples >= SETTLING_SAMPLES
 
     def step(self, sample: Readings) -> None:
-        """Take in a sample, lux.
-
-        Raises LightFault: a sensor cannot be believed.
-        """
+        """Take in a sample, lux; LightFault: a sensor cannot be believed."""
         fl, fr, rl, rr = sample
         if not (0.0 <= fl < inf and 0.0 <= fr < inf and 0.0 <= rl < inf and 0.0 <= rr < inf):
             _refuse(sample)
@@ -194,18 +182,16 @@ class LightFilter:
 def sector(angle: float) -> int:
     """The sector a direction in rad falls into, 0 to 7 (figure 5.5).
 
-    Sector 0 is centred on straight behind, 4 on straight ahead, and they count counter-clockwise: from the rear over
-    the right to the front. Each spans 45 degrees, so the boundaries are the odd multiples of 22.5 degrees; a direction
-    on one belongs to the sector counter-clockwise of it: 22.5 degrees is front left.
+    Sector 0 is centred on straight behind, 4 on straight ahead, and they count counter-clockwise, 45 degrees each. A
+    direction on a boundary belongs to the sector counter-clockwise of it: 22.5 degrees is front left.
     """
     return (floor(angle / (pi / 4.0) + 0.5) + 4) % 8
 
 
 def reward(before: int, after: int) -> int:
-    """The reward r(t+1), -1, 0 or 1, for going from sector s(t) to s(t+1), (5.6) to (5.8).
+    """The reward for going from one sector to another, (5.6) to (5.8).
 
-    1 if the light stays straight ahead or comes nearer to it, 0 if it stays in a sector that is neither straight ahead
-    nor behind, otherwise -1.
+    1 if the light stays straight ahead or comes nearer to it, 0 if it stays neither ahead nor behind, otherwise -1.
     """
     s0, s1 = before - 4, after - 4
     if s0 == s1 == 0 or abs(s1) < abs(s0):

@@ -1,14 +1,8 @@
 """The Q-table: what is learned, how it is updated (thesis 5.2.1), and the file it is kept in.
 
-The file, qtable.json, is text:
-
-    format      "txt1 Q-table"
-    version     1
-    values      one list for each state, one number in it for each action
-    about       whatever the agent wants to remember with it: its name, seed, episodes
-    sha256      checksum of all the above
-
-so that a table that was cut off, altered or written by something else is refused instead of driven by.
+The file, qtable.json, holds format, version, values (a list for each state, a number in it for each action), about
+(what the agent keeps with it: its name, seed, episodes) and sha256, the checksum of all these: a table that was cut
+off, altered or written by something else is refused instead of driven by.
 """
 
 from __future__ import annotations
@@ -33,7 +27,6 @@ ACTIONS: Final = ("right", "straight", "left")  # by index (table 5.2)
 
 FORMAT: Final = "txt1 Q-table"
 VERSION: Final = 1
-
 RELEARN: Final = "take a sound copy, or learn it again with 'txt1 learn'"
 
 
@@ -60,10 +53,7 @@ class StoredTable:
     about: Mapping[str, Any] = field(default_factory=dict)  # what its agent keeps with it: JSON values only
 
     def shaped(self, states: int, actions: int) -> Table:
-        """Return the values, shape (states, actions).
-
-        Raises ValueError: they have another shape.
-        """
+        """Return the values; ValueError: their shape is not (states, actions)."""
         for needed, has, what in zip((states, actions), self.values.shape, ("states", "actions"), strict=True):
             if needed != has:
                 raise ValueError(f"has {has} {what} where {needed} are needed")
@@ -99,9 +89,8 @@ def save(path: Path, table: StoredTable) -> None:
     try:
         replace_file(path, f"{{\n{lines}\n}}\n")
     except OSError as error:
-        raise QTableError(
-            str(path), f"cannot be written: {error.strerror}", "give a directory that exists, is yours and has room"
-        ) from error
+        remedy = "give a directory that exists, is yours and has room"
+        raise QTableError(str(path), f"cannot be written: {error.strerror}", remedy) from error
 
 
 def load(path: Path) -> StoredTable:
@@ -119,9 +108,8 @@ def load(path: Path) -> StoredTable:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise QTableError(str(path), "is JSON, but no Q-table", ours)
     if (version := content.get("version")) != VERSION:
-        raise QTableError(
-            str(path), f"has the version {version!r}, this program reads {VERSION}", "use the txt1 that wrote it"
-        )
+        problem = f"has the version {version!r}, this program reads {VERSION}"
+        raise QTableError(str(path), problem, "use the txt1 that wrote it")
     if content.pop("sha256", None) != _checksum(content):
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
     return StoredTable(np.array(content["values"], float), content["about"])

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import exp
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from mypy_extensions import mypyc_attr
+from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.config.schema import LearningConfig
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
 from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
-from txt1.learning.policy import boltzmann, choose, fading, greedy_action, state_learning_rate
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
@@ -20,9 +22,61 @@ from txt1.model.odometry import Odometry
 
 REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
-
-
 RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to the next
+
+Row = NDArray[np.floating[Any]]  # the Q-values of one state's actions
+
+
+def boltzmann(q: Row, temperature: float) -> list[float]:
+    """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
+
+    The largest Q is subtracted first, which changes nothing in the quotient, so that nothing overflows. Towards T = 0
+    it is the greedy policy (5.4), towards infinity a uniform one (5.3).
+    """
+    values: list[float] = q.tolist()  # for so few an array costs ten times as much
+    largest = max(values)
+    weights = [exp((value - largest) / temperature) for value in values]
+    total = 0.0
+    for weight in weights:  # sum() rounds otherwise from Python 3.12 on
+        total += weight
+    return [weight / total for weight in weights]
+
+
+def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
+    """An action drawn with these probabilities: the one whose share of their cumulative sum holds a random number."""
+    u = rng.random()
+    cumulative = 0.0
+    for action, probability in enumerate(probabilities):
+        cumulative += probability
+        if u < cumulative:
+            return action
+    return max(range(len(probabilities)), key=probabilities.__getitem__)  # the sum was rounded to a little less than 1
+
+
+def greedy_action(q: Row, rng: np.random.Generator) -> int:
+    """The action with the largest Q-value; of equal ones one drawn at random, as the lowest would favour the right."""
+    values: list[float] = q.tolist()
+    largest = max(values)
+    best = [action for action, value in enumerate(values) if value == largest]
+    return best[0] if len(best) == 1 else int(rng.choice(best))
+
+
+def fading(episode: int, start: float, decay: float, floor: float = 0.0) -> float:
+    """Return start decay^k for episode k, from 0, but at least the floor: a temperature or a learning rate (5.4).
+
+    The thesis's temperature is 5 x 0.65^k, at least 0.05, which k = 11 reaches; its learning rate does not decay, one
+    that begins at 1 and does is its outlook (5.2.1).
+    """
+    return max(floor, start * decay**episode)
+
+
+def state_learning_rate(visits: int) -> float:
+    """Return the learning rate alpha of a state updated so many times before: 1 / (1 + visits / 10).
+
+    The sum of all rates grows without bound and that of their squares does not, as Q-learning's convergence asks for
+    (5.2.1).
+    """
+    return 1.0 / (1.0 + visits / 10.0)
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
@@ -178,19 +232,13 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
-        return StoredTable(
-            self.q.copy(),
-            {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS), "states": list(SECTORS)},
-        )
+        about = {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS), "states": list(SECTORS)}
+        return StoredTable(self.q.copy(), about)
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
-        return {
-            "q": self.q.tolist(),
-            "visits": self.visits.tolist(),
-            "episode": self.episode,
-            "rng": self._rng.bit_generator.state,
-        }
+        rng = self._rng.bit_generator.state
+        return {"q": self.q.tolist(), "visits": self.visits.tolist(), "episode": self.episode, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""

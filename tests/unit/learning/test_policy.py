@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.policy import (
+from txt1.learning.thesis import (
     boltzmann,
     choose,
     fading,
