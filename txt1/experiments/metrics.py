@@ -21,8 +21,7 @@ from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
 WINDOW: Final = 0.2  # s of which means are taken
 BAND: Final = 0.05  # share of a step within which a response counts as settled
-QUANTUM: Final = {"v": 0.016, "omega": 0.064}
-"""One encoder count in a tick, m/s and rad/s: on hardware no band is narrower."""
+QUANTUM: Final = {"v": 0.016, "omega": 0.064}  # one encoder count in a tick, m/s and rad/s: no band is narrower
 STEADY: Final = 0.5  # share of a step's time, at its end, that counts as steady
 SETTLE_IN: Final = 2.0  # s after which a circle is a circle
 LEG_START: Final = 2.0  # m of a leg, from its start, in which the robot is still coming round the corner
@@ -41,10 +40,8 @@ class StepMetrics(NamedTuple):
     before: float  # set-point before, m/s or rad/s
     after: float  # set-point from then on
     rise: float | None  # s from 10 % to 90 % of the step; None: it never came there
-    overshoot: float
-    """Share of the step by which the response, before its steady part, exceeds its steady value; never negative."""
-    overshoot_error: float | None
-    """Standard error of that, of repeated runs; None of one, whose noise counts as overshoot."""
+    overshoot: float  # share of the step by which the response exceeds its steady value before; never negative
+    overshoot_error: float | None  # its standard error, of repeated runs; None of one, whose noise counts as overshoot
     settling: float | None  # s until it stays within the band around the steady value; None: it does not
     steady_error: float  # steady value less the set-point, m/s or rad/s
     noise: float  # standard deviation of the unsmoothed response when steady, m/s or rad/s
@@ -101,25 +98,16 @@ def changes(recording: Recording) -> list[tuple[int, int]]:
     return [(a, b) for a, b in pairwise(bounds) if b > a]
 
 
-def steps(recording: Recording) -> list[StepMetrics]:
-    """The responses to every change of a set-point to another value than 0, in order; stops are in `stops`."""
-    return [step for step in _all_steps(recording) if step.after != 0.0]
-
-
-def stops(recording: Recording) -> list[StepMetrics]:
-    """The responses to every change of the speed's set-point to 0."""
-    return [step for step in _all_steps(recording) if step.after == 0.0 and step.channel == "v"]
-
-
-def _all_steps(recording: Recording) -> list[StepMetrics]:
+def steps(recording: Recording, *, stops: bool = False) -> list[StepMetrics]:
+    """The responses to every change of a set-point to another value than 0, or of the speed's to 0, in order."""
     found = []
-    channels: tuple[Channel, ...] = ("v", "omega")
+    channels: tuple[Channel, ...] = ("v",) if stops else ("v", "omega")
     for channel in channels:
         set_point = recording[f"set_{channel}"]
         for first, last in changes(recording):
             # the speed's response goes on while only the yaw rate's set-point changes, but it is disturbed then
             before = float(set_point[first - 1]) if first else 0.0  # a run begins at rest
-            if set_point[first] != before and last - first >= 10:
+            if set_point[first] != before and bool(set_point[first]) is not stops and last - first >= 10:
                 found.append(_step(recording, channel, first, last, before))
     return sorted(found, key=lambda step: step.time)
 
@@ -169,8 +157,7 @@ def settled_after(deviation: Array, band: float, times: Array) -> float:
 def excess(speed: Array, size: float) -> Array:
     """By how much a response, before its steady part, is beyond its steady value, as a share of the step's size.
 
-    The steady part is looked at by nobody: what its peaks show is noise, and a response that creeps up to its end value
-    has not overshot.
+    The peaks of the steady part are noise, and a response that creeps up to its end value has not overshot.
     """
     begins = round((1.0 - STEADY) * len(speed))
     beyond: Array = (speed[: max(begins, 1)] - speed[begins:].mean()) / size
@@ -181,13 +168,12 @@ def repeated_steps(recordings: Sequence[Recording]) -> list[StepMetrics]:
     """The responses of the mean of several runs of one profile, each overshoot with its standard error.
 
     The highest of noisy values is on average too high, in a mean of runs, too. So one half of the runs says when the
-    response is highest and the other how high it is then, and the other way round. Where nothing overshoots that is 0
-    within its standard error, however noisy the runs. The error is that of one half: where both agree on the time, they
-    are no two answers.
+    response is highest and the other how high it is then, and the other way round. The error is that of one half: where
+    both agree on the time, they are no two answers.
     """
-    if len(recordings) < 2:
-        return steps(mean_of(recordings))
     mean = mean_of(recordings)
+    if len(recordings) < 2:
+        return steps(mean)
     intervals = dict(changes(mean))
     found = []
     for step in steps(mean):
@@ -205,8 +191,7 @@ class Deviation(NamedTuple):
     """The distance between the responses of two runs of one profile."""
 
     channel: Channel  # what responded
-    delay: tuple[float, float]
-    """By which the other's responses to changes of the set-point come later, s: least and most."""
+    delay: tuple[float, float]  # by which the other's responses to changes come later, s: least and most
     rms: float  # root mean square of the difference of the responses, that delay apart, m/s or rad/s
     largest: float  # the largest, m/s or rad/s
 
@@ -277,19 +262,16 @@ class Circle(NamedTuple):
     radius: float  # of the least-squares circle, m
     asked: float  # v / omega of the set-points, m
     laps: int  # how many whole ones there were
-    lap_to_lap: float | None
-    """Largest distance of a point of a lap from the lap before, m; None with less than two laps."""
+    lap_to_lap: float | None  # largest distance of a point of a lap from the lap before, m; None with one lap
 
 
 def circle(recording: Recording) -> Circle | None:
     """The circle that was driven at the last set-points; None when it was no circle."""
-    if not len(recording) or recording["set_omega"][-1] == 0.0:
-        intervals = [(a, b) for a, b in changes(recording) if recording["set_omega"][a] != 0.0]
-        if not intervals:
-            return None
-        first, last = max(intervals, key=lambda interval: interval[1] - interval[0])
-    else:
-        first, last = changes(recording)[-1]
+    intervals = [(a, b) for a, b in changes(recording) if recording["set_omega"][a] != 0.0]
+    if not intervals:
+        return None
+    turns = recording["set_omega"][-1] != 0.0
+    first, last = intervals[-1] if turns else max(intervals, key=lambda interval: interval[1] - interval[0])
     asked = abs(float(recording["set_v"][first] / recording["set_omega"][first]))
     time = recording["time"]
     first = int(np.searchsorted(time, time[first] + SETTLE_IN))
@@ -331,23 +313,26 @@ class LegMetrics(NamedTuple):
 
 def cross_track(recording: Recording, leg: Leg) -> Array:
     """Distance of every sample's place from the line of a leg, left positive, m."""
+    return _on_leg(recording, leg)[1]
+
+
+def _on_leg(recording: Recording, leg: Leg) -> tuple[Array, Array, float]:
+    """Every sample's place along a leg and left of it, and the leg's length, m."""
     x, y = recording.path()
     (x0, y0), (x1, y1) = leg.start, leg.end
-    norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
-    distance: Array = ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) / norm
-    return distance
+    norm = max(float(np.hypot(x1 - x0, y1 - y0)), 1e-9)
+    along: Array = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
+    across: Array = ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) / norm
+    return along, across, norm
 
 
 def leg_metrics(recording: Recording, legs: Sequence[Leg]) -> list[LegMetrics]:
     """The cross-track error of every leg on which there were samples, but the way to the first waypoint."""
     found = []
-    time, (x, y) = recording["time"], recording.path()
+    time = recording["time"]
     for leg, ends in zip(legs[1:], [*(each.time for each in legs[2:]), inf], strict=False):
-        (x0, y0), (x1, y1) = leg.start, leg.end
-        norm = max(np.hypot(x1 - x0, y1 - y0), 1e-9)
-        along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / norm
-        round_the_corner = along >= min(LEG_START, 0.5 * norm)
-        error = cross_track(recording, leg)[(time >= leg.time) & (time < ends) & round_the_corner]
+        along, across, length = _on_leg(recording, leg)
+        error = across[(time >= leg.time) & (time < ends) & (along >= min(LEG_START, 0.5 * length))]
         if len(error):
             found.append(LegMetrics(leg.start, leg.end, *_rms_and_largest(error)))
     return found
@@ -402,7 +387,7 @@ def judge(recording: Recording, legs: Sequence[Leg], profile: Profile) -> dict[s
         return found
     if profile.waypoints is None:
         found["steps"] = [step._asdict() for step in steps(recording)]
-        found["stops"] = [step._asdict() for step in stops(recording)]
+        found["stops"] = [step._asdict() for step in steps(recording, stops=True)]
         found["droop"] = [droop._asdict() for droop in droops(recording)]
         if profile.figure == "path" and (driven := circle(recording)) is not None:
             found["circle"] = driven._asdict()

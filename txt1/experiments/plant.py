@@ -11,10 +11,8 @@ from txt1.control.pid import CLEAR, Gains, pid
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
+# unevenness of the floor, as a share of the speed, anew at every tick; assumed, for the encoders show no patterns
 UNEVENNESS: Final = 0.03
-"""Unevenness of the floor, as a share of the speed, anew at every tick; assumed. Without it the encoders would show
-patterns that no real drive shows."""
-
 PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
 
 

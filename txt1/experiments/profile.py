@@ -22,11 +22,9 @@ EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega
 class Step(Section):
     """A velocity and how long to command it."""
 
-    v: Annotated[float, Field(ge=-1.5, le=1.5)]
-    """m/s."""
+    v: Annotated[float, Field(ge=-1.5, le=1.5)]  # m/s
     omega: float  # rad/s; what R_min does not allow at this v is clipped by the safety gate, and counted
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)]
-    """s."""
 
 
 class Waypoints(Section):
@@ -34,15 +32,11 @@ class Waypoints(Section):
 
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
-    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
-    """x and y, m."""
-    laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0
-    """Number of times round; .inf: until the batteries are empty."""
-    speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5
-    """m/s, the fastest."""
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]  # x and y, m
+    laps: Annotated[float, Field(gt=0.0, allow_inf_nan=True)] = 1.0  # times round; .inf: until the batteries are empty
+    speed: Annotated[float, Field(gt=0.0, le=1.5)] = 0.5  # m/s, the fastest
     look_ahead: Positive = 1.0  # m
-    pose: Literal["odometry", "true"] = "odometry"
-    """The pose that the robot goes by; "true" is known in simulation only."""
+    pose: Literal["odometry", "true"] = "odometry"  # the robot goes by; "true" is known in simulation only
 
     @model_validator(mode="after")
     def _legs(self) -> Waypoints:
@@ -58,10 +52,8 @@ class Profile(Section):
     model_config = ConfigDict(ser_json_inf_nan="strings")
 
     title: str  # title of its figure
-    figure: Literal["velocities", "path", "waypoints", "battery"]
-    """The figure's layout: 4.3 and 4.4, 4.5 and 4.6, waypoints with their errors, or 3.13."""
-    sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02
-    """s between two samples."""
+    figure: Literal["velocities", "path", "waypoints", "battery"]  # 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
+    sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02  # s between two samples
     steps: tuple[Step, ...] = ()  # velocities to command, in turn
     waypoints: Waypoints | None = None  # places to drive to
 

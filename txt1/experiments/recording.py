@@ -24,8 +24,9 @@ class Measurement(NamedTuple):
     set_omega: float = 0.0  # commanded yaw rate, rad/s
     v: float = 0.0  # measured by the encoders, m/s
     omega: float = 0.0  # measured by the encoders, rad/s
-    x: float = 0.0
-    """Where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with."""
+    x: float = (
+        0.0  # where the robot believes it is, m: by its odometry, or by the pose source it follows waypoints with
+    )
     y: float = 0.0  # m
     theta: float = 0.0  # rad
     read: float = 0.0  # when the encoders were read last, s: behind a line, when their odometry arrived

@@ -24,7 +24,6 @@ PUBLISH: Final = 0.1  # s between two commands, as in the original's tests
 
 STOPPED_V: Final = 0.02  # m/s below which the vehicle does not move, ...
 STOPPED_TIME: Final = 5.0  # ... and s after which a vehicle that does not, though commanded to, ends the experiment.
-
 LOOK: Final = 1.0  # s between two looks at the batteries
 
 

@@ -21,35 +21,25 @@ TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))  # steps of the 
 CRUISE: Final = 0.5  # m/s at which they are tried; the loop's gain is made the same at every speed
 V_MAX: Final = 1.5  # m/s, the fastest the controller accepts (thesis 4.2)
 SEEDS: Final = range(16)  # seeds of the trials of the speed
-TURN_SEEDS: Final = range(32)
-"""Seeds of the trials of the yaw rate: more, as an encoder count is a larger share of a step there."""
+TURN_SEEDS: Final = range(32)  # of the yaw rate: more, as an encoder count is a larger share of a step there
 TRIAL: Final = 4.0  # s of a trial of the speed
 TURN_TRIAL: Final = 2.5  # s of a trial of the yaw rate
-LESS: Final = 0.9
-"""Share of the present overshoot that is allowed in the model, so that the vehicle shows no more than before."""
-NO_OVERSHOOT: Final = 0.001
-"""Share of a step of the speed: what the noise of so many trials makes of a response that does not overshoot."""
+LESS: Final = 0.9  # share of the present overshoot allowed in the model, so that the vehicle shows no more than before
+NO_OVERSHOOT: Final = 0.001  # share of a step of the speed that noise makes of a response that does not overshoot
 TURN_NO_OVERSHOOT: Final = 0.002  # likewise of the yaw rate
-EXCESS: Final = 10000.0
-"""s that an overshoot of 1 costs, beyond what is allowed, so that little is worth it; noise, as a share of a step,
-likewise."""
-MARGIN: Final = 0.03
-"""s by which every step of the speed is to settle sooner in the model, so that it does so on the vehicle, too, ..."""
-TURN_MARGIN: Final = 0.06  # ... and every step of the yaw rate.
+EXCESS: Final = 10000.0  # s that an overshoot of 1 costs, beyond what is allowed; noise, as a share of a step, likewise
+MARGIN: Final = 0.03  # s by which every step of the speed is to settle sooner in the model, to do so on the vehicle, ..
+TURN_MARGIN: Final = 0.06  # ... and every step of the yaw rate
 SLOWER: Final = 50.0  # s that each s costs by which one step settles later than before, however soon others do
 
-PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
-"""Gains of the speed loop that are tried: K_P times the speed per count."""
+PROPORTIONAL: Final = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)  # K_P that is tried, times the speed per count
 RATES: Final = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0)  # K_I / K_P that is tried, per lag: 1 cancels it
 FINER: Final = (0.06, 0.03, 0.015)  # shares by which the best of these are then changed
-TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)
-"""Gains of the yaw-rate loop that are tried: K_P times the yaw rate per count."""
-TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)
-"""K_I times the yaw rate per count, 1/s: how fast the loop closes."""
+TURN_PROPORTIONAL: Final = (0.0, 0.05, 0.1, 0.15)  # K_P of the yaw rate, times the yaw rate per count
+TURN_RATES: Final = (4.0, 5.0, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0)  # K_I times that, 1/s: how fast the loop closes
 
+# the number of gains that are tried altogether
 CANDIDATES: Final = len(PROPORTIONAL) * len(RATES) + len(TURN_PROPORTIONAL) * len(TURN_RATES) + 2 * 9 * len(FINER)
-"""Number of gains that are tried altogether."""
-
 
 Step = tuple[float, float]  # from one set-point to another, m/s or rad/s
 
@@ -85,9 +75,7 @@ def linear_gains(
 def angular_gains(
     plant: Plant, geometry: Geometry, schedule: Schedule, tried: Callable[[], None] = lambda: None
 ) -> tuple[GainSet, ...]:
-    """The schedule with which the yaw rate settles soonest, with no more overshoot and noise than before.
-
-    The borders of v_max are kept.
+    """The schedule, with the same borders, with which the yaw rate settles soonest with no more overshoot and noise.
 
     The steering turns counts into a yaw rate in proportion to the speed. So gains found at one speed are right at any
     other when they are divided by it: one loop for the whole schedule. Each set takes the highest speed it is in force

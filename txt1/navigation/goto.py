@@ -19,23 +19,17 @@ from txt1.navigation.tracking import Stretch
 from txt1.robot import Robot
 from txt1.sim.room import Room
 
-POSITION: Final = 0.035
-"""m from the goal with which the robot is content; 5 cm are asked for, and the pose source has its own error."""
+POSITION: Final = 0.035  # m from the goal that is near enough; 5 cm are asked for, and the pose source has an error
 HEADING: Final = radians(3.5)  # rad likewise; 5 degrees are asked for
-OFF_POSITION: Final = 0.06
-OFF_HEADING: Final = radians(10.0)
-"""m from the path, and rad, with which a gear change is not worth waiting for: the path is planned anew."""
-
+OFF_POSITION: Final = 0.06  # m from the path at the end of a stretch, beyond which it is planned anew
+OFF_HEADING: Final = radians(10.0)  # rad likewise
 CORRECTION: Final = 0.2  # m from the goal within which a path is a correction
 ATTEMPTS: Final = 8  # paths that are planned before the robot is content with where it is
-
 BRAKING: Final = 0.4  # m/s^2 with which the set-point falls before the end of a stretch
-CRAWL: Final = 0.1
-"""m/s, the slowest set-point: below, the motors' dead band and the encoders' resolution make it uneven."""
+CRAWL: Final = 0.1  # m/s, the slowest set-point: below, the motors' dead band and the encoders make it uneven
 SPEED_LAG: Final = 0.15  # s by which the vehicle's speed follows the set-point, so it comes to rest so much later
 DEAD_TIME: Final = 0.05  # s from a command to the wheels: a driver's period, a controller's and an encoder's
-FOLLOWS_WITHIN: Final = 0.12
-"""Metres in which the yaw-rate loop is to follow for the robot to drive curves at full speed."""
+FOLLOWS_WITHIN: Final = 0.12  # m in which the yaw-rate loop is to follow for curves to be driven at full speed
 STRAIGHT: Final = 0.3  # m ahead that must be straight for a speed at which the loop does not follow as closely
 CLEARANCE: Final = 0.03  # m/s from the border of a gain set, two quanta of the encoders
 REST: Final = 0.25  # s without motion after which the vehicle is at rest

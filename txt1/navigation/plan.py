@@ -14,24 +14,14 @@ from txt1.model.reeds_shepp import Path, Pose, Segment, length, paths
 from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room, clearance
 
-MARGINS: Final = (1.1, 1.35)
-"""Planned turning radii over R_min: the first leaves the steering something to correct with, the other finds other
-paths where the first finds none."""
-
-ROOMS: Final = (0.06, 0.03, 0.0)
-"""m that the body is to keep from the walls: the most of these with which there is a path."""
-
+MARGINS: Final = (1.1, 1.35)  # planned radii over R_min: one that leaves room to correct, one for want of a path
+ROOMS: Final = (0.06, 0.03, 0.0)  # m that the body is to keep from the walls: the most with which there is a path
 GEAR_CHANGE: Final = 0.1  # m of path that stopping to change gear is worth
-
 SHORT: Final = 0.15  # m; a shorter stretch in one gear ends before the steering has come round
 SHORT_STRETCH: Final = 0.3  # m of path that such a stretch is worth
-
 LOOK_EVERY: Final = 0.05  # m of path after which the body is looked at again
-
 RUN_UP: Final = 0.4  # m of straight path before the goal of a correction
-
-VIA: Final = 3
-"""Places along each side of a grid that a path in two parts may lead over, and a third as many headings in pi / 4."""
+VIA: Final = 3  # places along each side of a grid that a path in two parts may lead over
 
 
 class NoPath(Txt1Error):
@@ -61,15 +51,11 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:
         raise NoPath(goal)
-    for keep_clear in ROOMS:
-        direct = _cheapest_inside(start, goal, room, body, keep_clear)
-        if direct is not None:
-            return direct
-    assert room is not None
-    for keep_clear in ROOMS:
-        indirect = _over_a_place(start, goal, room, body, keep_clear)
-        if indirect is not None:
-            return indirect
+    for search in (_cheapest_inside, _over_a_place):
+        for keep_clear in ROOMS:
+            path = search(start, goal, room, body, keep_clear)
+            if path is not None:
+                return path
     raise NoPath(goal)
 
 
@@ -123,8 +109,9 @@ def _cheapest_inside(start: Pose, goal: Pose, room: Room | None, body: Geometry,
     return next((path for path in sorted(every, key=cost) if stays_inside(start, path, room, body, keep_clear)), None)
 
 
-def _over_a_place(start: Pose, goal: Pose, room: Room, body: Geometry, keep_clear: float) -> Path | None:
+def _over_a_place(start: Pose, goal: Pose, room: Room | None, body: Geometry, keep_clear: float) -> Path | None:
     """The cheapest path in two parts over a grid of poses around the goal and the start."""
+    assert room is not None
     best, least = None, inf
     radius = MARGINS[0] * body.radius_min
     steps = [radius * (k - VIA // 2) for k in range(VIA)]

@@ -8,26 +8,18 @@ from typing import Final
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 
-RETURN_LENGTH: Final = 0.25
-"""m of path in which an error falls to about a quarter; shorter would oscillate with the lag of the steering."""
-
+RETURN_LENGTH: Final = 0.25  # m of path in which an error falls to a quarter; shorter would oscillate
 LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2  # curvature per lateral error, 1/m^2
 HEADING_GAIN: Final = 2.0 / RETURN_LENGTH  # curvature per heading error, 1/m: critical damping
 
 
 class Stretch:
-    """A part of a path that is driven in one gear, from `start` on; beyond both ends it goes straight on.
-
-    Attributes:
-        gear: 1.0 forward, -1.0 backward.
-        length: m.
-
-    """
+    """A part of a path that is driven in one gear, from `start` on; beyond both ends it goes straight on."""
 
     def __init__(self, start: Pose, path: Path) -> None:
-        self.gear = 1.0 if path[0].distance > 0.0 else -1.0
+        self.gear = 1.0 if path[0].distance > 0.0 else -1.0  # forward, backward
         self._pieces: list[tuple[float, Pose, float]] = []  # path driven before, pose there, curvature
-        self.length, pose = 0.0, start
+        self.length, pose = 0.0, start  # m
         for curvature, distance in path:
             self._pieces.append((self.length, pose, curvature))
             self.length += abs(distance)

@@ -17,8 +17,7 @@ from txt1.robot import Robot
 
 LOOK_AHEAD: Final = 1.0  # m, at the original's 0.5 m/s
 SPEED: Final = 0.5  # m/s, the original's
-SIDEWAYS: Final = 0.6
-"""m/s^2, the largest sideways acceleration: v^2 abs(curvature). At 0.5 m/s it is not reached even at full lock."""
+SIDEWAYS: Final = 0.6  # m/s^2, the largest v^2 abs(curvature); at 0.5 m/s it is not reached even at full lock
 
 Point = tuple[float, float]  # x and y, m
 

@@ -21,7 +21,6 @@ from txt1.experiments.metrics import (
     settled_after,
     smooth,
     steps,
-    stops,
 )
 from txt1.experiments.profile import Profile
 from txt1.experiments.recording import Measurement, Recording, load, mean_of, save
@@ -169,7 +168,7 @@ def test_a_stop_is_told_apart_from_a_step() -> None:
     ]
     recording = Recording(samples)
     assert [step.after for step in steps(recording)] == [0.5]
-    assert len(stops(recording)) == 1
+    assert len(steps(recording, stops=True)) == 1
 
 
 def test_the_droop_is_the_share_of_speed_that_is_lost() -> None:
