@@ -89,12 +89,10 @@ class Gate:
         self.armed = False
         self.stopped = False
         self.reason = "not armed yet"
-        self.closed_by: Fault | None = None
-        """The fault that closed the gate, if one did and nobody has stopped or disarmed since."""
+        self.closed_by: Fault | None = None  # if one did and nobody has stopped or disarmed since
         self.counts: dict[Fault, int] = dict.fromkeys(Fault, 0)
         self._on_close = on_close
-        self.epoch = 0
-        """Stamped on every command as it comes in; `renew` raises it."""
+        self.epoch = 0  # stamped on every command as it comes in; `renew` raises it
         self._valid_from = 0.0
         self._fresh = False
         self._motor = 0
@@ -187,7 +185,6 @@ class Gate:
         return self._neutral
 
     def _hold(self, servos: tuple[int, int]) -> None:
-        """Move the free servos, if they are to move."""
         if servos != self._servos:
             self._servos = int(clip(servos[0], PWM_MAX)), int(clip(servos[1], PWM_MAX))
             self._neutral = Outputs(0, 0, 0, *self._servos)

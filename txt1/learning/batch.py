@@ -14,9 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.control.loops import at_rest, errors
 from txt1.control.parameters import Safety
-from txt1.control.pid import Gains, pid
+from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.kernel.processors import processors
 from txt1.learning.light import FILTER_WEIGHT

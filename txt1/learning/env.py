@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from txt1.config import Config, load
 from txt1.control.limits import clip
-from txt1.control.loops import VelocityLoops, at_rest
+from txt1.control.pid import VelocityLoops, at_rest
 from txt1.errors import MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim

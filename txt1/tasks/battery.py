@@ -19,8 +19,6 @@ GOOD_V: Final = 9.5
 WARNING_V: Final = 9.0
 FITTED_V: Final = 1.0  # a pack that reads less is not fitted
 BAD_TIME: Final = 5.0  # seconds of bad batteries that stop the robot: readings may start low and settle
-_DISCHARGING: Final = 2
-_LIPO: Final = 3
 _HEALTH: Final = {BatteryState.GOOD: 1, BatteryState.WARNING: 1, BatteryState.BAD: 3}  # in ROS's numbers
 
 
@@ -35,8 +33,8 @@ def _topic(number: int) -> Topic[Battery]:
         f"/battery{number}", Battery, "V", "sensor_msgs/BatteryState", Rule.SECOND, f"battery {number}",
         {
             "temperature": unknown, "current": unknown, "charge": unknown, "capacity": unknown,
-            "design_capacity": 6.5, "percentage": unknown, "power_supply_status": _DISCHARGING,
-            "power_supply_technology": _LIPO, "location": f"battery{number}",
+            "design_capacity": 6.5, "percentage": unknown, "power_supply_status": 2,
+            "power_supply_technology": 3, "location": f"battery{number}",  # discharging; lithium polymer
         },
         ("voltage", "power_supply_health", "present"), numbers,
     ))  # fmt: skip

@@ -6,8 +6,7 @@ from math import inf
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.loops import VelocityLoops, at_rest
-from txt1.control.pid import Gains
+from txt1.control.pid import Gains, VelocityLoops, at_rest
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks

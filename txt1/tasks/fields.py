@@ -178,9 +178,7 @@ GAIN_TABLE: Final = _told("/gain_table", GainTable, "the gains that were loaded"
 SERVOS: Final[Topic[tuple[int, int]]] = _told("/servos", tuple, "counts of the two free servos")
 TRAFFIC: Final = _told("/traffic", Traffic, "messages to and from the host, and how old the odometry is")
 BACKLIGHT: Final = _told("/backlight", float, "brightness of the board's display, 0 to 1")
-SURROUNDINGS: Final = _told(
-    "/surroundings", Surroundings, "the simulated room with light and obstacles, the robot's size"
-)
+SURROUNDINGS: Final = _told("/surroundings", Surroundings, "the simulated room, light, obstacles, the robot's size")
 VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
     "/vehicles", tuple[tuple[float, float, float], ...], "the other robots' poses: m, rad"
 )
@@ -196,13 +194,10 @@ DRIVER: Final = declare(Topic(
     },
 ))  # fmt: skip
 
-_INFO: Final = 20
-_WARN: Final = 30  # levels of ROS's log
-
 
 def _log_message(event: Event) -> dict[str, object]:
     warns = event.text.startswith(("disarmed", "link lost", "batteries"))
-    return {"level": _WARN if warns else _INFO, "name": "txt1", "msg": event.text}
+    return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}  # ROS's WARN and INFO
 
 
 LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))
@@ -237,10 +232,8 @@ class State:
         self.panel = Panel()
         self.backlight: float | None = None
         self.transmitted = 0  # by the odometry task
-        self.events: deque[Event] = deque(maxlen=20)
-        """The latest events, oldest first: a log that everybody may append to."""
-        self.line_faults: dict[str, int] = {}
-        """What went wrong on the line to the host, by name; kept by whoever reads it."""
+        self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
+        self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
 
     def tell(self, time: float, text: str) -> None:
         """Log an event."""

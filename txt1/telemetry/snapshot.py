@@ -90,17 +90,13 @@ class Snapshot:
     def decode(cls, line: bytes | str) -> Snapshot:
         """The snapshot a line was made from; ValueError for what is none, or of a version not known here."""
         try:
-            return cls.of(json.loads(line))
+            read = json.loads(line)
+            if read["version"] != VERSION:
+                raise ValueError(f"not a snapshot of version {VERSION} but of {read['version']!r}")
+            snapshot = cls(float(read["time"]), str(read["name"]), {})
+            snapshot._plain = dict(read["topics"])
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"not a snapshot: {type(error).__name__}: {error}") from error
-
-    @classmethod
-    def of(cls, line: Mapping[str, Any]) -> Snapshot:
-        """The snapshot in a line that was read already; raises as `decode`, and KeyError for what is none."""
-        if line["version"] != VERSION:
-            raise ValueError(f"not a snapshot of version {VERSION} but of {line['version']!r}")
-        snapshot = cls(float(line["time"]), str(line["name"]), {})
-        snapshot._plain = dict(line["topics"])
         return snapshot
 
 

@@ -20,7 +20,6 @@ from txt1.beside import Connection
 from txt1.kernel.clock import RealClock, nanoseconds
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
-from txt1.ui.keys import Keys
 from txt1.ui.screens import installed, render
 from txt1.ui.viewer import DRIVING, Viewer
 
@@ -66,7 +65,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
 
     Raises EOFError when the robot's process has gone.
     """
-    decoder, painter, viewer = Keys(), Painter(), Viewer(keys or DRIVING)
+    decoder, painter, viewer = tty.Keys(), Painter(), Viewer(keys or DRIVING)
     line: bytes | None = None
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from itertools import groupby, pairwise
 from math import ceil, cos, degrees, dist, floor, isfinite, log10, sin
 from operator import itemgetter
-from typing import Final, NamedTuple
+from typing import Final
 
 from rich.panel import Panel
 from rich.text import Text
@@ -33,21 +33,13 @@ _STYLES: Final = (DIM, "white", "cyan", "yellow", "bold bright_green")
 AXES, WALL, PATH, OTHER, ROBOT = range(len(_STYLES))
 
 Point = tuple[float, float]  # x and y, m
+Bounds = tuple[float, float, float, float]  # left, bottom, right and top of a rectangle, m
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Panel:
     """MAP for a body, or a part of one, of width x rows cells."""
     lines = draw_map(snapshot, viewer, width - 2, rows - 2)
     return Panel(Text("\n").join(lines), title="MAP", padding=0, border_style=DIM)
-
-
-class Bounds(NamedTuple):
-    """The rectangle to show, m."""
-
-    left: float
-    bottom: float
-    right: float
-    top: float
 
 
 class Canvas:
@@ -60,8 +52,9 @@ class Canvas:
     def __init__(self, bounds: Bounds, columns: int, rows: int, scale: float | None = None) -> None:
         self.columns, self.rows = columns, rows
         self.scale = scale or fitting_scale(bounds, columns, rows)
-        self._left = (bounds.left + bounds.right) / 2.0 - columns * self.scale
-        self._top = (bounds.bottom + bounds.top) / 2.0 + 2.0 * rows * self.scale
+        left, bottom, right, top = bounds
+        self._left = (left + right) / 2.0 - columns * self.scale
+        self._top = (bottom + top) / 2.0 + 2.0 * rows * self.scale
         self._bits = [[0] * columns for _ in range(rows)]
         self._layers = [[0] * columns for _ in range(rows)]
         self._marks: dict[tuple[int, int], tuple[str, str]] = {}
@@ -133,7 +126,7 @@ def draw_map(snapshot: Snapshot, viewer: Viewer, columns: int, rows: int) -> lis
         canvas = Canvas(bounds, columns, rows, round_up(fitting_scale(bounds, columns, rows)))
     else:
         x, y = 0.5 * about.room[0], 0.5 * about.room[1]  # it lies around the origin
-        canvas = Canvas(Bounds(-x, -y, x, y), columns, rows)
+        canvas = Canvas((-x, -y, x, y), columns, rows)
         canvas.outline([(-x, -y), (x, -y), (x, y), (-x, y)], WALL)
     arm = 4.0 * canvas.scale
     canvas.line((-arm, 0.0), (arm, 0.0), AXES)
@@ -159,9 +152,9 @@ def around(snapshot: Snapshot, viewer: Viewer) -> Bounds:
     ys = [y for _, y in points if isfinite(y)] or [0.0]
     grid = 10.0 ** floor(log10(max(VIEW_MIN, max(xs) - min(xs), max(ys) - min(ys))))
     margin = 0.5 * about.body[0]
-    low = (floor((min(values) - margin) / grid) * grid for values in (xs, ys))
-    high = (ceil((max(values) + margin) / grid) * grid for values in (xs, ys))
-    return Bounds(*low, *high)
+    left, bottom = (floor((min(values) - margin) / grid) * grid for values in (xs, ys))
+    right, top = (ceil((max(values) + margin) / grid) * grid for values in (xs, ys))
+    return left, bottom, right, top
 
 
 def round_up(scale: float) -> float:

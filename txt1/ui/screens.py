@@ -63,13 +63,10 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
         return Align.center(waiting, vertical="middle", height=height)
     names = list(installed())
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
+    body = _help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))
+    header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot), _keys(viewer, width)
     layout = Layout()
-    layout.split_column(
-        Layout(_header(snapshot, names, name, width), size=1),
-        Layout(_state_line(snapshot), size=1),
-        Layout(_help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))),
-        Layout(_keys(viewer, width), size=1),
-    )
+    layout.split_column(Layout(header, size=1), Layout(state, size=1), Layout(body), Layout(keys, size=1))
     return layout
 
 
@@ -92,7 +89,7 @@ class _Screen(NamedTuple):
 
 
 def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> RenderableType:
-    """Name, HAL, time of the run, and the screens' names, where they have room, with the current one marked."""
+    """Name, time of the run, and the screens' names, where they have room, with the current one marked."""
     left = Text.from_markup(f"[bold reverse] TXT-1 [/] {clean(snapshot.name)} {run_time(snapshot.time)}")
     tabs = Text()
     if left.cell_len + sum(len(name) + 2 for name in names) > width:

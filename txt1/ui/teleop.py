@@ -11,6 +11,7 @@ v's sign.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import inf
 from typing import Final
 
@@ -23,6 +24,7 @@ _DRIVE: Final = {"w": 1, "s": -1}
 _STEER: Final = {"a": 1, "d": -1}
 
 
+@dataclass
 class Teleop:
     """Velocity commands from key presses. Times are s of the run.
 
@@ -30,14 +32,11 @@ class Teleop:
     abs(v) / R_min, (2.16), that a and d ask for; `radius_min` is R_min, m.
     """
 
-    def __init__(self, speed: float = 0.5, turn: float = 0.8, radius_min: float = 0.56) -> None:
-        if not SPEED_MIN <= speed <= SPEED_MAX:
-            raise ValueError(f"speed must be from {SPEED_MIN} to {SPEED_MAX} m/s, not {speed!r}")
-        if not 0.0 <= turn <= 1.0:
-            raise ValueError(f"turn must be from 0 to 1, not {turn!r}")
-        self.speed = speed
-        self.turn = turn
-        self.radius_min = radius_min
+    speed: float = 0.5
+    turn: float = 0.8
+    radius_min: float = 0.56
+
+    def __post_init__(self) -> None:
         self.release()
 
     def release(self) -> None:

@@ -90,7 +90,7 @@ def edited(change: object) -> Snapshot:
     """The full snapshot of a version whose value has other fields."""
     line = json.loads(Snapshot(0.0, "", {"/value": FULL, "/number": 1.0}).encode())
     change(line["topics"])  # type: ignore[operator]
-    return Snapshot.of(line)
+    return Snapshot.decode(json.dumps(line))
 
 
 def test_a_field_more_is_ignored_and_a_field_less_has_its_default() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.ui.keys import Keys
+from txt1.ui.tty import Keys
 
 
 @pytest.mark.parametrize(

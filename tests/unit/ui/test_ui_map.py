@@ -12,7 +12,7 @@ from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.map import Bounds, Canvas, draw_map, fitting_scale, round_up, scale_bar
+from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar
 from txt1.ui.viewer import Viewer
 
 
@@ -66,7 +66,7 @@ def test_the_walls_are_straight_and_closed() -> None:
 
 
 def test_x_is_to_the_right_and_y_up() -> None:
-    canvas = Canvas(Bounds(-1.0, -1.0, 1.0, 1.0), 20, 10)
+    canvas = Canvas((-1.0, -1.0, 1.0, 1.0), 20, 10)
     canvas.line((0.9, 0.9), (0.9, 0.9), 1)
     ((x, y),) = dots([line.plain for line in canvas.lines()])
     assert x > 20
@@ -125,7 +125,7 @@ def test_the_scale_bar_is_true(scale: float) -> None:
 
 
 def test_the_scale_lets_everything_fit() -> None:
-    assert fitting_scale(Bounds(0.0, 0.0, 5.0, 5.0), 78, 18) == pytest.approx(5.0 / 70)
+    assert fitting_scale((0.0, 0.0, 5.0, 5.0), 78, 18) == pytest.approx(5.0 / 70)
 
 
 def test_the_path_is_bounded_and_survives_decimation() -> None:

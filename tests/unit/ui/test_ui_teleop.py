@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from txt1.config.schema import TeleopConfig
 from txt1.ui.teleop import DECAY, HOLD, Teleop
 
 
@@ -97,7 +98,7 @@ def test_release_lets_go_at_once() -> None:
 @pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.5), (2.0, 0.5), (float("nan"), 0.5), (0.5, 1.1)])
 def test_impossible_settings_are_refused(speed: float, turn: float) -> None:
     with pytest.raises(ValueError):
-        Teleop(speed, turn)
+        TeleopConfig(speed=speed, turn=turn)
 
 
 presses = st.lists(st.tuples(st.sampled_from("wasd+-x"), st.floats(0.0, 1.0)), max_size=40)
