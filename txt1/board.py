@@ -21,7 +21,9 @@ from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
 from txt1.kernel.ticks import Ticks
-from txt1.link import End, Link, connect, faulty, open_link, paced
+from txt1.link.base import End, Link, connect
+from txt1.link.device import open_link
+from txt1.link.impairments import faulty, paced
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.frame import encode

@@ -17,7 +17,7 @@ from txt1.board import SPACER, VirtualPort
 from txt1.config import load
 from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal
-from txt1.link import faulty
+from txt1.link.impairments import faulty
 from txt1.protocol.decoder import Event, FrameFault
 from txt1.protocol.frame import encode
 from txt1.protocol.messages import Message

@@ -15,7 +15,8 @@ from txt1.config.schema import ControlConfig
 from txt1.hal.base import Button
 from txt1.hal.sim import SimHal
 from txt1.kernel.ticks import Ticks
-from txt1.link import Link, connect, paced
+from txt1.link.base import Link, connect
+from txt1.link.impairments import paced
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.frame import checksum, encode
 from txt1.protocol.layout import Role

@@ -13,7 +13,8 @@ from txt1.cli.doctor import Findings, Remark, examine, remarks
 from txt1.config import load
 from txt1.config.schema import ControlConfig
 from txt1.errors import HalError
-from txt1.link import End, Link, connect, ports
+from txt1.link import ports
+from txt1.link.base import End, Link, connect
 from txt1.link.ports import SerialPort
 from txt1.protocol.decoder import Reason
 

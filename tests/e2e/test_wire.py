@@ -24,7 +24,9 @@ from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
-from txt1.link import End, Link, Listener, listen_pty, listen_tcp
+from txt1.link.base import End, Link, Listener
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import listen_tcp
 from txt1.protocol.frame import checksum, encode
 from txt1.protocol.messages import (
     CombinedOdometry,

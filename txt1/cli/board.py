@@ -11,7 +11,9 @@ from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.config import Config, load
-from txt1.link import Listener, listen_pty, listen_tcp
+from txt1.link.base import Listener
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import listen_tcp
 from txt1.ui.terminal import Terminal
 
 

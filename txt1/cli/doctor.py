@@ -15,7 +15,7 @@ from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import CONFIGURATION, LINE, add, loaded, positive, takes
 from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
-from txt1.link import Link
+from txt1.link.base import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason

@@ -18,7 +18,7 @@ from txt1.config.sources import LoadedConfig
 from txt1.errors import ConfigError
 from txt1.hal.registry import is_simulated
 from txt1.kernel.loop import Speed
-from txt1.link import baud_warning
+from txt1.link.device import baud_warning
 from txt1.record.session import MODULES, need
 from txt1.units import PositiveInt
 

@@ -84,7 +84,8 @@ def create_serial(config: Config) -> Hal:
     from numpy.random import SeedSequence
 
     from txt1.hal.serial import SerialHal
-    from txt1.link import End, faulty
+    from txt1.link.base import End
+    from txt1.link.impairments import faulty
 
     serial = config.serial
 

@@ -14,7 +14,8 @@ from typing import Final, Literal, Protocol
 
 from txt1.errors import EncodeError, HalError, LinkLost, NotCapable
 from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
-from txt1.link import End, Link, open_link
+from txt1.link.base import End, Link
+from txt1.link.device import open_link
 from txt1.link.ports import only_candidate
 from txt1.link.receiver import Receiver
 from txt1.model.kinematics import wrap_angle

@@ -1,4 +1,4 @@
-"""A serial device, over pyserial-asyncio."""
+"""Open a link by its address: a serial device over pyserial-asyncio, or a TCP connection."""
 
 from __future__ import annotations
 
@@ -7,16 +7,20 @@ import errno
 import os
 import stat
 import termios
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 from serial import Serial, SerialException
 from serial_asyncio import SerialTransport
 
 from txt1.errors import HalError
-from txt1.link.base import End, Link
+from txt1.link.base import End, Link, StreamLink
 from txt1.link.ports import access_problem, candidates
-from txt1.link.stream import Explain, StreamLink
+from txt1.link.tcp import open_socket
+
+STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
+_Opened = tuple["_Device", Callable[[str, Exception | None], str]]  # the port, and how to explain its loss
 
 
 class _Device(Serial):
@@ -75,8 +79,13 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         self._abort(exc)
 
 
-async def open_device(address: str, end: End, baud: int) -> Link:
-    """The link to a serial device, 8N1 and ours alone; a HalError when it cannot be opened."""
+async def open_link(address: str, end: End, baud: int = 57600) -> Link:
+    """The link to a serial device (8N1, ours alone) or to `socket://host:port`; `end` is connected when this returns.
+
+    A HalError when it cannot be opened names the address, the cause and what to do.
+    """
+    if "://" in address:
+        return await open_socket(address, end)
     loop = asyncio.get_running_loop()
     opening = loop.run_in_executor(None, open_port, address, baud)
     try:
@@ -95,7 +104,12 @@ async def open_device(address: str, end: End, baud: int) -> Link:
     return link
 
 
-_Opened = tuple[_Device, Explain]
+def baud_warning(baud: int) -> str | None:
+    """One line for people when many adapters do not know this baud rate; None for those of STANDARD_BAUDS."""
+    if baud in STANDARD_BAUDS:
+        return None
+    near = min(STANDARD_BAUDS, key=lambda standard: abs(standard - baud))
+    return f"{baud} baud is unusual (the nearest usual rate is {near}, the board's 57600): the adapter may not know it"
 
 
 def open_port(address: str, baud: int) -> _Opened:

@@ -1,4 +1,4 @@
-"""Put a baud rate or a bad line between an end and its link."""
+"""Put a baud rate or a bad line between an end and its link; they nest: `paced(faulty(board, faults, seed), 57600)`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from functools import partial
 import numpy as np
 from numpy.random import SeedSequence
 
-from txt1.link.base import BACKLOG, End, Link, Wrapper
+from txt1.link.base import BACKLOG, End, Link
 from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
 
-Carrier = Line | Pace
-"""Decides when which bytes arrive."""
+Carrier = Line | Pace  # decides when which bytes arrive
 
 
 class Way:
@@ -68,7 +67,7 @@ class Way:
         self._set_timer()
 
 
-class _Through(Wrapper):
+class _Through:
     """An end behind two carriers, outgoing and incoming: to a link it is the end; the end sees a link of its own."""
 
     def __init__(self, end: End, carriers: Callable[[float], tuple[Carrier, Carrier]]) -> None:
@@ -86,9 +85,6 @@ class _Through(Wrapper):
     def lost(self, reason: str) -> None:
         self._link.lose(reason)
 
-    def release(self) -> None:
-        self._link.shut()
-
 
 class _ThroughLink(Link):
     """The link that an end behind carriers sees."""
@@ -96,6 +92,7 @@ class _ThroughLink(Link):
     def __init__(self, end: End, link: Link, outgoing: Carrier, incoming: Carrier) -> None:
         super().__init__(link.address, end)
         self._link = link
+        link.on_shut = self.shut
         self.outgoing = Way(outgoing, link.write)
         self.incoming = Way(incoming, end.received)
         self._cutter: asyncio.TimerHandle | None = None
@@ -103,7 +100,7 @@ class _ThroughLink(Link):
             self._cutter = asyncio.get_running_loop().call_at(outgoing.ends, self._cut, outgoing.ends)
 
     @property
-    def overflows(self) -> int:
+    def overflows(self) -> int:  # type: ignore[override]
         return self.outgoing.overflows + self.incoming.overflows + self._link.overflows
 
     def _send(self, data: bytes) -> None:

@@ -15,10 +15,8 @@ from txt1.errors import HalError
 class SerialPort(NamedTuple):
     """A serial port that the operating system knows."""
 
-    device: str
-    """Its path, such as `/dev/ttyUSB0`."""
-    description: str
-    """What its maker or driver calls it."""
+    device: str  # its path, such as /dev/ttyUSB0
+    description: str  # by its maker or driver
     usb: bool
 
     def __str__(self) -> str:
@@ -35,9 +33,7 @@ def candidates() -> list[SerialPort]:
 def only_candidate() -> str:
     """The path of the only port there is.
 
-    Raises:
-        HalError: there is none, or more than one: on a robot the others are its GPS and its laser scanner.
-
+    A HalError when there is none, or more than one: on a robot the others are its GPS and its laser scanner.
     """
     ports = candidates()
     if not ports:

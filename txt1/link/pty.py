@@ -13,8 +13,7 @@ from typing import Final
 from txt1.errors import HalError
 from txt1.link.base import BACKLOG, End, Link, Listener
 
-LOOK_EVERY: Final = 0.05
-"""Seconds between two looks whether a host has opened the pseudo-terminal."""
+LOOK_EVERY: Final = 0.05  # s between two looks whether a host has opened the pseudo-terminal
 
 
 class _PtyLink(Link):
@@ -46,7 +45,7 @@ class _PtyLink(Link):
         except OSError:  # the host has left this very moment
             return
         self._used = True
-        self._overflows += sent < len(data)
+        self.overflows += sent < len(data)
 
     def _let_go(self) -> None:
         if self._timer is None:
@@ -87,11 +86,7 @@ def listen_pty(path: str, end: End) -> Listener:
 
     All hosts, one after the other, are one link to `end`: it is up until it is closed, and what is written while no
     host has it open is lost, as on a line nobody listens to. Making and removing the symbolic link touches the file
-    system from the loop.
-
-    Raises:
-        HalError: there is something else at `path`, or it cannot be made; the message says what to do.
-
+    system from the loop. A HalError when there is something else at `path`, or it cannot be made, says what to do.
     """
     try:
         master, slave_fd = os.openpty()

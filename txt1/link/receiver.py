@@ -9,11 +9,8 @@ from typing import Final
 from txt1.protocol.decoder import Decoder, Event
 from txt1.protocol.layout import Role
 
-SILENCE: Final = 0.05
-"""s without a byte after which a half frame is given up."""
-
-LONGEST: Final = 0.3
-"""s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms."""
+SILENCE: Final = 0.05  # s without a byte after which a half frame is given up
+LONGEST: Final = 0.3  # s after which it is given up whatever comes: at 57600 baud the longest frame takes 42 ms
 
 
 class Receiver:

@@ -10,18 +10,11 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from txt1.errors import HalError
-from txt1.link.base import BACKLOG, End, Link, Listener
-from txt1.link.stream import StreamLink
+from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
 
-SILENT: Final = 1.0
-"""A TCP host that has sent nothing for so many seconds makes room for another one."""
-
-VANISHED_MS: Final = 3000
-"""A TCP peer that has not acknowledged a byte for so many milliseconds is gone."""
-
-ANSWER: Final = 3.0
-"""Seconds a TCP peer has to accept a connection."""
-
+SILENT: Final = 1.0  # s: a host that has sent nothing for so long makes room for another one
+VANISHED_MS: Final = 3000  # a peer that has not acknowledged a byte for so many milliseconds is gone
+ANSWER: Final = 3.0  # s that a peer has to accept a connection
 
 _NO_PORT: Final = {
     errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any that is free",
@@ -143,8 +136,7 @@ class _TcpListener:
 
     def __init__(self, end: End) -> None:
         self.end = end
-        self.host: _HostLink | None = None
-        """The one that is or was connected last."""
+        self.host: _HostLink | None = None  # that is or was connected last
 
     def close(self) -> None:
         self.server.close()
@@ -156,11 +148,7 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
     """A TCP port that takes one host at a time; port 0 is any free one, and `address` tells which.
 
     A second host is turned away while the first is there, unless that one has sent nothing for SILENT seconds: then
-    it gives way.
-
-    Raises:
-        HalError: the port cannot be had; the message says what to do.
-
+    it gives way. A HalError when the port cannot be had says what to do.
     """
     loop = asyncio.get_running_loop()
     listener = _TcpListener(end)

@@ -31,23 +31,13 @@ from serial import SerialException
 from txt1.errors import HalError, LinkLost
 from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import PunctualSelector, VirtualTimeLoop, clock_of, run
-from txt1.link import (
-    BACKLOG,
-    STANDARD_BAUDS,
-    Link,
-    Listener,
-    baud_warning,
-    connect,
-    device,
-    faulty,
-    listen_pty,
-    listen_tcp,
-    open_link,
-    paced,
-    tcp,
-)
-from txt1.link import End as EndProtocol
-from txt1.link.impairments import Way
+from txt1.link import device, tcp
+from txt1.link.base import BACKLOG, Link, Listener, connect
+from txt1.link.base import End as EndProtocol
+from txt1.link.device import STANDARD_BAUDS, baud_warning, open_link
+from txt1.link.impairments import Way, faulty, paced
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import listen_tcp
 from txt1.sim.line import LineFault, LineFaults
 
 FRAME = bytes(range(0x10, 0x2A))
