@@ -23,8 +23,7 @@ from unittest import SkipTest
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import Speed, run
 
-BROKEN: Final = "BROKEN"
-"""How the verdict on a promise that is not kept begins."""
+BROKEN: Final = "BROKEN"  # how the verdict on a promise that is not kept begins
 
 
 class Part(Protocol):

@@ -14,20 +14,12 @@ Factory = Callable[..., Any]
 
 
 class Registry(NamedTuple):
-    """One kind of part.
+    """One kind of part."""
 
-    Attributes:
-        kind: its word in error messages, such as "HAL".
-        group: of the entry points, such as "txt1.hal".
-        ours: the package's own: the function that makes one, or "module:function" to be imported.
-        error: raised when one cannot be imported or made.
-
-    """
-
-    kind: str
-    group: str
-    ours: Mapping[str, Factory | str]
-    error: type[Txt1Error] = Txt1Error
+    kind: str  # its word in error messages, such as "HAL"
+    group: str  # of the entry points, such as "txt1.hal"
+    ours: Mapping[str, Factory | str]  # the package's own: the function that makes one, or "module:function"
+    error: type[Txt1Error] = Txt1Error  # raised when one cannot be imported or made
 
     def names(self) -> list[str]:
         """The names of all that are installed."""
@@ -36,10 +28,8 @@ class Registry(NamedTuple):
     def make(self, key: str, name: str, *arguments: Any) -> Any:
         """The part of this name, made with these arguments; `key` is the setting that named it.
 
-        Raises:
-            ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
-            Txt1Error: it cannot be imported or made (see `error`); the cause is chained.
-
+        A ConfigError when there is none of that name, or its settings are wrong; `error` when it cannot be imported or
+        made, the cause chained.
         """
         factory, origin = self.find(key, name)
         try:
@@ -78,9 +68,7 @@ class Registry(NamedTuple):
 async def settled(who: str, done: str, method: Callable[[], Awaitable[None]], limit: float | None = None) -> None:
     """Wait for a part to be opened or closed, for at most `limit` s.
 
-    Raises:
-        HalError: it cannot, or took longer; whatever a stranger's raises becomes one that names the part.
-
+    Whatever a stranger's raises becomes a HalError that names the part.
     """
     timeout = asyncio.timeout(limit)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from contextlib import ExitStack
 
@@ -30,14 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Print a capture, and a summary on standard error."""
     decoder = Decoder(Role.HOST if arguments.role == "host" else Role.BOARD)
-    show = capture.as_json if arguments.json else capture.describe
     try:
         with ExitStack() as stack:
             file = sys.stdin.buffer if arguments.file == "-" else stack.enter_context(open(arguments.file, "rb"))
             lines = (line.decode("ascii", "replace") for line in file)
             reads = capture.read_hex(lines) if arguments.hex else iter(lambda: file.read(CHUNK), b"")
             for offset, event in capture.decode(decoder, reads):
-                print(show(offset, event))
+                print(json.dumps(capture.as_dict(offset, event)) if arguments.json else capture.describe(offset, event))
     except BrokenPipeError:
         raise
     except OSError as error:

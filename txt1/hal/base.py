@@ -119,7 +119,7 @@ class Hal(Protocol):
     """A hardware layer. `read` and `write` never wait: they are called from the tasks' steps.
 
     Times are seconds since the run started and never go backwards. An exception derived from HalError stops the
-    robot and reaches the user.
+    robot and reaches the user; a method without its capability raises NotCapable, one of these.
     """
 
     @property
@@ -131,12 +131,7 @@ class Hal(Protocol):
         """What it can do; constant."""
 
     async def open(self) -> None:
-        """Make the hardware ready, outputs neutral.
-
-        Raises:
-            HalError: it cannot be opened; the message says what to do.
-
-        """
+        """Make the hardware ready, outputs neutral. A HalError when it cannot be opened says what to do."""
 
     async def close(self) -> None:
         """Leave the outputs neutral and let go of the hardware; harmless when closed already."""
@@ -148,39 +143,19 @@ class Hal(Protocol):
         """Hold these outputs from `now` on."""
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
-        """Turn a power supply on or off.
-
-        Raises:
-            NotCapable: there is no such switch.
-
-        """
+        """Turn a power supply on or off."""
 
     def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
         """Have the hardware's own loops use these gains, also after it has been away.
 
         `answered` is told whether they were accepted, later and as often as the hardware answers.
-
-        Raises:
-            NotCapable: the loops run here.
-
         """
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
-        """Hand combined odometry to the hardware's own loops.
-
-        Raises:
-            NotCapable: it has no use for it.
-
-        """
+        """Hand combined odometry to the hardware's own loops."""
 
     def indicate(self, indicators: Indicators) -> None:
         """Set buzzer and LEDs; nothing where there are none."""
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
-        """Put the robot down at a pose in the room, at rest; m and rad.
-
-        Raises:
-            NotCapable: nobody can lift a real robot from here.
-            ValueError: it cannot stand there.
-
-        """
+        """Put the robot down at a pose in the room, at rest; m and rad. A ValueError when it cannot stand there."""

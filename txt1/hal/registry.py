@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from txt1.hal.serial import Port
     from txt1.sim.world import World
 
-HOST_LINE: Final = 1
-"""Marks the random values of the line at the host's end."""
+HOST_LINE: Final = 1  # marks the random values of the line at the host's end
 
 
 def in_world(config: Config, world: World) -> Config:
@@ -35,12 +34,7 @@ def in_world(config: Config, world: World) -> Config:
 
 
 def create_sim(config: Config, world: World | None = None) -> Hal:
-    """The simulated robot as configured, in a world of its own, or in one that it shares with others.
-
-    Raises:
-        ConfigError: something is in its way where it starts.
-
-    """
+    """The simulated robot as configured, in a world of its own, or in one that it shares with others."""
     from txt1.hal.sim import SimHal
     from txt1.sim.room import Room
     from txt1.sim.vehicle import Vehicle
@@ -59,8 +53,8 @@ def create_sim(config: Config, world: World | None = None) -> Hal:
     return SimHal(vehicle)
 
 
+# simulated ports by name; anything else is a device
 PORTS: Final = Registry("serial port", "txt1.ports", {"virtual": "txt1.board:VirtualPort"})
-"""Simulated ports by name; anything else is a device."""
 
 
 def port_of(config: Config) -> Port:
@@ -101,10 +95,7 @@ HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_s
 def create(config: Config, world: World | None = None) -> Hal:
     """The hardware layer named by ``config.hal``, not opened yet; in a world that it shares, if one is given.
 
-    Raises:
-        ConfigError: there is none of that name (the message lists those there are), or its settings are wrong.
-        HalError: it cannot be imported or made; the cause is chained.
-
+    Errors as of `Registry.make`.
     """
     if world is not None:
         if config.hal != "sim":

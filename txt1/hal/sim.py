@@ -14,10 +14,8 @@ from txt1.sim.vehicle import Vehicle
 
 NEUTRAL: Final = Outputs()
 NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
-TOUCH: Final = 0.02
-"""Room of less than this is none, m."""
-BACKLIGHT: Final = 0.5
-"""Nobody turns the simulated potentiometer."""
+TOUCH: Final = 0.02  # room of less than this is none, m
+BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
 
 
 class SimHal:

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-INTERCEPT_V: Final = 12.165769
-"""Voltage of a full pack under full load, V."""
-SLOPE_V_PER_MIN: Final = 0.033691
-"""Fall of the voltage under full load, V/min."""
-SAFE_END_MIN: Final = 46.0
-"""Minutes under full load after which a pack is empty as far as the robot is concerned."""
-CUT_OFF_MIN: Final = 50.0
-"""Minutes under full load after which the cut-off circuit opens."""
-CUT_OFF_V: Final = 9.25
-"""Below this the hardware cuts the power."""
+INTERCEPT_V: Final = 12.165769  # voltage of a full pack under full load, V
+SLOPE_V_PER_MIN: Final = 0.033691  # fall of the voltage under full load, V/min
+SAFE_END_MIN: Final = 46.0  # minutes under full load after which a pack is empty as far as the robot is concerned
+CUT_OFF_MIN: Final = 50.0  # minutes under full load after which the cut-off circuit opens
+CUT_OFF_V: Final = 9.25  # below this the hardware cuts the power
 SAFE_END_V: Final = INTERCEPT_V - SLOPE_V_PER_MIN * SAFE_END_MIN
 
 

@@ -33,8 +33,5 @@ def move_along_arc(
     half = 0.5 * turn
     ratio = 1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin(half) / half
     direction = theta + beta + half
-    return (
-        x + distance * ratio * cos(direction),
-        y + distance * ratio * sin(direction),
-        wrap_angle(theta + turn),
-    )
+    chord = distance * ratio
+    return x + chord * cos(direction), y + chord * sin(direction), wrap_angle(theta + turn)

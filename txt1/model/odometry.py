@@ -9,22 +9,13 @@ from txt1.model.vehicle import Geometry
 
 
 class Odometry(NamedTuple):
-    """Pose in the frame where odometry started, and velocities in the vehicle's.
+    """Pose in the frame where odometry started, and velocities in the vehicle's."""
 
-    Attributes:
-        x: m.
-        y: m.
-        theta: rad, in (-pi, pi].
-        v: speed along the vehicle's axis, m/s.
-        omega: yaw rate, rad/s.
-
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
-    v: float = 0.0
-    omega: float = 0.0
+    x: float = 0.0  # m
+    y: float = 0.0  # m
+    theta: float = 0.0  # rad, in (-pi, pi]
+    v: float = 0.0  # speed along the vehicle's axis, m/s
+    omega: float = 0.0  # yaw rate, rad/s
 
 
 def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
@@ -38,15 +29,7 @@ def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[fl
 
 
 class WheelOdometry:
-    """Odometry from the counters of the two encoder wheels.
-
-    Args:
-        geometry: of the vehicle.
-
-    Attributes:
-        odometry: as of the last reading.
-
-    """
+    """Odometry from the counters of the two encoder wheels; `odometry` is as of the last reading."""
 
     def __init__(self, geometry: Geometry) -> None:
         self.odometry = Odometry()

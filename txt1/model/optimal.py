@@ -32,13 +32,10 @@ def optimal_time(
     radius_min: float = Geometry().radius_min,
     goal_radius: float = GOAL_RADIUS,
 ) -> Array:
-    """Least time in s from poses (x, y, theta) to the goal circle around a light at the origin.
+    """Least time in s from poses (x, y, theta) to the goal circle around a light at the origin; 0 inside the circle.
 
-    Shape: that of x, y and theta broadcast against each other; () for three numbers. 0 inside the goal circle.
-
-    x, y, the turning radius and the goal's are in m, theta is in rad, the speed in m/s.
-
-    Raises ValueError: speed or a radius is not positive and finite, or a pose is not finite.
+    The shape is that of x, y and theta broadcast against each other. Lengths are in m, theta in rad, the speed in m/s.
+    A ValueError when speed or a radius is not positive and finite, or a pose is not finite.
     """
     if not all(0.0 < value < np.inf for value in (speed, radius_min, goal_radius)):
         raise ValueError(

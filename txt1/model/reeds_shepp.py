@@ -17,7 +17,6 @@ from txt1.model.kinematics import wrap_angle
 Pose = tuple[float, float, float]  # x and y in m, theta in rad
 
 SHORTEST: Final = 1e-9  # segments below this many radii are no segments
-
 QUARTER: Final = pi / 2.0
 
 
@@ -36,11 +35,6 @@ _Formula = Callable[[float, float, float], _Lengths | None]
 def length(path: Path) -> float:
     """Metres driven along a path, in either gear."""
     return sum(abs(segment.distance) for segment in path)
-
-
-def shortest(start: Pose, goal: Pose, radius: float) -> Path:
-    """The shortest path between two poses for a turning radius in m."""
-    return paths(start, goal, radius)[0]
 
 
 def paths(start: Pose, goal: Pose, radius: float) -> list[Path]:

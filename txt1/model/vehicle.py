@@ -8,11 +8,8 @@ from typing import Final
 
 from txt1.units import Positive, PositiveInt
 
-PWM_MAX: Final = 24000
-"""Counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse."""
-
-STEERING_MAX: Final = 18000
-"""Counts at which the steering linkage is at its stop; more only makes the servo draw current (thesis 4.3)."""
+PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
+STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
@@ -11,7 +10,6 @@ from typing import Any
 
 from txt1.errors import CaptureError
 from txt1.protocol.decoder import Decoder, Event, FrameFault
-from txt1.protocol.messages import Message
 
 
 def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Event]]:
@@ -23,29 +21,24 @@ def decode(decoder: Decoder, reads: Iterable[bytes]) -> Iterator[tuple[int, Even
     yield from zip(decoder.offsets, last, strict=True)
 
 
-def describe(offset: int, event: Event) -> str:
-    """One line of text: the offset, what it is, and its fields in SI units."""
-    if isinstance(event, FrameFault):
-        return f"{offset:8d}  fault: {event.reason.value}  [{_hexadecimal(event.head)}]"
-    values = (f"{name}={value}" for name, value in _values(event).items())
-    return f"{offset:8d}  {type(event).__name__}  {' '.join(values)}"
-
-
 def as_dict(offset: int, event: Event) -> dict[str, Any]:
     """An object for JSON: offset, type (the message's name, or FrameFault), and the fields in SI units.
 
     A fault has a reason in words and its first bytes as hexadecimal text.
     """
     if isinstance(event, FrameFault):
-        values: dict[str, Any] = {"reason": event.reason.value, "head": _hexadecimal(event.head)}
+        values: dict[str, Any] = {"reason": event.reason.value, "head": event.head.hex(" ").upper()}
     else:
-        values = _values(event)
+        values = {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
     return {"offset": offset, "type": type(event).__name__, **values}
 
 
-def as_json(offset: int, event: Event) -> str:
-    """The same object as one line of JSON."""
-    return json.dumps(as_dict(offset, event))
+def describe(offset: int, event: Event) -> str:
+    """One line of text: the offset, what it is, and its fields in SI units."""
+    values = as_dict(offset, event)
+    if isinstance(event, FrameFault):
+        return f"{offset:8d}  fault: {values['reason']}  [{values['head']}]"
+    return f"{offset:8d}  {values['type']}  {' '.join(f'{name}={values[name]}' for name in list(values)[2:])}"
 
 
 def summary(decoder: Decoder) -> str:
@@ -60,10 +53,7 @@ def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
     """The bytes of each line of hexadecimal text.
 
     Bytes may stand together (FAFB04) or be parted by blanks or commas, with or without 0x; a # begins a comment.
-
-    Raises:
-        CaptureError: something is no hexadecimal digit, or half a byte is left over; it names line and column, from 1.
-
+    A CaptureError names line and column, from 1, of half a byte or of what is no hexadecimal digit.
     """
     for number, line in enumerate(lines, 1):
         digits = ""
@@ -77,14 +67,6 @@ def read_hex(lines: Iterable[str]) -> Iterator[bytes]:
                 raise CaptureError(f"line {number}, column {token.start() + 1}: {why}")
             digits += token[1]
         yield bytes.fromhex(digits)
-
-
-def _hexadecimal(data: bytes) -> str:
-    return data.hex(" ").upper()
-
-
-def _values(message: Message) -> dict[str, Any]:
-    return {field.name: _plain(getattr(message, field.name)) for field in fields(message)}
 
 
 def _plain(value: Any) -> Any:

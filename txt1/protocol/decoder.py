@@ -15,24 +15,18 @@ from txt1.protocol.frame import DATA_MAX, HEADER, ILLEGAL, OLD_COMMANDS, receiva
 from txt1.protocol.layout import BadValue, Role
 from txt1.protocol.messages import Message
 
-HEAD: Final = 8
-"""Bytes of a faulty frame that are kept for the reader."""
+HEAD: Final = 8  # bytes of a faulty frame that are kept for the reader
 
 
 class Reason(Enum):
     """Why something that began like a frame is no message."""
 
     BAD_CHECKSUM = "bad checksum"
-    BAD_LENGTH = "bad length"
-    """The command exists, but not with this length; or no frame is that long."""
-    UNKNOWN_COMMAND = "unknown command"
-    """This end of the line does not receive such a command."""
-    OLD_COMMAND = "old command"
-    """An older message, 0x6B with 24 bytes or 0x6D with 16: expected from boards and hosts in the field, ignored."""
-    BAD_VALUE = "bad value"
-    """The frame is intact, but a byte of it stands for nothing, such as switch 7."""
-    EXPIRED = "expired"
-    """The line fell silent in the middle of it."""
+    BAD_LENGTH = "bad length"  # the command exists, but not with this length; or no frame is that long
+    UNKNOWN_COMMAND = "unknown command"  # this end of the line does not receive such a command
+    OLD_COMMAND = "old command"  # one of OLD_COMMANDS: expected from boards and hosts in the field, ignored
+    BAD_VALUE = "bad value"  # the frame is intact, but a byte of it stands for nothing, such as switch 7
+    EXPIRED = "expired"  # the line fell silent in the middle of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +35,7 @@ class FrameFault:
 
     reason: Reason
     offset: int
-    head: bytes
-    """Its first bytes, at most 8: header, length, command and some data, as far as they were there."""
+    head: bytes  # its first ones, at most 8: header, length, command and some data, as far as they were there
 
 
 Event = Message | FrameFault
@@ -58,15 +51,12 @@ class Decoder:
 
     def __init__(self, role: Role) -> None:
         self.role = role
-        self.position = 0
-        """Bytes fed so far."""
-        self.offsets: list[int] = []
-        """Where in the stream each event of the last `feed` or `expire` began, one for one."""
+        self.position = 0  # bytes fed so far
+        self.offsets: list[int] = []  # where in the stream each event of the last `feed` or `expire` began
         self._table = receivable(role)
         self.messages = {legal.message: 0 for legal in self._table.values() if legal.message is not None}
         self.faults = dict.fromkeys(Reason, 0)
-        self.skipped = 0
-        """Bytes that are part of no intact frame: noise, damaged frames and foreign ones."""
+        self.skipped = 0  # bytes that are part of no intact frame: noise, damaged frames and foreign ones
         self._commands = {pair[1] for pair in self._table}
         self._tail = b""
         self._wanted = 0  # fewer bytes than this decide nothing

@@ -16,11 +16,10 @@ __all__ = ["Role", "checksum", "encode"]
 
 HEADER: Final = b"\xfa\xfb"
 DATA_MAX: Final = 249
-OVERHEAD: Final = 6
-"""Bytes of a frame that are not data: header, length, command and checksum."""
+OVERHEAD: Final = 6  # bytes of a frame that are not data: header, length, command and checksum
 
+# (length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore
 OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
-"""(length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore."""
 
 
 def checksum(data: bytes) -> int:
@@ -36,10 +35,7 @@ def checksum(data: bytes) -> int:
 def encode(message: Message) -> bytes:
     """The frame of a message, values rounded to the nearest count of the wire, ties to the even one.
 
-    Raises:
-        EncodeError: a value is not finite or does not fit its field; it names message, field, value and range.
-        TypeError: this is no message.
-
+    An EncodeError names message, field, value and range of a value that is not finite or does not fit its field.
     """
     layout = LAYOUTS.get(type(message))
     if layout is None:
@@ -52,18 +48,14 @@ def encode(message: Message) -> bytes:
 class Receivable(NamedTuple):
     """How to check and read a frame of one (length, command) pair."""
 
-    size: int
-    """Bytes of the whole frame."""
-    words: Callable[[bytes, int], tuple[int, ...]]
-    """From the command on: the pairs of command and data, the odd last byte if there is one, and the checksum."""
-    odd: bool
-    """Whether there is an odd last byte, for the XOR."""
+    size: int  # bytes of the whole frame
+    words: Callable[[bytes, int], tuple[int, ...]]  # pairs of command and data, the odd last byte if any, the checksum
+    odd: bool  # whether there is an odd last byte, for the XOR
     read: Callable[[bytes, int], Message]
     message: type[Message] | None
 
 
-def _receivable(layout: Layout, count: int) -> Receivable:
-    data = layout.struct(count)
+def _receivable(layout: Layout, data: Struct) -> Receivable:
     pairs, odd = divmod(1 + data.size, 2)
     words = Struct(f">{pairs}H{'B' * odd}H").unpack_from
     return Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
@@ -72,12 +64,12 @@ def _receivable(layout: Layout, count: int) -> Receivable:
 def receivable(role: Role) -> dict[bytes, Receivable]:
     """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
     return {
-        bytes((layout.struct(count).size, layout.command)): _receivable(layout, count)
+        bytes((data.size, layout.command)): _receivable(layout, data)
         for layout in LAYOUTS.values()
         if layout.receiver is role
-        for count in layout.counts
+        for data in map(layout.struct, layout.counts)
     }
 
 
+# any other pair is no frame, and its four bytes tell
 ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, lambda *_: Message(), None)
-"""What every other pair is: no frame, and its four bytes tell."""

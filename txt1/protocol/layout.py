@@ -14,25 +14,11 @@ from struct import Struct
 from typing import Any, Final, NamedTuple
 
 from txt1.errors import EncodeError
-from txt1.protocol.messages import (
-    BatteryLevels,
-    CombinedOdometry,
-    EncoderOdometry,
-    HostMessage,
-    Message,
-    PidResponse,
-    PidSet,
-    PowerControl,
-    PwmCommand,
-    PwmTest,
-    Switch,
-    Velocity,
-)
+from txt1.protocol import messages
+from txt1.protocol.messages import HostMessage, Message, PidSet, PowerControl, Switch
 from txt1.units import PER_UNIT, from_thousandths, to_thousandths
 
-SETS_MAX: Final = 14
-"""Angular gain sets that a PID set has room for."""
-
+SETS_MAX: Final = 14  # angular gain sets that a PID set has room for
 ACCEPTED: Final = 0x3C
 REJECTED: Final = 0x55
 
@@ -53,10 +39,8 @@ class Kind(NamedTuple):
 
     to_wire: Callable[[Any], int]
     from_wire: Callable[[int], Any]
-    from_number: Callable[[float], Any]
-    """The value of a number that a recording has for it."""
-    takes: str
-    """The values there are, in words, with room for the smallest and the largest."""
+    from_number: Callable[[float], Any]  # the value of a number that a recording has for it
+    takes: str  # the values there are, in words, with room for the smallest and the largest
     per_unit: int = 1
 
 
@@ -84,15 +68,11 @@ class Layout:
 
     message: type[Message]
     command: int
-    code: str
-    """The letter in `struct` of every integer of the data: "h", "i", "H" or "B"."""
-    counts: Sequence[int]
-    """How many integers there may be."""
+    code: str  # the letter in `struct` of every integer of the data: "h", "i", "H" or "B"
+    counts: Sequence[int]  # how many integers there may be
     kind: Kind
-    values: Callable[[Any], Iterable[tuple[str, Any]]]
-    """Every value of a message in the order of the wire, with the name of its field."""
-    make: Callable[..., Message]
-    """The message of such values."""
+    values: Callable[[Any], Iterable[tuple[str, Any]]]  # in the order of the wire, with the names of their fields
+    make: Callable[..., Message]  # of such values
 
     @property
     def receiver(self) -> Role:
@@ -127,8 +107,7 @@ class Layout:
         return lambda buffer, at: make(*[from_wire(integer) for integer in unpack(buffer, at)])
 
 
-LAYOUTS: Final[dict[type[Message], Layout]] = {}
-"""Every message's."""
+LAYOUTS: Final[dict[type[Message], Layout]] = {}  # every message's
 
 
 def declare(
@@ -143,11 +122,8 @@ def declare(
     """Give a message its place in the protocol: from now on it is encoded, decoded, listed and recorded.
 
     `message` is a frozen dataclass that is a HostMessage or a BoardMessage; see `Layout` for the others. Its values are
-    its fields, and it makes itself of them, unless `values` and `make` say otherwise.
-
-    Raises:
-        ValueError: its receiver understands another message with this command and length.
-
+    its fields, and it makes itself of them, unless `values` and `make` say otherwise. A ValueError when its receiver
+    understands another message with this command and length.
     """
     counts = (counts,) if isinstance(counts, int) else counts
     layout = Layout(message, command, code, counts, kind, values or _fields_of(message), make or message)
@@ -170,12 +146,7 @@ def numbers(message: Message) -> tuple[float, ...]:
 
 
 def from_numbers(name: str, values: Sequence[float]) -> Message:
-    """The message of a name and its numbers; the inverse of `numbers`.
-
-    Raises:
-        ValueError: there is no such message, or it does not have so many numbers.
-
-    """
+    """The message of a name and its numbers, the inverse of `numbers`; ValueError when there is no such message."""
     for layout in LAYOUTS.values():
         if layout.message.__name__ == name and len(values) in layout.counts:
             return layout.make(*map(layout.kind.from_number, values))
@@ -201,12 +172,12 @@ def _pid_set(kp: float, ki: float, kd: float, *rest: float) -> PidSet:
     return PidSet((kp, ki, kd), tuple(zip(sets, sets, sets, sets, strict=True)))
 
 
-declare(Velocity, 0x67, "h", 2)
-declare(EncoderOdometry, 0x68, "i", 5)
-declare(CombinedOdometry, 0x69, "i", 5)
-declare(BatteryLevels, 0x6A, "H", 2)
-declare(PwmTest, 0x6C, "i", 5, COUNT)
+declare(messages.Velocity, 0x67, "h", 2)
+declare(messages.EncoderOdometry, 0x68, "i", 5)
+declare(messages.CombinedOdometry, 0x69, "i", 5)
+declare(messages.BatteryLevels, 0x6A, "H", 2)
+declare(messages.PwmTest, 0x6C, "i", 5, COUNT)
 declare(PowerControl, 0x6E, "B", 2, STATE, make=lambda switch, on: PowerControl(Switch(switch), on == 1))
-declare(PwmCommand, 0x6F, "i", 2, COUNT)
+declare(messages.PwmCommand, 0x6F, "i", 2, COUNT)
 declare(PidSet, 0x70, "i", range(3, 3 + 4 * SETS_MAX + 1, 4), values=_gains, make=_pid_set)
-declare(PidResponse, 0x70, "B", 1, ANSWER)
+declare(messages.PidResponse, 0x70, "B", 1, ANSWER)

@@ -50,23 +50,13 @@ class Sensor(Protocol[T]):
         """Whether nothing real is read, so that it works in virtual time; constant."""
 
     async def open(self) -> None:
-        """Make the hardware ready. May wait.
-
-        Raises:
-            HalError: it cannot be opened; one line that says what to do.
-
-        """
+        """Make the hardware ready. May wait. A HalError when it cannot be opened says in one line what to do."""
 
     async def close(self) -> None:
         """Let go of the hardware; harmless when closed already. It can be opened again."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading at `now`; None when there is none since the last one. Never waits.
-
-        Raises:
-            HalError: the hardware fails.
-
-        """
+        """The newest reading at `now`; None when there is none since the last one. Never waits."""
 
 
 class Setup(NamedTuple):
@@ -87,14 +77,10 @@ class SensorState(NamedTuple):
 
     name: str
     units: str
-    values: dict[str, float]
-    """The last reading's numbers by their paths in the topic's message; none before the first one."""
-    time: float | None
-    """When the last reading was taken, s of the run; None before the first one."""
-    healthy: bool
-    """The last reading came in time, and the hardware has not failed since."""
-    reason: str
-    """Why it is not healthy; empty when it is."""
+    values: dict[str, float]  # the last reading's numbers by their paths in the topic's message
+    time: float | None  # when it was taken, s of the run; None before the first one
+    healthy: bool  # the last reading came in time, and the hardware has not failed since
+    reason: str  # why it is not healthy; empty when it is
     readings: int
     failures: int
 
@@ -138,9 +124,7 @@ def reading_topic(
 ) -> Topic[T]:
     """The topic ``/sensors/NAME`` of a sensor's values, by default plain numbers.
 
-    Raises:
-        ConfigError: a sensor of another kind has that name, or it is no name for a topic.
-
+    A ConfigError when a sensor of another kind has that name, or it is no name for a topic.
     """
     topic = Topic(f"/sensors/{name}", kind, units, message, Rule.EVENT, about, constants or {}, paths, make)
     known = TOPICS.get(topic.name)

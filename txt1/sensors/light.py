@@ -26,14 +26,9 @@ LIGHT: Final = declare(
     )
 )  # fmt: skip
 
-STREAM: Final = 3
-"""Marks the random values of simulated light sensors."""
-
-BASE: Final = 100.0
-"""Mean reading of the compass that stands in for the four sensors, lux."""
-
-See = Callable[[Pose], Readings]
-"""Returns the readings (lux) of a vehicle at a pose in the room, m and rad."""
+STREAM: Final = 3  # marks the random values of simulated light sensors
+BASE: Final = 100.0  # mean reading of the compass that stands in for the four sensors, lux
+See = Callable[[Pose], Readings]  # the readings (lux) of a vehicle at a pose in the room, m and rad
 
 
 def topic_of(name: str) -> Topic[Readings]:
@@ -49,9 +44,7 @@ def topic_of(name: str) -> Topic[Readings]:
 def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None = None) -> See:
     """The function by which simulated sensors see the configured light; `faults`: a `SensorFault` each for FL FR RL RR.
 
-    Raises:
-        ValueError: there is no such fault, or not one for each sensor.
-
+    A ValueError when there is no such fault, or not one for each sensor.
     """
     light, (x, y) = config.sim.light, config.sim.room.light
     if light.true_bearing:
@@ -64,17 +57,12 @@ def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None 
     return lambda pose: sensors.read(*pose)
 
 
-def bearing_to(light: tuple[float, float], pose: Pose) -> float:
-    """The light's true direction in the vehicle's frame, rad."""
-    x, y, theta = pose
-    return wrap_angle(atan2(light[1] - y, light[0] - x) - theta)
-
-
 def compass(light: tuple[float, float]) -> See:
     """Readings whose `txt1.learning.light.direction` is the light's true bearing, as O's simulated learner had it."""
 
     def see(pose: Pose) -> Readings:
-        bearing = bearing_to(light, pose)
+        x, y, theta = pose
+        bearing = wrap_angle(atan2(light[1] - y, light[0] - x) - theta)
         front, left = cos(bearing) / SENSOR_X, sin(bearing) / SENSOR_Y
         return Readings(BASE + front + left, BASE + front - left, BASE - front + left, BASE - front - left)
 
@@ -82,14 +70,7 @@ def compass(light: tuple[float, float]) -> See:
 
 
 class SimulatedLight:
-    """The four sensors of a simulated robot, which see from its true pose.
-
-    Args:
-        see: returns the readings at a pose.
-        pose: returns the robot's true pose now.
-        name: the sensor's.
-
-    """
+    """The four sensors of a simulated robot, which see from its true pose, as `pose` returns it."""
 
     period = SAMPLE_PERIOD
     simulated = True
@@ -147,13 +128,8 @@ class PhidgetLight:
 
     The driver's thread writes the latest voltage ratio of each channel; `read` turns it into lux and never waits. The
     thesis's 1127 precision sensor gives a voltage ratio of 0 to 1 for 0 to 1000 lux. A channel that is not attached, or
-    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light`).
-
-    Args:
-        name: the sensor's.
-        channels: of FL, FR, RL and RR.
-        serial_number: of the kit; None for the only one there is.
-
+    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light`). The channels are those of FL,
+    FR, RL and RR; the serial number is the kit's, None for the only one there is.
     """
 
     period = SAMPLE_PERIOD
@@ -171,13 +147,7 @@ class PhidgetLight:
         self._inputs: list[Any] = []
 
     async def open(self) -> None:
-        """Wait for the kit, in another thread.
-
-        Raises:
-            MissingExtra: Phidget22 is not installed.
-            HalError: there is no such kit, or Phidgets' library cannot be loaded.
-
-        """
+        """Wait for the kit, in another thread."""
         await asyncio.to_thread(self._attach)
 
     def _attach(self) -> None:

@@ -18,15 +18,10 @@ from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
-PRIORITY: Final = 0
-"""Below the robot's own tasks."""
-
-STALE_PERIODS: Final = 10
-STALE_MIN: Final = 1.0
-"""A sensor without a reading for so many periods, and at least so many seconds, is unhealthy."""
-
-CLOSING_MAX: Final = 5.0
-"""s in which a sensor must have closed."""
+PRIORITY: Final = 0  # below the robot's own tasks
+STALE_PERIODS: Final = 10  # a sensor without a reading for so many periods,
+STALE_MIN: Final = 1.0  # and at least so many seconds, is unhealthy
+CLOSING_MAX: Final = 5.0  # s in which a sensor must have closed
 
 AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
@@ -38,13 +33,10 @@ class Polled(Generic[T]):
 
     name: str
     sensor: Sensor[T]
-    period: float
-    """Between two readings, s."""
+    period: float  # between two readings, s
     last: Reading[T] | None = None
-    needed: Callable[[], bool] | None = None
-    """Asked before each reading where somebody can tell: a sensor that nobody needs is left alone."""
-    reason: str = ""
-    """Why it is not healthy; empty when it is."""
+    needed: Callable[[], bool] = lambda: True  # asked before each reading: a sensor that nobody needs is left alone
+    reason: str = ""  # why it is not healthy; empty when it is
     readings: int = 0
     failures: int = 0
 
@@ -66,7 +58,7 @@ class Polled(Generic[T]):
         stale = max(STALE_PERIODS * self.period, STALE_MIN)
         since = 0.0  # when it was last asked for the first time in vain
         async for now in ticks:
-            if self.needed is not None and not self.needed():
+            if not self.needed():
                 since = now
                 continue
             try:
@@ -95,14 +87,7 @@ class Polled(Generic[T]):
 
 
 class Sensors(dict[str, Polled[Any]]):
-    """The sensors of one robot, by name.
-
-    Args:
-        bus: takes the readings.
-        add_task: adds a periodic task: its name, priority, period in s, and coroutine function.
-        tell: adds a line to the event log; time in s of the run.
-
-    """
+    """The sensors of one robot, by name; `bus` takes their readings, `tell` lines for the event log."""
 
     def __init__(self, bus: Bus, add_task: AddTask, tell: Tell) -> None:
         super().__init__()
@@ -110,13 +95,7 @@ class Sensors(dict[str, Polled[Any]]):
         self._opened = AsyncExitStack()
 
     async def add(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
-        """Open a sensor and read it from now on.
-
-        Raises:
-            HalError: it cannot be opened.
-            ValueError: the name is taken.
-
-        """
+        """Open a sensor and read it from now on; ValueError when the name is taken."""
         if name in self:
             raise ValueError(f"there is a sensor '{name}' already; choose another name")
         polled = Polled(name, sensor, sensor.period if period is None else period)
@@ -133,10 +112,5 @@ class Sensors(dict[str, Polled[Any]]):
         return tuple(polled.state() for polled in self.values())
 
     async def close(self) -> None:
-        """Close all of them, whichever fail.
-
-        Raises:
-            HalError: one could not be closed.
-
-        """
+        """Close all of them, whichever fail; a HalError when one could not be closed."""
         await self._opened.aclose()

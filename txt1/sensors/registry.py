@@ -22,8 +22,7 @@ from txt1.sensors.base import Reading, Sensor, Setup
 
 T = TypeVar("T")
 
-DROP_OUTS: Final = 5
-"""Marks the random values of a sensor's drop-outs."""
+DROP_OUTS: Final = 5  # marks the random values of a sensor's drop-outs
 
 DRIVERS: Final = Registry(
     "sensor driver",
@@ -34,13 +33,7 @@ DRIVERS: Final = Registry(
 
 
 def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
-    """A sensor as configured, not opened yet.
-
-    Raises:
-        ConfigError: there is no such driver (the message lists those there are), or its settings are wrong.
-        HalError: it cannot be imported or made; the cause is chained.
-
-    """
+    """A sensor as configured, not opened yet; errors as of `Registry.make`."""
     sensor: Sensor[Any] = DRIVERS.make(f"sensors.{setup.name}.driver", given.driver, setup)
     if given.delay or given.drop_out:
         seed = SeedSequence([setup.config.own_seed, DROP_OUTS, *setup.name.encode()])
@@ -49,15 +42,7 @@ def create(given: SensorConfig, setup: Setup) -> Sensor[Any]:
 
 
 class Impaired(Generic[T]):
-    """Another sensor, its readings delayed and some of them lost; they keep the times at which they were taken.
-
-    Args:
-        sensor: the sound one.
-        delay: of each reading, s.
-        drop_out: share of the readings that are lost.
-        rng: draws which.
-
-    """
+    """Another sensor, its readings delayed (s) and a share of them lost; they keep the times when they were taken."""
 
     def __init__(self, sensor: Sensor[T], delay: float, drop_out: float, rng: Generator) -> None:
         self.topic, self.period, self.simulated = sensor.topic, sensor.period, sensor.simulated

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, pi
+from math import atan2, hypot, pi
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,10 @@ import pytest
 
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import COMMANDS, Phase, Start, Task, Trial, starts
+from txt1.model.kinematics import wrap_angle
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import optimal_time
-from txt1.sensors.light import bearing_to
 
 STILL = Odometry()
 
@@ -74,7 +74,7 @@ def test_every_start_is_as_far_from_the_light_as_the_thesis_has_it_and_in_a_rand
     task = Task(light=(0.5, -1.0))
     poses = [start.pose(task) for start in starts(1, 1, 2000)]
     assert all(hypot(x - 0.5, y + 1.0) == pytest.approx(1.25) for x, y, _ in poses)
-    bearings = np.array([bearing_to(task.light, pose) for pose in poses])
+    bearings = np.array([wrap_angle(atan2(-1.0 - y, 0.5 - x) - theta) for x, y, theta in poses])
     for quarter in range(4):
         share = np.mean((bearings >= -pi + quarter * pi / 2) & (bearings < -pi + (quarter + 1) * pi / 2))
         assert share == pytest.approx(0.25, abs=0.04)
