@@ -14,7 +14,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cached_property, wraps
 from statistics import median
 from typing import Any, ClassVar, Final, Generic, NoReturn, Protocol, TypeVar
@@ -81,15 +81,9 @@ class Conformance(Generic[P]):
 
     interface: ClassVar[type]
 
-    speed: ClassVar[Speed] = "max"
-    """Virtual time. None is real time, for hardware, a peer outside the process, or threads."""
-
-    settle: ClassVar[float] = 3.0
-    """Seconds in which every sensor has reported and a robot rolling at 0.5 m/s has stopped."""
-
-    prompt: ClassVar[float] = 0.002
-    """A call may take so long at the median, s, for the controller to keep its period."""
-
+    speed: ClassVar[Speed] = "max"  # virtual time; None is real time, for hardware, other processes or threads
+    settle: ClassVar[float] = 3.0  # s in which every sensor has reported and a robot rolling at 0.5 m/s has stopped
+    prompt: ClassVar[float] = 0.002  # s that a call may take at the median, for the controller to keep its period
     started = 0.0
 
     def make(self) -> P:
@@ -118,17 +112,19 @@ class Conformance(Generic[P]):
 
     async def closes(self, part: P, when: str) -> None:
         """Check that closing is harmless."""
-        try:
+        with kept(f"{self.interface.__name__}.close", f"is harmless {when}"):
             await part.close()
-        except Exception as error:
-            broken(f"{self.interface.__name__}.close", f"is harmless {when}, but raised {named(error)}")
+
+    async def reopen(self) -> None:
+        """Close the part, and check that it opens again."""
+        await self.part.close()
+        with kept(f"{self.interface.__name__}.open", "makes the hardware ready again after close"):
+            await self.part.open()
 
     async def waited(self, method: str) -> None:
         """Call a method of the part that must be a coroutine."""
-        value = getattr(self.part, method)()
-        promise(
-            inspect.isawaitable(value), f"{self.interface.__name__}.{method}", "is a coroutine, but returned at once"
-        )
+        value, where = getattr(self.part, method)(), f"{self.interface.__name__}.{method}"
+        promise(inspect.isawaitable(value), where, "is a coroutine, but returned at once")
         await value
 
     def called(self, method: str, *arguments: Any) -> Any:
@@ -161,6 +157,17 @@ def promise(kept: bool, where: str, text: str) -> None:
 def broken(where: str, text: str) -> NoReturn:
     """Fail: a promise is broken."""
     raise AssertionError(f"{where} {text}")
+
+
+@contextmanager
+def kept(where: str, text: str) -> Iterator[None]:
+    """Fail when anything is raised inside: it breaks a promise."""
+    try:
+        yield
+    except AssertionError:
+        raise
+    except Exception as error:
+        broken(where, f"{text}, but raised {named(error)}")
 
 
 def named(error: Exception) -> str:
