@@ -20,11 +20,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from benchmarks.table_5_3 import TABLE_5_3
-from txt1 import kernel
 from txt1.cli import execute
 from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import RecordingError
+from txt1.kernel import loop
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
@@ -262,7 +262,7 @@ def test_a_recording_with_a_strange_part_is_left_whole(tmp_path: Path) -> None:
         ):
             await asyncio.sleep(22.0 - robot.now)
 
-    kernel.run(run(), speed="max")
+    loop.run(run(), speed="max")
     made = sorted(tmp_path.glob("*.mcap"))
     assert len(made) >= 3
     part = tmp_path / "run.2.mcap"
