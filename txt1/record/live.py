@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ipaddress import ip_address
-from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 import foxglove
@@ -129,16 +128,15 @@ class _Listener(ServerListener):
         self.asked: Callable[[float, float], None] = lambda v, omega: None
         """Called with the speed (m/s) and yaw rate (rad/s) that a client asks for."""
         self._driving: set[tuple[int, int]] = set()
-        self._subscribed: SimpleQueue[str] = SimpleQueue()
+        self._subscribed: deque[str] = deque()
 
     def newcomers(self) -> Iterator[str]:
         """Yield the topics that somebody has subscribed to since the last time: what is told seldom is told again."""
-        with suppress(Empty):
-            while True:
-                yield self._subscribed.get_nowait()
+        while self._subscribed:
+            yield self._subscribed.popleft()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        self._subscribed.put(channel.topic)
+        self._subscribed.append(channel.topic)
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
         if channel.topic == COMMAND.name and channel.encoding == "json":

@@ -107,11 +107,7 @@ class TokenProxy:
         inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner)
         try:
             inner_writer.write(b"GET / HTTP/1.1" + head[head.index(b"\r\n") :])
-            async with asyncio.TaskGroup() as ways:
-                ways.create_task(_pass_on(reader, inner_writer))
-                ways.create_task(_pass_on(inner_reader, writer))
-        except* OSError:
-            pass
+            await asyncio.gather(_pass_on(reader, inner_writer), _pass_on(inner_reader, writer))
         finally:
             inner_writer.close()
 

@@ -23,7 +23,7 @@ from txt1.config import Config
 from txt1.errors import NotArmed, RecordingError, TaskFault
 from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
-from txt1.kernel.clock import NS_PER_S, nanoseconds
+from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.ticks import Ticks
@@ -97,16 +97,16 @@ class _Recorded(NamedTuple):
 
 def _recorded(path: Path) -> _Recorded:
     reading, decoding = Reading(path), Decoding()
-    inputs: list[tuple[int, Input]] = []
+    inputs: list[tuple[float, Input]] = []
     steps: list[tuple[int, float, int]] = []
-    cycles, last_ns, whole = 0, 0, True
+    cycles, last, whole = 0, 0.0, True
     for item in reading:
-        last_ns = max(last_ns, item.message.log_time)
+        time = reading.run_time(item)
+        last = max(last, time)
         if item.name == INPUT.name:
             given = decoding.message(item)
             values = tuple(map(float, given.values))
-            told = Input(given.step, given.source, given.kind, given.text, given.given, values)
-            inputs.append((item.message.log_time, told))
+            inputs.append((time, Input(given.step, given.source, given.kind, given.text, given.given, values)))
         elif item.name == STEP.name:
             step = decoding.message(item)
             steps.append((step.task, step.time, step.missed))
@@ -132,30 +132,24 @@ def _recorded(path: Path) -> _Recorded:
             f"{path}: on the real clock only a simulation without a line can be repeated, as hardware and lines have "
             "a time of their own; a line repeats in virtual time: 'txt1 run --hal serial --port virtual --speed max'"
         )
-    epoch_ns = nanoseconds(config.record.epoch)
-    timed = [((time_ns - epoch_ns) / NS_PER_S, given) for time_ns, given in inputs]
-    return _Recorded(path, config, timed, None if virtual else steps, (last_ns - epoch_ns) / NS_PER_S)
+    return _Recorded(path, config, inputs, None if virtual else steps, last)
 
 
 class _Comparison:
     """A sink that compares the messages of the robot's own tasks with a recording.
 
-    Others, such as the learner's, are of those who command the robot: their commands are inputs here.
+    What is measured on the real clock and what sensors say is left out. Others, such as the learner's, are of those who
+    command the robot: their commands are inputs here.
     """
 
-    def __init__(self, recorded: _Recorded) -> None:
-        self._epoch_ns = nanoseconds(recorded.config.record.epoch)
+    def __init__(self, recorded: _Recorded, runtime: Runtime) -> None:
         self._real = recorded.steps is not None
-        self._own: set[str] = set()
-        self._recorded = (item for item in Reading(recorded.path) if item.name in self._own)
-        self._decoding = Decoding()
-        self.compared = 0
-        self.difference: Difference | None = None
-
-    def compare_with(self, runtime: Runtime) -> None:
-        """Compare what this one's tasks tell, but for what is measured on the real clock and what sensors say."""
         measured: set[Topic[Any]] = {SENSORS, SNAPSHOT, *((diagnostics.TASKS, STEP) if self._real else ())}
         self._own = {topic.name for topic in {*runtime.bus.offered, INPUT, COMMAND, LOG, LINK} - measured}
+        self._reading, self._decoding = Reading(recorded.path), Decoding()
+        self._recorded = (item for item in self._reading if item.name in self._own)
+        self.compared = 0
+        self.difference: Difference | None = None
 
     def write(self, block: Block) -> int:
         """Compare a block with as many messages of the recording."""
@@ -176,16 +170,13 @@ class _Comparison:
         """What is left of the recording was not said again."""
         del dropped
         if self.difference is None and (item := next(self._recorded, None)) is not None:
-            self.difference = Difference(self._run_time(item.message.log_time), item.name, "", "a message", "none")
-
-    def _run_time(self, stamp: int) -> float:
-        return (stamp - self._epoch_ns) / NS_PER_S
+            self.difference = Difference(self._reading.run_time(item), item.name, "", "a message", "none")
 
     def _explain(self, item: Item, topic: str, time: int, data: bytes) -> Difference | None:
-        at = self._run_time(min(item.message.log_time, time))
+        now = item._replace(message=replace(item.message, data=data, log_time=time))
+        at = min(map(self._reading.run_time, (item, now)))
         if item.name != topic:
             return Difference(at, item.name, "", "a message", f"one on {topic}")
-        now = item._replace(message=replace(item.message, data=data))
         before, after = dict(flat(self._decoding.values(item))), dict(flat(self._decoding.values(now)))
         line_of_log = self._real and topic == LOG.name  # as late as the processor was
         for name in dict.fromkeys((*before, *after)):
@@ -197,10 +188,9 @@ class _Comparison:
 
 async def _replay(recorded: _Recorded) -> Verdict:
     """The verdict on a run that is repeated."""
-    comparison, config = _Comparison(recorded), recorded.config
-    kind = _Following if recorded.steps is None else _StepByStep
+    config, kind = recorded.config, _Following if recorded.steps is None else _StepByStep
     runtime = Runtime(config, lambda message: None, create(config), scheduler=kind)
-    comparison.compare_with(runtime)
+    comparison = _Comparison(recorded, runtime)
     recorder = Recorder(runtime, [comparison], config.record.epoch, batch=1.0)
     script, scheduler = _Script(runtime, recorded.inputs), runtime.scheduler
     await runtime.start()
