@@ -14,7 +14,7 @@ MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "light", "odometry"],
     "sim": ["battery", "light", "obstacles", "room", "vehicle", "dynamics", "world"],
-    "control": ["commander", "limits", "pid", "runaway"],
+    "control": ["commander", "limits", "pid"],
     "tasks": ["battery", "controller", "encoder", "fields", "mode", "panel", "serial"],
     "telemetry": ["bus"],
     "learning": ["light", "task", "thesis", "trial"],

@@ -41,10 +41,7 @@ class Wheel:
         self._sent = True
 
     def tick(self, now: float) -> None:
-        """Send the set-point, unless one was sent since the tick before.
-
-        Only who gives a command makes it fresh; sending it again does not.
-        """
+        """Send the set-point, unless one was sent since the tick before; that does not make it fresh."""
         if not self._sent:
             self.send(now)
         self._sent = False

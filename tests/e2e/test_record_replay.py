@@ -20,6 +20,7 @@ from txt1.tasks.fields import EVENTS
 from txt1.tasks.mode import MODE
 from txt1.ui.replay import Player
 from txt1.ui.screens import SCREENS, render
+from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import Viewer
 
 
@@ -162,3 +163,13 @@ def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
     assert "http" not in page.replace("http-equiv", "")
     for told in ("/odom", "1000", "seed", "armed", "control.linear.kp", "controller"):
         assert told in page
+
+
+async def test_the_terminals_keys_are_the_players(circle: Path) -> None:
+    play, clock = player(circle)
+    terminal = Terminal(play, teleop=play)
+    for key in ("d", "d", "a", "s", "+", "space", "m", "right"):
+        terminal.obey(key)
+    clock.now += 1.0
+    assert (play.position, play.speed, play.paused, play.loop) == (pytest.approx(5.0), 2.0, True, True)
+    assert play.snapshot[MODE].panel.screen == 1

@@ -75,17 +75,14 @@ class Commander:
             raise ValueError(f"source {name!r}: there is one of that name already; choose another")
         limit = self._timeout if timeout is None else timeout
         if not 0.0 < limit <= self._timeout:
-            raise ValueError(
-                f"source {name!r}: a time-out of {limit!r} s; it must be more than 0 and at most the safety gate's "
-                f"{self._timeout:g} s (safety.command_timeout)"
-            )
+            allowed = f"more than 0 and at most the safety gate's {self._timeout:g} s (safety.command_timeout)"
+            raise ValueError(f"source {name!r}: a time-out of {limit!r} s; it must be {allowed}")
         rank = PRIORITIES.get(name, PRIORITIES["program"]) if priority is None else priority
         self._sources[name] = _Source(name, rank, limit)
 
     def command(self, name: str, v: float, omega: float, time: float, now: float) -> bool:
-        """Take a source's command; v in m/s, omega in rad/s.
+        """Take a source's command, m/s and rad/s; whether it is the set-point now: a zero is where nobody else drives.
 
-        Returns whether it is the set-point now. A zero is where nobody else has the wheel.
         Raises ValueError: a number is not finite, or `time` lies in the future.
         """
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
@@ -107,10 +104,7 @@ class Commander:
         return True
 
     def request(self, name: str, now: float) -> bool:
-        """Ask for the wheel, or hold it for another time-out; the set-point is 0 until a command comes.
-
-        Returns whether the source has the wheel now.
-        """
+        """Ask for the wheel, or hold it; whether the source has it now. The set-point is 0 until a command comes."""
         source, driver = self._sources[name], self._driver_at(now)
         if not _rules(driver, source):
             source.overruled = ""
@@ -121,10 +115,7 @@ class Commander:
         return True
 
     def release(self, name: str, now: float) -> bool:
-        """Command zero once and let go of the wheel.
-
-        Returns whether the zero is the set-point now: not where another source has the wheel.
-        """
+        """Command zero once and let go of the wheel; whether the zero is the set-point now, as `command` says."""
         zero = self.command(name, 0.0, 0.0, now, now)
         if self._driver is self._sources[name]:
             self._free(now)
@@ -152,14 +143,12 @@ class Commander:
         return self._sources[name].overruled
 
     def _driver_at(self, now: float) -> _Source | None:
-        """The driver, unless its commands have gone stale by `now`."""
         driver = self._driver
         if driver is not None and now - driver.held > driver.timeout + 1e-9:
             self._free(driver.held + driver.timeout)
         return self._driver
 
     def _take(self, source: _Source, driver: _Source | None, time: float) -> bool:
-        """Whether the source has the wheel after a message that takes or holds it."""
         if source.overruled or _rules(driver, source):
             if driver is not None and driver is not source:
                 source.overruled = driver.name
@@ -173,7 +162,6 @@ class Commander:
         return True
 
     def _free(self, time: float) -> None:
-        """The wheel is nobody's from `time` on."""
         self._driver, self._since = None, time
         self._setpoint = SetPoint(time=self._setpoint.time)
 

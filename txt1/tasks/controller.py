@@ -27,9 +27,7 @@ SETPOINT: Final = declare(Topic(
 ))  # fmt: skip
 PWM: Final = declare(Topic(
     "/pwm", Control, "counts of +-24000",
-    define(
-        "txt1_msgs/Pwm", "std_msgs/Header header\nint32 motor\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5"
-    ),
+    define("txt1_msgs/Pwm", "std_msgs/Header header\nint32 motor\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5"),
     Rule.CYCLE, "the five channels", {"header": {"frame_id": "base_footprint"}},
     ("motor", "front", "rear", "pwm4", "pwm5"), lambda control: control.outputs[:5],
     in_snapshots=False,

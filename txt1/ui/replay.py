@@ -14,13 +14,13 @@ from txt1.tasks.fields import GAIN_TABLE, GainTable, Panel
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import press
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import tty
 from txt1.ui.line import status_line
 from txt1.ui.terminal import Terminal
 
 SEEK: Final = 5.0  # s that one press of a or d winds
 SPEED_MIN: Final = 1.0 / 64.0
 SPEED_MAX: Final = 64.0
-STDOUT: Final = 1
 
 KEYS: Final = {
     "SPACE": "pause",
@@ -69,8 +69,8 @@ class Player:
         self._since = self._clock()
         self._position = min(max(time, self.recording.start), self.recording.end)
 
-    def key(self, key: str) -> None:
-        """Do what a key of the player's means."""
+    def key(self, key: str, now: float = 0.0) -> None:
+        """Do what a driving key means to the player."""
         position = self.position
         match key:
             case "a" | "d":
@@ -107,6 +107,12 @@ class Player:
     def disarm(self, reason: str) -> None:
         """Nothing moves."""
 
+    def release(self) -> None:
+        """Nothing is held."""
+
+    def command(self, now: float) -> None:
+        """No key drives."""
+
     def press(self, button: Button) -> None:
         """The joystick changes the screen and scrolls the gains."""
         rows = len(self.recording.at(self.position).get(GAIN_TABLE, GainTable()).angular.sets)
@@ -116,28 +122,13 @@ class Player:
         """There is no log to add to."""
 
 
-class _ReplayTerminal(Terminal):
-    """The terminal, with the player's keys where driving was."""
-
-    def __init__(self, player: Player) -> None:
-        super().__init__(player, shown=KEYS)
-        self._player = player
-
-    def obey(self, key: str) -> None:
-        """Do what a key means to the player, or else to the terminal."""
-        if key in tuple("wasd+-"):
-            self._player.key(key)
-        else:
-            super().obey(key)
-
-
 async def play(recording: Snapshots, speed: float, start: float | None, loop: bool) -> None:
     """Show a recording on the screens until the user quits; without a terminal, as lines, one a second of the run."""
     player = Player(recording, speed, loop, asyncio.get_running_loop().time)
     if start is not None:
         player.seek(start)
     if sys.stdin.isatty() and sys.stdout.isatty():
-        async with _ReplayTerminal(player) as terminal:
+        async with Terminal(player, teleop=player, shown=KEYS) as terminal:
             await terminal.wait()
         return
     told = -1
@@ -146,7 +137,7 @@ async def play(recording: Snapshots, speed: float, start: float | None, loop: bo
         position = player.position
         if int(position) != told:
             told = int(position)
-            os.write(STDOUT, f"{status_line(recording.at(position))}\n".encode())
+            os.write(tty.OUT, f"{status_line(recording.at(position))}\n".encode())
         if ended:
             return
         await asyncio.sleep(min(0.1, 0.2 / speed))

@@ -123,7 +123,6 @@ def _edges(left: str | Text, right: str | Text) -> Table:
 
 
 def _keys(viewer: Viewer, width: int) -> Text:
-    """The keys in one row, as many as have room."""
     line = Text(no_wrap=True, overflow="crop")
     for key, meaning in viewer.keys.items():
         if line.cell_len + len(key) + len(meaning) + 1 <= width:

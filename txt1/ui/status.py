@@ -50,13 +50,11 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
     else:
         left.update(state)
     faults = _faults(snapshot, max(1, rows - EVENT_ROWS - 2))
-    events = [
-        (f"{event.time:.1f}", clean(event.text))
-        for event in snapshot.get(fields.EVENTS, ())[: -max(1, rows - len(faults) - 4) - 1 : -1]
-    ]
+    latest = snapshot.get(fields.EVENTS, ())[: -max(1, rows - len(faults) - 4) - 1 : -1]
+    events = tuple((f"{event.time:.1f}", clean(event.text)) for event in latest)
     right.split_column(
         Layout(table("faults", (Column(fold=True), Column(style=WARNING, right=True)), faults), size=len(faults) + 2),
-        Layout(table("events (s)", (Column(style=DIM, right=True), Column(fold=True)), tuple(events), gap=1)),
+        Layout(table("events (s)", (Column(style=DIM, right=True), Column(fold=True)), events, gap=1)),
     )
     return layout
 

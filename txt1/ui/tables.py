@@ -9,7 +9,7 @@ from typing import Final
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 
-from txt1.hal.base import Capabilities
+from txt1.hal.base import Capabilities, Outputs
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import SENSORS, SensorState
 from txt1.tasks import fields
@@ -53,12 +53,10 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
     length = max(11, width - 32)
     spaced = rows >= SPACED
     outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, Capabilities())
-    motor, front, rear, pwm4, pwm5 = outputs[:5] if can.pwm else (None,) * 5
-    if can.servos and not can.pwm:
-        pwm4, pwm5 = snapshot.get(fields.SERVOS) or (None, None)
-    channels = {"motor": motor, "front": front, "rear": rear, "pwm4": pwm4, "pwm5": pwm5}
+    servos = (snapshot.get(fields.SERVOS) if can.servos else None) or (None, None)
+    channels = zip(Outputs._fields, outputs[:5] if can.pwm else (None, None, None, *servos), strict=False)
     cells: list[tuple[str, ...]] = []
-    for channel, (name, counts) in enumerate(channels.items(), start=1):
+    for channel, (name, counts) in enumerate(channels, start=1):
         level = "" if counts is None else centred_bar(counts / COUNTS_MAX, length)
         cells.append((str(channel), name, number(counts, 0), level))
         if spaced:

@@ -45,7 +45,7 @@ class Terminal:
         robot: Robot | Board | Player,
         keys: CommandSource | None = None,
         beat: float = BEAT,
-        teleop: Teleop | None = None,
+        teleop: Teleop | Player | None = None,
         shown: Mapping[str, str] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys

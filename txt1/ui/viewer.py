@@ -39,14 +39,10 @@ def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
 class Viewer:
     """The viewer's own state."""
 
-    keys: Mapping[str, str] = field(default_factory=DRIVING.copy)
-    """Those of the last row and their meaning, the most important first."""
-    help: bool = False
-    """Whether the list of keys covers the screen."""
-    path: list[tuple[float, float]] = field(default_factory=list)
-    """Points (x, y) the robot passed, m, oldest first; never more than PATH_MAX."""
-    spacing: float = SPACING
-    """Least distance between points, m."""
+    keys: Mapping[str, str] = field(default_factory=DRIVING.copy)  # of the last row, the most important first
+    help: bool = False  # whether the list of keys covers the screen
+    path: list[tuple[float, float]] = field(default_factory=list)  # points (x, y) passed, m; at most PATH_MAX
+    spacing: float = SPACING  # least distance between points, m
     _last: tuple[float, float] = (0.0, 0.0)
     _time: float = 0.0
 
