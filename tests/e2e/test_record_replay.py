@@ -165,7 +165,7 @@ def test_the_report_is_a_picture_and_one_page_that_needs_nothing_else(
         assert told in page
 
 
-async def test_the_terminals_keys_are_the_players(circle: Path) -> None:
+def test_the_terminals_keys_are_the_players(circle: Path) -> None:
     play, clock = player(circle)
     terminal = Terminal(play, teleop=play)
     for key in ("d", "d", "a", "s", "+", "space", "m", "right"):
