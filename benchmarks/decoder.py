@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.rounds import interleave, spread, table, verdict
 from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import Role, encode
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import EncoderOdometry
 
 READ = 4096

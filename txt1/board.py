@@ -26,8 +26,7 @@ from txt1.link.device import open_link
 from txt1.link.impairments import faulty, paced
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
-from txt1.protocol.frame import encode
-from txt1.protocol.layout import Role
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
 from txt1.runtime import Runtime
 from txt1.telemetry.snapshot import Snapshot

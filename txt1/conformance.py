@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, wraps
 from statistics import median
@@ -40,23 +40,20 @@ P = TypeVar("P", bound=Part)
 S = TypeVar("S", bound="Conformance[Any]")
 
 
-def unopened(test: Callable[[S], Awaitable[None]]) -> Callable[[S], None]:
+def unopened(test: Callable[[S], Coroutine[Any, Any, None]]) -> Callable[[S], None]:
     """Run a test in an event loop of its own."""
 
     @wraps(test)
     def tested(self: S) -> None:
-        async def main() -> None:
-            await test(self)
-
         try:
-            run(main(), speed=self.speed)
+            run(test(self), speed=self.speed)
         except AssertionError as error:
             raise AssertionError(f"{error} (the promise stands in {self.interface.__module__})") from None
 
     return tested
 
 
-def opened(test: Callable[[S], Awaitable[None]]) -> Callable[[S], None]:
+def opened(test: Callable[[S], Coroutine[Any, Any, None]]) -> Callable[[S], None]:
     """Run a test on a new part that is open, and close it."""
 
     @unopened

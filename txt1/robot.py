@@ -20,7 +20,7 @@ from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
-from txt1.protocol.frame import encode
+from txt1.protocol.layout import encode
 from txt1.protocol.messages import (
     BatteryLevels,
     BoardMessage,

@@ -19,7 +19,7 @@ from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal
 from txt1.link.impairments import faulty
 from txt1.protocol.decoder import Event, FrameFault
-from txt1.protocol.frame import encode
+from txt1.protocol.layout import encode
 from txt1.protocol.messages import Message
 from txt1.robot import Robot
 from txt1.sim.line import LineFaults
@@ -27,7 +27,7 @@ from txt1.sim.line import LineFaults
 HOUR = 3600.0
 FAULTS = LineFaults(drop=0.01, flip=1e-4, duplicate=0.01, delay=0.005, jitter=0.01, stall=0.1)
 ODDS = 1 / 65536
-"""Of a damaged frame to pass the checksum, if the damage is at random; see `txt1.protocol.frame.checksum`."""
+"""Of a damaged frame to pass the checksum, if the damage is at random; see `txt1.protocol.layout.checksum`."""
 
 
 @pytest.mark.long

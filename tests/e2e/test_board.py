@@ -18,8 +18,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.link.base import Link, connect
 from txt1.link.impairments import paced
 from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import checksum, encode
-from txt1.protocol.layout import Role
+from txt1.protocol.layout import Role, checksum, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     EncoderOdometry,

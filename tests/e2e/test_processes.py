@@ -25,7 +25,7 @@ from txt1.hal.base import Outputs
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.link.pty import listen_pty
-from txt1.protocol.frame import encode
+from txt1.protocol.layout import encode
 from txt1.protocol.messages import Velocity
 from txt1.robot import Robot
 

@@ -27,7 +27,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.link.base import End, Link, Listener
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
-from txt1.protocol.frame import checksum, encode
+from txt1.protocol.layout import checksum, encode
 from txt1.protocol.messages import (
     CombinedOdometry,
     EncoderOdometry,

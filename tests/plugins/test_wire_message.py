@@ -8,8 +8,7 @@ import pytest
 from txt1.errors import EncodeError
 from txt1.protocol.capture import describe
 from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import Role, encode
-from txt1.protocol.layout import LAYOUTS, declare, from_numbers, numbers
+from txt1.protocol.layout import LAYOUTS, Role, declare, encode, from_numbers, numbers
 from txt1.protocol.messages import BoardMessage, HostMessage
 
 

@@ -19,8 +19,7 @@ from txt1.link.base import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
-from txt1.protocol.frame import encode
-from txt1.protocol.layout import Role
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
 
 LINK_RULE: Final = 2.5

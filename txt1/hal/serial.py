@@ -21,8 +21,7 @@ from txt1.link.receiver import Receiver
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.protocol.decoder import Event, FrameFault, Reason
-from txt1.protocol.frame import encode
-from txt1.protocol.layout import Role
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,

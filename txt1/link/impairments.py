@@ -93,15 +93,14 @@ class _ThroughLink(Link):
         super().__init__(link.address, end)
         self._link = link
         link.on_shut = self.shut
-        self.outgoing = Way(outgoing, link.write)
-        self.incoming = Way(incoming, end.received)
+        self.outgoing, self.incoming = self._ways = Way(outgoing, link.write), Way(incoming, end.received)
         self._cutter: asyncio.TimerHandle | None = None
         if outgoing.ends < float("inf"):
             self._cutter = asyncio.get_running_loop().call_at(outgoing.ends, self._cut, outgoing.ends)
 
     @property
     def overflows(self) -> int:  # type: ignore[override]
-        return self.outgoing.overflows + self.incoming.overflows + self._link.overflows
+        return self._link.overflows + sum(way.overflows for way in self._ways)
 
     def _send(self, data: bytes) -> None:
         self.outgoing.send(data)
@@ -119,7 +118,7 @@ class _ThroughLink(Link):
         super().lose(reason)
 
     def _cut(self, now: float) -> None:
-        for way in (self.outgoing, self.incoming):
+        for way in self._ways:
             way.deliver_until(now)  # it was there in time, even if its timer comes after this one
         if self.up:
             self.lose(f"{self.address}: the line was cut, as its faults say")
@@ -127,8 +126,8 @@ class _ThroughLink(Link):
 
     def _stop(self) -> None:
         """Forget what is under way."""
-        self.outgoing.stop()
-        self.incoming.stop()
+        for way in self._ways:
+            way.stop()
         if self._cutter is not None:
             self._cutter.cancel()
 

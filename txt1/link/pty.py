@@ -52,7 +52,9 @@ class _PtyLink(Link):
             self._loop.remove_reader(self._master)
         else:
             self._timer.cancel()
-        _remove_link(self.address, self._slave)
+        with suppress(OSError):
+            if os.readlink(self.address) == self._slave:  # else it is another's by now
+                os.unlink(self.address)
         os.close(self._master)  # last, for until then no other pseudo-terminal can have its name
 
     def _look(self) -> None:
@@ -116,12 +118,6 @@ def _make_link(path: str, slave: str) -> None:
         raise HalError(f"cannot make {path}: there is no such directory; make it or choose another path") from error
     except OSError as error:
         raise HalError(f"cannot make {path}: {error.strerror}; choose another path") from error
-
-
-def _remove_link(path: str, slave: str) -> None:
-    with suppress(OSError):
-        if os.readlink(path) == slave:  # else it is another's by now
-            os.unlink(path)
 
 
 def _clean(slave: str) -> None:

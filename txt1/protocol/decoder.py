@@ -7,15 +7,21 @@ valid frames that overlap, each with bytes of its own, are both delivered, for o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from struct import Struct
+from typing import Final, NamedTuple
 
-from txt1.protocol.frame import DATA_MAX, HEADER, ILLEGAL, OLD_COMMANDS, receivable
-from txt1.protocol.layout import BadValue, Role
+from txt1.protocol.layout import HEADER, LAYOUTS, BadValue, Layout, Role
 from txt1.protocol.messages import Message
 
+DATA_MAX: Final = 249  # bytes of data in a frame
+OVERHEAD: Final = 6  # bytes of a frame that are not data: header, length, command and checksum
 HEAD: Final = 8  # bytes of a faulty frame that are kept for the reader
+
+# (length, command) of two older messages still sent in the field (one gain set; the PID's terms): safe to ignore
+OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
 
 
 class Reason(Enum):
@@ -39,6 +45,36 @@ class FrameFault:
 
 
 Event = Message | FrameFault
+
+
+class Receivable(NamedTuple):
+    """How to check and read a frame of one (length, command) pair."""
+
+    size: int  # bytes of the whole frame
+    words: Callable[[bytes, int], tuple[int, ...]]  # pairs of command and data, the odd last byte if any, the checksum
+    odd: bool  # whether there is an odd last byte, for the XOR
+    read: Callable[[bytes, int], Message]
+    message: type[Message] | None
+
+
+def _receivable(layout: Layout, data: Struct) -> Receivable:
+    pairs, odd = divmod(1 + data.size, 2)
+    words = Struct(f">{pairs}H{'B' * odd}H").unpack_from
+    return Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
+
+
+def receivable(role: Role) -> dict[bytes, Receivable]:
+    """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
+    return {
+        bytes((data.size, layout.command)): _receivable(layout, data)
+        for layout in LAYOUTS.values()
+        if layout.receiver is role
+        for data in map(layout.struct, layout.counts)
+    }
+
+
+# any other pair is no frame, and its four bytes tell
+ILLEGAL: Final = Receivable(4, Struct("").unpack_from, False, lambda *_: Message(), None)
 
 
 class Decoder:

@@ -1,5 +1,6 @@
-"""The layout of each message's data on the wire (thesis 3.5): one table that encoding, decoding and recordings read.
+"""The layout of each message on the wire (thesis 3.5): one table that encoding, decoding and recordings read.
 
+A frame is 0xFA 0xFB | length (data bytes, 0 .. 249) | command | data | checksum high | checksum low.
 All fields of a message are integers of one size, big-endian and two's complement. A new message is a dataclass in
 `txt1.protocol.messages` and a line of `declare` here.
 """
@@ -18,6 +19,7 @@ from txt1.protocol import messages
 from txt1.protocol.messages import HostMessage, Message, PidSet, PowerControl, Switch
 from txt1.units import PER_UNIT, from_thousandths, to_thousandths
 
+HEADER: Final = b"\xfa\xfb"
 SETS_MAX: Final = 14  # angular gain sets that a PID set has room for
 ACCEPTED: Final = 0x3C
 REJECTED: Final = 0x55
@@ -138,6 +140,29 @@ def declare(
 def _fields_of(message: type[Message]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
     names = [field.name for field in fields(message)]
     return lambda one: [(name, getattr(one, name)) for name in names]
+
+
+def checksum(data: bytes) -> int:
+    """The checksum, 0 .. 65535, of a frame's command and data.
+
+    Pairs of bytes, the first one the high one, are added modulo 65536; an odd last byte is XORed into the low byte. Any
+    single flipped bit is noticed; two that cancel out, or two pairs that changed places, are not.
+    """
+    total = sum(data[0:-1:2]) * 256 + sum(data[1::2])
+    return (total ^ data[-1] if len(data) % 2 else total) & 0xFFFF
+
+
+def encode(message: Message) -> bytes:
+    """The frame of a message, values rounded to the nearest count of the wire, ties to the even one.
+
+    An EncodeError names message, field, value and range of a value that is not finite or does not fit its field.
+    """
+    layout = LAYOUTS.get(type(message))
+    if layout is None:
+        raise TypeError(f"{message!r} is no message of the protocol")
+    data = layout.pack(message)
+    body = bytes((layout.command,)) + data
+    return HEADER + bytes((len(data),)) + body + checksum(body).to_bytes(2, "big")
 
 
 def numbers(message: Message) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from math import inf
 
 from hypothesis import strategies as st
 
-from txt1.protocol.frame import Role, encode
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     BoardMessage,

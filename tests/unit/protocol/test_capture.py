@@ -9,7 +9,7 @@ import pytest
 from txt1.errors import CaptureError, Txt1Error
 from txt1.protocol.capture import as_dict, decode, describe, read_hex, summary
 from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import Role, encode
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import PidSet, PowerControl, Switch, Velocity
 
 STREAM = (

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.protocol.decoder import Decoder, Event, FrameFault, Reason
-from txt1.protocol.frame import OLD_COMMANDS, Role, encode
+from txt1.protocol.decoder import OLD_COMMANDS, Decoder, Event, FrameFault, Reason
+from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     EncoderOdometry,

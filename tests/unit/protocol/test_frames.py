@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from txt1.errors import EncodeError, Txt1Error
 from txt1.protocol import messages
-from txt1.protocol.decoder import Decoder
-from txt1.protocol.frame import Role, checksum, encode, receivable
-from txt1.protocol.layout import LAYOUTS
+from txt1.protocol.decoder import Decoder, receivable
+from txt1.protocol.layout import LAYOUTS, Role, checksum, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,
