@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Final
 
 from txt1.control.commander import Commander, Driver
@@ -34,16 +34,15 @@ class Wheel:
         """Who drives, and who was refused."""
         return self.commander.driver(self.runtime.now)
 
-    def send(self, now: float) -> None:
-        """Send the set-point at once."""
-        v, omega, time = self.commander.setpoint(now)
+    def send(self, v: float, omega: float, time: float) -> None:
+        """Send a set-point at once, m/s and rad/s, given at `time`."""
         self.runtime.post(Velocity(v, omega), time)
         self._sent = True
 
     def tick(self, now: float) -> None:
         """Send the set-point, unless one was sent since the tick before; that does not make it fresh."""
         if not self._sent:
-            self.send(now)
+            self.send(*self.commander.setpoint(now))
         self._sent = False
 
 
@@ -77,17 +76,19 @@ class CommandSource:
         """
         wheel = self._wheel
         now = wheel.runtime.now
+        given = now if time is None else time
+        if not (type(v) is type(omega) is float and -inf < v + omega < inf):  # seldom
+            try:
+                v, omega = finite("velocity command", v=v, omega=omega)
+            except CommandRefused:
+                wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
+                raise
         try:
-            v, omega = finite("velocity command", v=v, omega=omega)
-        except CommandRefused:
-            wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
-            raise
-        try:
-            taken = wheel.commander.command(self.name, v, omega, now if time is None else time, now)
+            taken = wheel.commander.command(self.name, v, omega, given, now)
         except ValueError as error:
             raise CommandRefused(str(error)) from None
         if taken:
-            wheel.send(now)
+            wheel.send(v, omega, min(given, now))
         return taken
 
     def request(self) -> bool:
@@ -99,14 +100,14 @@ class CommandSource:
         now, before = wheel.runtime.now, wheel.driver.name
         granted = wheel.commander.request(self.name, now)
         if granted and before not in ("", self.name):
-            wheel.send(now)  # zeros in place of what the other one wanted
+            wheel.send(0.0, 0.0, now)  # in place of what the other one wanted
         return granted
 
     def release(self) -> None:
         """Command zero once, and let go of the wheel: the dead-man is up."""
         now = self._wheel.runtime.now
         if self._wheel.commander.release(self.name, now):
-            self._wheel.send(now)
+            self._wheel.send(0.0, 0.0, now)
 
     def begin(self) -> None:
         """Ask for the wheel; raises Overruled when another source keeps it."""

@@ -208,7 +208,8 @@ class Gate:
 
     def admit_velocity(self, v: float, omega: float) -> tuple[float, float] | None:
         """The set-point (v, omega) brought inside the limits; None when it is not finite and must be ignored."""
-        if not self.admit_finite(v, omega):
+        if not (isfinite(v) and isfinite(omega)):
+            self.count(Fault.NOT_FINITE)
             return None
         limited = limit_velocity(v, omega, self.limits)
         if limited[1] != omega:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -29,6 +29,8 @@ class Schedule:
     """
 
     sets: tuple[GainSet, ...] = ()
+    _v_max: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _gains: tuple[Gains, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if len(self.sets) > SETS_MAX:
@@ -36,11 +38,12 @@ class Schedule:
         for lower, upper in pairwise(self.sets):
             if not lower.v_max < upper.v_max:
                 raise ValueError(f"v_max must rise from set to set: {upper.v_max} follows {lower.v_max}")
+        object.__setattr__(self, "_v_max", tuple(each.v_max for each in self.sets[:-1]))
+        object.__setattr__(self, "_gains", tuple(each.gains for each in self.sets) or (Gains(),))
 
     def at(self, v: float) -> Gains:
         """The gains for a measured, signed speed v in m/s."""
-        above = bisect_left(self.sets, (v,))  # a set begins with its v_max; a key would cost a call for each comparison
-        return self.sets[min(above, len(self.sets) - 1)].gains if self.sets else Gains()
+        return self._gains[bisect_left(self._v_max, v)]
 
 
 LINEAR_GAINS: Final = Gains(11.0, 18.0, 0.250)  # the thesis's linear gains (4.2)

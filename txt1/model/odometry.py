@@ -44,15 +44,14 @@ class WheelOdometry:
         self._counts, self._time = counts, now
         if before is None:
             return None
-        right, left = counts[0] - before[0], counts[1] - before[1]
-        moved = bool(right or left)
-        if moved or not self._still:
-            v, omega = body_velocity(
-                wheel_speed(right, self._count_length, dt), wheel_speed(left, self._count_length, dt), self._track_width
-            )
+        ticks = right, left = counts[0] - before[0], counts[1] - before[1]
+        still = right == left == 0
+        if not (still and self._still):
+            v_right, v_left = wheel_speed(right, self._count_length, dt), wheel_speed(left, self._count_length, dt)
+            v, omega = body_velocity(v_right, v_left, self._track_width)
             self.odometry = advance(self.odometry, v, omega, dt)
-            self._still = not moved
-        return right, left
+            self._still = still
+        return ticks
 
 
 def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[int, int]:

@@ -171,22 +171,17 @@ class Vehicle:
 
     def move_to(self, time: float) -> None:
         """Move until `time`, whatever other vehicles do."""
-        while self.time < time:
-            if self.time >= self.piece_ends:
+        while (now := self.time) < time:
+            if now >= self.piece_ends:
                 self._draw_drag()
-            if self.time >= self._settle_due:
+            if now >= self._settle_due:
                 self._settle_batteries()
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
-            if after is self.motion and not self.crowded:  # at rest, the motors off
-                self._drawn += (until - self.time) * (
-                    self.batteries.idle_load if self.atx_on else self.batteries.standby_load
-                )
-                self.time = until
-                continue
-            x_min, x_max, y_min, y_max = self.free
-            if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
-                after = self.world.contact(self, after, until)
+            if after is not self.motion or self.crowded:
+                x_min, x_max, y_min, y_max = self.free
+                if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
+                    after = self.world.contact(self, after, until)
             self.arrive(after, until)
 
     def finish_piece(self) -> None:
@@ -209,15 +204,18 @@ class Vehicle:
 
     def arrive(self, after: Motion, until: float) -> None:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
-        before, dt = self.motion, until - self.time
-        self.motion, self.time = after, until
-        if self.atx_on and not self.cut_off:  # the encoders need the ATX supply's 5 V
-            # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
-            if not self.faults.right_encoder:
-                self._right_counts += (after[6] - before[6]) * self._counts_per_m
-            if not self.faults.left_encoder:
-                self._left_counts += (after[7] - before[7]) * self._counts_per_m
-        if abs(self._outputs[0]) > self.dynamics[DEAD_BAND] and self.esc_on and not self.cut_off:
+        before, dt, powered = self.motion, until - self.time, not self.cut_off
+        self.time = until
+        if after is not before:
+            self.motion = after
+            if powered and self.atx_on:  # the encoders need the ATX supply's 5 V
+                # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
+                faults, counts_per_m = self.faults, self._counts_per_m
+                if not faults.right_encoder:
+                    self._right_counts += (after[6] - before[6]) * counts_per_m
+                if not faults.left_encoder:
+                    self._left_counts += (after[7] - before[7]) * counts_per_m
+        if powered and self.esc_on and abs(self._outputs[0]) > self.dynamics[DEAD_BAND]:
             self._drawn += dt
         else:
             self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
