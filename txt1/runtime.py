@@ -31,7 +31,8 @@ from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
-from txt1.tasks.fields import State, TaskReport
+from txt1.tasks.fields import TaskReport
+from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 

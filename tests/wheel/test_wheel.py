@@ -18,6 +18,7 @@ RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed"
 SUITES = (
     *("test_robot.py", "test_closed_loop.py", "test_safety.py", "test_learning.py", "test_learning_on_hardware.py"),
     *("test_commander.py", "test_sensors.py", "test_world.py", "../conformance"),
+    *("test_processes.py", "test_record_replay.py", "../unit/ui", "../unit/telemetry"),
 )
 LEARN = ("learn", "--agent", "thesis", "--trials", "2", "--episodes", "6", "--seed", "3")
 

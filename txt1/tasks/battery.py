@@ -11,7 +11,8 @@ from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import remaining_time
 from txt1.protocol.messages import BatteryLevels, BoardMessage
-from txt1.tasks.fields import Battery, BatteryState, State
+from txt1.tasks.fields import Battery, BatteryState
+from txt1.tasks.state import State
 from txt1.telemetry.topics import Rule, Topic, declare
 
 OLD_WEIGHT: Final = 0.6  # weight of the old value in the smoothed voltage (the original firmware)

@@ -11,7 +11,8 @@ from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import Geometry
-from txt1.tasks.fields import Command, Control, ManualPwm, Source, State
+from txt1.tasks.fields import Command, Control, ManualPwm, Source
+from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 

@@ -15,7 +15,8 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import BoardMessage, EncoderOdometry
-from txt1.tasks.fields import Encoders, State
+from txt1.tasks.fields import Encoders
+from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 

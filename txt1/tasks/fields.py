@@ -1,4 +1,4 @@
-"""The shared state of the tasks: typed fields, each with exactly one writer, and topics of those that a snapshot tells.
+"""The values in the shared state of the tasks, and topics of those that a snapshot tells.
 
 Every value is immutable and replaced whole, so a reader never sees half of an update and nothing needs a lock; this
 is what the critical sections of the RTOS were for.
@@ -6,7 +6,6 @@ is what the critical sections of the RTOS were for.
 
 from __future__ import annotations
 
-from collections import deque
 from enum import StrEnum
 from typing import Final, NamedTuple, TypeVar
 
@@ -15,9 +14,7 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
-from txt1.model.odometry import Odometry
 from txt1.sim.obstacles import Outline
-from txt1.telemetry.bus import Bus
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -201,47 +198,3 @@ def _log_message(event: Event) -> dict[str, object]:
 
 
 LOG: Final = declare(Topic("/rosout", Event, "", "rcl_interfaces/Log", Rule.EVENT, "the event log", make=_log_message))
-
-
-class State:
-    """The shared state; each field is assigned by one task alone."""
-
-    def __init__(self, bus: Bus | None = None) -> None:
-        self.bus = Bus() if bus is None else bus
-        # by the serial task
-        self.command: Command | None = None
-        self.manual_pwm: ManualPwm | None = None
-        self.combined: CombinedSample | None = None
-        self.gains = GainTable()
-        self.power = Power()
-        self.servos: tuple[int, int] = (0, 0)
-        self.received = 0
-        self.velocity_count = 0
-        self.combined_count = 0
-        # by the encoder task
-        self.encoders = Encoders()
-        self.odometry = Odometry()
-        self.odometry_time = 0.0
-        self.pose: tuple[float, float, float] | None = None
-        self.board: BoardLink | None = None
-        # by the mode, controller and battery tasks
-        self.link = LinkState()
-        self.control = Control()
-        self.battery = Battery()
-        # by the button task
-        self.panel = Panel()
-        self.backlight: float | None = None
-        self.transmitted = 0  # by the odometry task
-        self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
-        self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
-
-    def tell(self, time: float, text: str) -> None:
-        """Log an event."""
-        event = Event(time, text)
-        self.events.append(event)
-        self.bus.publish(LOG, event, time)
-
-    def count_on_line(self, reason: str) -> None:
-        """Count a fault of the line to the host."""
-        name = f"line_{reason}"
-        self.line_faults[name] = self.line_faults.get(name, 0) + 1

@@ -6,7 +6,8 @@ from typing import Final, NamedTuple
 
 from txt1.control.limits import Fault, Gate
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import LinkState, Panel, Power, State
+from txt1.tasks.fields import LinkState, Panel, Power
+from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 

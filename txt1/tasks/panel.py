@@ -10,7 +10,8 @@ from collections import deque
 from txt1.control.limits import Gate
 from txt1.hal.base import Button, Hal, Indicators
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import BatteryState, Panel, State
+from txt1.tasks.fields import BatteryState, Panel
+from txt1.tasks.state import State
 
 
 async def button(ticks: Ticks, presses: deque[Button], state: State, hal: Hal, gate: Gate) -> None:

@@ -27,7 +27,8 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
-from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power, State
+from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power
+from txt1.tasks.state import State
 
 INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
 Inbox = deque[tuple[Message, float, int]]

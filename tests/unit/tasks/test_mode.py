@@ -6,8 +6,8 @@ from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.hal.base import BoardLink
 from txt1.kernel.ticks import Ticks
-from txt1.tasks.fields import State
 from txt1.tasks.mode import mode
+from txt1.tasks.state import State
 
 RESTARTED = "the board restarted: its odometry jumped"
 

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 import txt1.tasks
-from txt1.tasks.fields import State
+from txt1.tasks.state import State
 
 TASKS = Path(txt1.tasks.__file__).parent
 PACKAGE = TASKS.parent

@@ -1,0 +1,67 @@
+"""The shared state of the tasks: typed fields, each with exactly one writer."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from txt1.hal.base import BoardLink
+from txt1.model.odometry import Odometry
+from txt1.tasks.fields import (
+    LOG,
+    Battery,
+    CombinedSample,
+    Command,
+    Control,
+    Encoders,
+    Event,
+    GainTable,
+    LinkState,
+    ManualPwm,
+    Panel,
+    Power,
+)
+from txt1.telemetry.bus import Bus
+
+
+class State:
+    """The shared state; each field is assigned by one task alone."""
+
+    def __init__(self, bus: Bus | None = None) -> None:
+        self.bus = Bus() if bus is None else bus
+        # by the serial task
+        self.command: Command | None = None
+        self.manual_pwm: ManualPwm | None = None
+        self.combined: CombinedSample | None = None
+        self.gains = GainTable()
+        self.power = Power()
+        self.servos: tuple[int, int] = (0, 0)
+        self.received = 0
+        self.velocity_count = 0
+        self.combined_count = 0
+        # by the encoder task
+        self.encoders = Encoders()
+        self.odometry = Odometry()
+        self.odometry_time = 0.0
+        self.pose: tuple[float, float, float] | None = None
+        self.board: BoardLink | None = None
+        # by the mode, controller and battery tasks
+        self.link = LinkState()
+        self.control = Control()
+        self.battery = Battery()
+        # by the button task
+        self.panel = Panel()
+        self.backlight: float | None = None
+        self.transmitted = 0  # by the odometry task
+        self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
+        self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
+
+    def tell(self, time: float, text: str) -> None:
+        """Log an event."""
+        event = Event(time, text)
+        self.events.append(event)
+        self.bus.publish(LOG, event, time)
+
+    def count_on_line(self, reason: str) -> None:
+        """Count a fault of the line to the host."""
+        name = f"line_{reason}"
+        self.line_faults[name] = self.line_faults.get(name, 0) + 1
