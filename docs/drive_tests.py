@@ -225,7 +225,7 @@ def over(seeds: Sequence[int], test: str, gains: Path | None, settings: Sequence
     profile, outcomes = load_profile(test), []
     for seed in seeds:
         config = load(gains, [*ENDLESS, *settings, f"seed={seed}"], {}).config
-        outcome = drive(config, profile, "max").outcome
+        outcome, _ = drive(config, profile, "max")
         assert outcome is not None
         outcomes.append(outcome)
     return repeated(test, profile, outcomes)

@@ -39,9 +39,9 @@ def configured(*settings: str) -> Config:
 
 def measured(name: str, *settings: str, safe_end: bool = True) -> Run:
     profile = load_profile(name)
-    driven = drive(configured(*settings), profile, "max", safe_end=safe_end)
-    assert driven.outcome is not None
-    return Run(name, profile, driven.outcome.recording, measure(driven.outcome, profile))
+    outcome, _ = drive(configured(*settings), profile, "max", safe_end=safe_end)
+    assert outcome is not None
+    return Run(name, profile, outcome.recording, measure(outcome, profile))
 
 
 @pytest.mark.parametrize("hal", [(), SERIAL], ids=["sim", "serial"])
@@ -104,10 +104,10 @@ def test_with_the_stop_off_the_battery_warns_and_cuts_off(hal: tuple[str, ...]) 
 
 def test_a_wall_is_told_apart_from_the_end() -> None:
     profile = load_profile("linear-steps")
-    driven = drive(load(None, ["sim.room.length=3"], {}).config, profile, "max")
-    assert driven.outcome is not None
-    assert driven.outcome.stopped_by.startswith("the safety gate: runaway")
-    assert driven.code == 3
+    outcome, code = drive(load(None, ["sim.room.length=3"], {}).config, profile, "max")
+    assert outcome is not None
+    assert outcome.stopped_by.startswith("the safety gate: runaway")
+    assert code == 3
 
 
 @pytest.mark.parametrize(
@@ -151,9 +151,9 @@ def test_runs_with_and_without_truth_are_compared_by_their_encoders(tmp_path: Pa
     profile = load_profile("circle-fast")
     runs = []
     for label, settings in (("sim", ()), ("serial", SERIAL)):
-        driven = drive(configured(*settings), profile, "max")
-        assert driven.outcome is not None
-        run = Run(label, profile, driven.outcome.recording, measure(driven.outcome, profile))
+        outcome, _ = drive(configured(*settings), profile, "max")
+        assert outcome is not None
+        run = Run(label, profile, outcome.recording, measure(outcome, profile))
         run_folder.write(run, tmp_path / label)
         runs.append(run_folder.read(tmp_path / label))
     assert [run.recording.knows_truth for run in runs] == [True, False]

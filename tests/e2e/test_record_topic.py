@@ -17,7 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.sync.client import connect
 
 from txt1.cli import execute
-from txt1.cli.summary import report
+from txt1.cli.app import report
 from txt1.config import Config
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording

@@ -7,13 +7,24 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
 from typing import Final, NoReturn
 
 from txt1 import __version__
-from txt1.cli.exit_codes import DISARMED, EPILOG, FAULT, OK, USAGE
 from txt1.errors import ConfigError, NotArmed, Txt1Error
+
+OK: Final = 0  # all went as asked, or the reader of the output had enough of it
+FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
+USAGE: Final = 2
+DISARMED: Final = 3  # by the safety gate
+SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
+EPILOG: Final = (
+    "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration or a file that is not there, "
+    "3 the safety gate disarmed the robot, 129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
+)
 
 COMMANDS: Final = {
     "run": "run the robot, on the desk or on the floor",
@@ -35,8 +46,19 @@ COMMANDS: Final = {
 STDOUT: Final = 1
 
 
+@contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Within the block the signals that end a command go to `handler` alone."""
+    before = {each: signal.signal(each, handler) for each in SIGNALS}
+    try:
+        yield
+    finally:
+        for each, former in before.items():
+            signal.signal(each, former)
+
+
 def execute(argv: Sequence[str]) -> int:
-    """Run a command given as words and return its exit code (see `txt1.cli.exit_codes`)."""
+    """Run a command given as words and return its exit code (see `EPILOG`)."""
     code = OK
     try:
         try:
@@ -51,8 +73,7 @@ def execute(argv: Sequence[str]) -> int:
 def _perform(words: list[str]) -> int:
     try:
         arguments = _parser(words).parse_args(words)
-        code: int = arguments.main(arguments)
-        return code
+        return int(arguments.main(arguments))
     except SystemExit as ended:  # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
     except BrokenPipeError:
@@ -68,7 +89,7 @@ class _Parser(argparse.ArgumentParser):
     """argparse's parser, with mistakes told in one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong and exit with code 2."""
+        """Say so and exit."""
         self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
 
 

@@ -14,14 +14,13 @@ import signal
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from txt1.beside import PERIOD as SCREENS_PERIOD
 from txt1.beside import PRIORITY as SCREENS_PRIORITY
-from txt1.cli.exit_codes import DISARMED, FAULT, OK, SIGNALS
-from txt1.cli.summary import report
+from txt1.cli import DISARMED, FAULT, OK, SIGNALS, STDOUT, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, TaskFault
@@ -29,6 +28,9 @@ from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.tasks.fields import DRIVER
+from txt1.telemetry.snapshot import plain
+from txt1.telemetry.topics import Rule
 from txt1.ui.line import SHOWN, status_line
 from txt1.ui.terminal import Terminal
 
@@ -38,11 +40,8 @@ if TYPE_CHECKING:
     from txt1.board import Board
     from txt1.record.live import LiveView
 
-STDOUT: Final = 1
-BEAT_MIN: Final = 0.005
-"""Shortest time between two heartbeats of the drawing process, s."""
-PATIENCE: Final = 10.0
-"""s that a command nobody watches waits for the link."""
+BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
+PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
 
 View = Literal["screens", "lines", "nothing"]
 
@@ -58,11 +57,8 @@ class App:
     def __init__(self, speed: Speed = None) -> None:
         self.speed = speed
         self.code = OK
-        """How it ended (see `txt1.cli.exit_codes`)."""
-        self.reason = ""
-        """Why the safety gate was closed at the end."""
-        self.report: dict[str, Any] | None = None
-        """Of the run, as far as it came."""
+        self.reason = ""  # why the safety gate was closed at the end
+        self.report: dict[str, Any] | None = None  # of the run, as far as it came
         self._subject: Robot | Board | None = None
 
     def run(self, work: Coroutine[Any, Any, None]) -> int:
@@ -101,16 +97,12 @@ class App:
             await work
 
         is_main_thread = threading.current_thread() is threading.main_thread()
-        before = {each: signal.getsignal(each) for each in SIGNALS}
         try:
-            run(main(), speed=self.speed)
+            with signals_to(lambda number, _: os._exit(128 + number)) if is_main_thread else nullcontext():
+                run(main(), speed=self.speed)
         except asyncio.CancelledError:
             if self.code == OK and not unexpected:
                 raise
-        finally:
-            if is_main_thread:
-                for each, handler in before.items():
-                    signal.signal(each, handler)
         if unexpected:
             raise TaskFault("event loop", unexpected[0]) from unexpected[0]
         return self.code
@@ -127,7 +119,6 @@ class App:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
         It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given.
-        Raises what `Robot.open` and `txt1.record.session.recording` raise.
         """
         async with (
             recording(log, config, self.speed, about or {}, say, view) as attach,
@@ -152,15 +143,16 @@ class App:
     ) -> None:
         """Let the operator see and drive until the run, or what goes on alongside, ends; an error of it is raised."""
         try:
-            await self._watch(runtime, terminal, view, [runtime.scheduler.ended, *alongside])
+            await self._watch(runtime, terminal, view, runtime.scheduler.ended, *alongside)
         finally:  # an interrupted run has its report, too
             self.reason = runtime.gate.reason
             self.report = report(runtime)
 
     async def _watch(
-        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, ends: list[asyncio.Future[Any]]
+        self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *ends: asyncio.Future[Any]
     ) -> None:
-        if view == "screens" and self.speed != "max" and _draws():
+        draws = sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+        if view == "screens" and self.speed != "max" and draws:
             async with terminal() as screens:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
                 operator = asyncio.ensure_future(screens.wait())
@@ -182,7 +174,7 @@ class App:
     @property
     def beat(self) -> float:
         """Time between heartbeats of the drawing process, s: 20 a second of the robot's time."""
-        speed = 1.0 if self.speed is None or self.speed == "max" else self.speed
+        speed = self.speed if isinstance(self.speed, float) else 1.0
         return max(REFRESH / max(speed, 1.0), BEAT_MIN)
 
 
@@ -228,6 +220,36 @@ def view_of(arguments: argparse.Namespace) -> View:
     return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
 
 
+def report(runtime: Runtime) -> dict[str, Any]:
+    """What `--json` prints. Of it, `wall_time_s` and `run_time_s` are measured on the wall clock."""
+    battery = runtime.state.battery
+    return {
+        "sim_time_s": round(runtime.now, 9),
+        "wall_time_s": runtime.scheduler.wall_time,
+        "seed": runtime.config.seed,
+        "tasks": {
+            name: {
+                "cycles": task.cycles,
+                "misses": task.misses,
+                "lateness_s": task.lateness.percentiles()._asdict(),
+                "run_time_s": task.run_time.percentiles()._asdict(),
+            }
+            for name, task in runtime.statistics().items()
+        },
+        "odometry": runtime.state.odometry._asdict(),
+        "battery": {**battery._asdict(), "state": battery.state and battery.state.value},
+        "sensors": {name: polled.state()._asdict() for name, polled in runtime.sensors.items()},
+        "driver": plain(runtime.bus.read(DRIVER)),
+        "armed": runtime.gate.armed,
+        "faults": runtime.faults(),
+        "topics": {
+            topic.name: plain(value)
+            for topic in runtime.bus.offered
+            if topic.in_snapshots and topic.rule is not Rule.SNAPSHOT and (value := runtime.bus.read(topic)) is not None
+        },
+    }
+
+
 def conclude(app: App, as_json: bool) -> int:
     """Print what remains to be said about a run, and return its exit code."""
     if as_json and app.report is not None:
@@ -237,13 +259,7 @@ def conclude(app: App, as_json: bool) -> int:
     return app.code
 
 
-def _draws() -> bool:
-    """Return whether there is a terminal that screens can be drawn on."""
-    return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-
-
 async def _first_of(*futures: asyncio.Future[Any]) -> None:
-    """Wait for the first of them to be done, and raise its error, if it has one."""
     done, _ = await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
     for future in done:
         future.result()

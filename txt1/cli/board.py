@@ -19,11 +19,11 @@ from txt1.ui.terminal import Terminal
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `board` takes."""
-    options.add_one_of(parser, {
+    options.add(parser.add_mutually_exclusive_group(required=True), {
         "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
         "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
         "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
-    }, required=True)  # fmt: skip
+    })  # fmt: skip
     options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),

@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 
-from txt1.cli.exit_codes import OK
+from txt1.cli import OK
 from txt1.cli.options import CONFIGURATION, add_actions, takes
 from txt1.config import flatten, load, origin_of
 

@@ -10,8 +10,8 @@ from itertools import pairwise
 from statistics import median
 from typing import Final, NamedTuple
 
+from txt1.cli import FAULT, OK
 from txt1.cli.app import App
-from txt1.cli.exit_codes import FAULT, OK
 from txt1.cli.options import CONFIGURATION, LINE, add, loaded, positive, takes
 from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
@@ -22,16 +22,11 @@ from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
 
-LINK_RULE: Final = 2.5
-"""s in which a board that hears the host has begun to answer: it judges the link once a second."""
-ODOMETRY_RATE: Final = 20.0
-"""Odometry messages a second that a board sends."""
-RATE_SHARE: Final = 0.95
-"""Share of them that should come."""
-AGE_MAX: Final = 0.15
-"""Age in s up to which odometry is fresh enough to drive by."""
-ANSWER_MAX: Final = 0.3
-"""Round trip of a PID set, s, that is still quick: 42 ms of it the bytes take at 57600 baud."""
+LINK_RULE: Final = 2.5  # s in which a board that hears the host has begun to answer: it judges the link once a second
+ODOMETRY_RATE: Final = 20.0  # odometry messages a second that a board sends
+RATE_SHARE: Final = 0.95  # of them that should come
+AGE_MAX: Final = 0.15  # s up to which odometry is fresh enough to drive by
+ANSWER_MAX: Final = 0.3  # quick for the round trip of a PID set, s: 42 ms of it the bytes take at 57600 baud
 
 
 class Findings:
@@ -42,17 +37,12 @@ class Findings:
         self.begun = self.ended = self.sent = self._time()
         self.link: Link | None = None
         self.receiver = Receiver(Role.HOST, self._take)
-        self.gone = ""
-        """Why the link was lost meanwhile, if it was."""
-        self.octets = self.asked = self.rejected = 0
-        """Bytes that came, PID sets sent, and answers that said no."""
-        self.arrivals: list[float] = []
-        """When odometry came, s."""
-        self.levels: list[tuple[float, float]] = []
-        """Voltages of both packs, V, every time that they came."""
+        self.gone = ""  # why the link was lost meanwhile, if it was
+        self.octets = self.asked = self.rejected = 0  # bytes that came, PID sets sent, and answers that said no
+        self.arrivals: list[float] = []  # of odometry, s
+        self.levels: list[tuple[float, float]] = []  # voltages of both packs, V, every time that they came
         self.faults: Counter[Reason] = Counter()
-        self.answers: list[float] = []
-        """Round trips of the PID sets that were answered, s."""
+        self.answers: list[float] = []  # round trips of the PID sets that were answered, s
 
     @property
     def duration(self) -> float:
@@ -93,9 +83,7 @@ class Findings:
 async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
     """Ask for standstill and send the gains for `duration` s, from the first odometry on, and return what came.
 
-    Raises:
-        HalError: the port cannot be opened.
-
+    Raises HalError: the port cannot be opened.
     """
     loop, found = asyncio.get_running_loop(), Findings()
     await port.open(found)
@@ -128,6 +116,11 @@ class Remark(NamedTuple):
     subject: str
     text: str
     well: bool = True
+
+    def show(self) -> bool:
+        """Print it and return whether it is well."""
+        print(f"{' ' if self.well else '!'} {self.subject:<9} {self.text}")
+        return self.well
 
 
 def _judged(subject: str, text: str, well: bool, cause: str) -> Remark:
@@ -202,7 +195,7 @@ def main(arguments: argparse.Namespace) -> int:
     config = loaded(arguments).config
     found: list[bool] = []
     if config.serial.port is None:
-        found = [_tell(remark) for remark in ports()]
+        found = [remark.show() for remark in ports()]
         arguments.port = only_candidate()
         config = loaded(arguments).config
     port = port_of(config)
@@ -211,15 +204,9 @@ def main(arguments: argparse.Namespace) -> int:
 
     async def look() -> None:
         findings = await examine(port, config.loops().pid_set(), arguments.duration)
-        found.extend(_tell(remark) for remark in remarks(findings, config.serial.baud))
+        found.extend(remark.show() for remark in remarks(findings, config.serial.baud))
 
     if app.run(look()) != OK:
         return app.code
     print("all is well" if all(found) else "see the lines marked with !")
     return OK if all(found) else FAULT
-
-
-def _tell(remark: Remark) -> bool:
-    """Print a remark and return whether what it says is well."""
-    print(f"{' ' if remark.well else '!'} {remark.subject:<9} {remark.text}")
-    return remark.well

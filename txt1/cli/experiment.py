@@ -7,13 +7,13 @@ import json
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from txt1.cli import DISARMED, FAULT, OK
 from txt1.cli.app import App, get_ready, say
-from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import ARM, LOG, ROBOT, add, flag, loaded, robot_speed, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -25,13 +25,6 @@ from txt1.kernel.loop import Speed
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 """The thesis's hall is larger than its learning room: without a word about the room there are no walls."""
-
-
-class Driven(NamedTuple):
-    """The outcome of an experiment that has ended, None when nothing was measured, and the exit code."""
-
-    outcome: Outcome | None
-    code: int
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,14 +62,14 @@ def main(arguments: argparse.Namespace) -> int:
     name = Path(arguments.what).stem
     folder = run_folder.make(arguments.out or unused(Path("out") / name))
     say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
-    driven = drive(
+    outcome, code = drive(
         config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
     )
-    if driven.outcome is None or not len(driven.outcome.recording):
+    if outcome is None or not len(outcome.recording):
         say("it was over before anything was measured")
-        return driven.code or FAULT
-    label = arguments.label or _label(config)
-    result = Run(label, profile, driven.outcome.recording, metrics.measure(driven.outcome, profile))
+        return code or FAULT
+    label = arguments.label or ("sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip())
+    result = Run(label, profile, outcome.recording, metrics.measure(outcome, profile))
     run_folder.write(result, folder)
     (folder / FIGURE).unlink(missing_ok=True)  # of a run before
     if not arguments.no_figure:
@@ -87,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         report.show([result], Console())
         drawn = [] if arguments.no_figure else [FIGURE]
         print(f"{folder}: {', '.join([*run_folder.FILES, *drawn])}")
-    return driven.code
+    return code
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -111,10 +104,6 @@ def _compare(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _label(config: Config) -> str:
-    return "sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip()
-
-
 def drive(
     config: Config,
     profile: Profile,
@@ -124,18 +113,11 @@ def drive(
     arm: bool | None = None,
     log: Path | None = None,
     bar: str = "",
-) -> Driven:
-    """Drive an experiment and return what came of it; a signal ends it and keeps what was measured.
+) -> tuple[Outcome | None, int]:
+    """Drive an experiment and return its outcome, None when nothing was measured, and the exit code.
 
-    Args:
-        config: of the robot.
-        profile: what to drive.
-        speed: of its time (see `txt1.kernel.loop.run`).
-        safe_end: whether it stops by itself when no time is left on its batteries.
-        arm: whether to arm; None leaves it to ``safety.auto_arm``.
-        log: the file to record to.
-        bar: name for a progress bar on a terminal; none when empty.
-
+    A signal ends it and keeps what was measured; `safe_end`: it ends by itself when no time is left on its batteries.
+    None for `arm` leaves it to ``safety.auto_arm``. `bar` names a progress bar on a terminal; none when empty.
     """
     app = App(speed)
     experiment: Experiment | None = None
@@ -152,12 +134,12 @@ def drive(
         (task,) = progress.tasks  # written to by itself: the robot waits for no lock either
         code = app.run(work())
     if experiment is None:
-        return Driven(None, code)
+        return None, code
     outcome = experiment.outcome()
     if code == OK and outcome.stopped_by.startswith(("the safety gate", ANOTHER)):
         say(f"the robot was stopped by {outcome.stopped_by}")
         code = FAULT if outcome.stopped_by.startswith(ANOTHER) else DISARMED
-    return Driven(outcome, code)
+    return outcome, code
 
 
 def progress_bar(name: str) -> Progress:

@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 
-from txt1.cli.exit_codes import OK, signals_to
+from txt1.cli import OK, signals_to
 from txt1.cli.options import CONFIGURATION, add_actions, flag, takes
 from txt1.cli.sensor import print_verdicts
 from txt1.config import load
@@ -14,8 +14,6 @@ from txt1.conformance import verdicts
 from txt1.errors import ConfigError
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
-
-DRIVES = "the check drives the wheels at full power, both ways"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,15 +33,10 @@ def check_hal(arguments: argparse.Namespace) -> int:
     config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
     capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
     if not (arguments.wheels_up or getattr(capabilities, "simulated", False)):
-        _ask(arguments.name)
+        real = f"'{arguments.name}' is real hardware, and the check drives the wheels at full power, both ways"
+        if sys.stdin.isatty():
+            print(f"{real}. Are they off the ground? [y/N] ", end="", flush=True)
+        if not (sys.stdin.isatty() and sys.stdin.readline().strip().lower() in ("y", "yes")):
+            raise ConfigError(f"{real}: lift them off the ground and add --wheels-up")
     with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
         return print_verdicts(verdicts(HalConformance, lambda: create(config)))
-
-
-def _ask(name: str) -> None:
-    """Return when the user says that the wheels are off the ground; raises ConfigError when not."""
-    if sys.stdin.isatty():
-        print(f"'{name}' is real hardware, and {DRIVES}. Are they off the ground? [y/N] ", end="", flush=True)
-        if sys.stdin.readline().strip().lower() in ("y", "yes"):
-            return
-    raise ConfigError(f"'{name}' is real hardware, and {DRIVES}: lift them off the ground and add --wheels-up")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from txt1.cli import DISARMED, OK
 from txt1.cli.app import say
-from txt1.cli.exit_codes import DISARMED, OK
 from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
 from txt1.cli.trials import conduct
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
@@ -21,8 +21,6 @@ from txt1.learning import experiment, plots
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
 from txt1.learning.trial import Episode, task_of
-
-OUT: Final = Path("out/learn")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,9 +50,10 @@ def main(arguments: argparse.Namespace) -> int:
         arguments.jobs or (processors() if speed == "max" else 1), bool(arguments.arm), arguments.log,
     )  # fmt: skip
 
-    out = arguments.out or (OUT if arguments.resume else unused(OUT))
+    out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))
     console = Console(stderr=True)
-    with _progress(console) as progress:
+    columns = BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         bar = progress.add_task("", total=plan.trials * plan.episodes, now="the robot gets ready")
 
         def watch(trial: int, one: Episode) -> None:
@@ -77,11 +76,6 @@ def main(arguments: argparse.Namespace) -> int:
     if isinstance(ended, Txt1Error):
         raise ended
     return OK if ended is None else 128 + ended
-
-
-def _progress(console: Console) -> Progress:
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
-    return Progress(*columns, console=console, disable=not console.is_terminal)
 
 
 def _tell(metrics: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from txt1.cli.exit_codes import OK
+from txt1.cli import OK
 from txt1.cli.options import RECORDING, add_actions, takes
 from txt1.errors import ConfigError
 

@@ -148,17 +148,10 @@ VIEW: Final = {
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 
 
-def add(parser: argparse.ArgumentParser, arguments: Arguments) -> None:
-    """Add arguments to a parser."""
+def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:
+    """Add arguments to a parser, or to a group of it."""
     for names, told in arguments.items():
         parser.add_argument(*names.split(), **told)
-
-
-def add_one_of(parser: argparse.ArgumentParser, arguments: Arguments, *, required: bool = False) -> None:
-    """Add arguments of which only one can be given."""
-    group = parser.add_mutually_exclusive_group(required=required)
-    for name, told in arguments.items():
-        group.add_argument(name, **told)
 
 
 def add_actions(
@@ -177,12 +170,7 @@ def add_actions(
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
-    """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone.
-
-    Raises:
-        ConfigError: a setting is wrong, or the port is of no use to this HAL.
-
-    """
+    """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}
     options = {name: given[name] for name in ("hal", "seed") if name in given}
     line = {f"serial.{name}": given[name] for name in ("port", "baud") if name in given}

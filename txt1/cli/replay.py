@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from txt1.cli.exit_codes import FAULT, OK
+from txt1.cli import FAULT, OK
 from txt1.cli.options import RECORDING, add, flag, positive, takes
 from txt1.kernel.loop import run
 

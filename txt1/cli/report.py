@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from txt1.cli.exit_codes import OK
+from txt1.cli import OK
 from txt1.cli.options import RECORDING, add, takes
 from txt1.record.session import need
 

@@ -11,9 +11,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from txt1.bridges.registry import BRIDGES, bridge
-from txt1.cli import options
+from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
-from txt1.cli.exit_codes import DISARMED, FAULT, OK
 from txt1.cli.options import flag, takes
 from txt1.config import Config
 from txt1.control.limits import Fault
@@ -43,13 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             options.bridge_options, action="append", default=[],
         ),
     })  # fmt: skip
-    options.add_one_of(parser, {
+    options.add(parser.add_mutually_exclusive_group(), {
         "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", options.velocity),
         "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
         "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
         "--policy": takes("FILE", "drive to the light by a learned qtable.json", options.existing),
     })  # fmt: skip
-    options.add_one_of(parser, {
+    options.add(parser.add_mutually_exclusive_group(), {
         "--arm": flag("arm at the start", default=None),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
     })  # fmt: skip
@@ -88,7 +87,12 @@ async def _operate(
         for name, given in arguments.bridge:
             await bridges.enter_async_context(bridge(robot, name, given))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
-        getting_ready = asyncio.ensure_future(start.go_on())
+
+        async def prepare() -> None:
+            await start.get_ready()
+            await asyncio.Future()  # only an error of this ends the run
+
+        getting_ready = asyncio.ensure_future(prepare())
         try:
             terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
@@ -105,14 +109,10 @@ class Start:
     """The start of a run on a robot whose link may not be up yet."""
 
     robot: Robot
-    arm: bool | None
-    """Whether to arm it; None leaves it to ``safety.auto_arm``."""
-    drive: tuple[float, float] | None = None
-    """A velocity in m/s and rad/s to command throughout."""
+    arm: bool | None  # None leaves it to safety.auto_arm
+    drive: tuple[float, float] | None = None  # m/s and rad/s to command throughout
     agent: Agent | None = None
-    """A learner to start."""
     steer: Steer | None = None
-    """A source of commands to start."""
     linked: bool = False
     armed: bool = False
 
@@ -144,13 +144,8 @@ class Start:
             except Exception as error:
                 raise TaskFault("source of commands", error) from error
 
-    async def go_on(self) -> None:
-        """Get ready, and wait for an end that others bring about: only an error of this ends the run."""
-        await self.get_ready()
-        await asyncio.Future()
-
     def _to_be_armed(self) -> bool:
-        """Return whether to arm when the link is there: it was asked for, and nobody has stopped the robot since."""
+        """Return whether it was asked for, and nobody has stopped the robot since."""
         return (self.robot.arms_by_itself if self.arm is None else self.arm) and not self.robot.touched
 
     def verdict(self, duration: float | None) -> tuple[int, str]:
@@ -167,6 +162,5 @@ class Start:
 
 
 async def _script(source: CommandSource, velocity: tuple[float, float], ticks: Ticks) -> None:
-    """Command a constant velocity."""
     async for _ in ticks:
         source.command(*velocity)

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
-from txt1.cli.exit_codes import FAULT, OK
+from txt1.cli import FAULT, OK
 from txt1.cli.options import CONFIGURATION, add_actions, takes
 from txt1.config import load
 from txt1.config.schema import SensorConfig

@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from txt1.cli import SIGNALS, signals_to
 from txt1.cli.app import App, get_ready
-from txt1.cli.exit_codes import SIGNALS, signals_to
 from txt1.errors import NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
@@ -37,22 +37,15 @@ from txt1.learning.trial import (
     task_of,
 )  # fmt: skip
 
-POLL: Final = 0.1
-"""s of real time between two looks at what the processes have to tell."""
-
-BEGIN: Final = 4.0
-"""s of the run at which a trial in simulation begins; by then the robot is ready."""
-
-Ended = signal.Signals | Txt1Error | None
-"""Why there are no more trials: a signal or an error ended them, or, None, all are complete."""
+POLL: Final = 0.1  # s of real time between two looks at what the processes have to tell
+BEGIN: Final = 4.0  # s of the run at which a trial in simulation begins; by then the robot is ready
+Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None: all are complete
 
 
 def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[TrialResult], Ended]:
     """Return what came of the trials, in their order, and why there are no more; a signal ends it, nothing is lost.
 
-    Raises:
-        ConfigError: the directory cannot be used, or holds another experiment.
-
+    Raises ConfigError: the directory cannot be used, or holds another experiment.
     """
     kept = [one for one in prepare(plan, out, resume) if one.complete or not plan.simulated]
     for result in kept:
@@ -109,7 +102,6 @@ def _enter(stop: Any, news: Any) -> None:
 
 
 def _work(plan: Plan, number: int, log: Path | None, out: Path) -> None:
-    """Do one trial in a process of its own, unless all are to stop."""
     if not _stop.is_set():
         on_robot(plan, number, done=lambda one: _news.put((number, one)), stopped=_stop.is_set, out=out, log=log)
 
@@ -117,7 +109,6 @@ def _work(plan: Plan, number: int, log: Path | None, out: Path) -> None:
 def _side_by_side(
     plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch, came: Sequence[signal.Signals]
 ) -> None:
-    """Do the trials in several processes."""
     context = multiprocessing.get_context("spawn")
     with _deaf():  # here the process is born that tidies up after the others
         stop, news = context.Event(), context.Queue()
@@ -147,42 +138,24 @@ def _side_by_side(
             raise Txt1Error("a process that did a trial was killed from outside, perhaps for lack of memory") from None
 
 
-# -- one trial -------------------------------------------------------------------------------------------------
-
-
 def on_robot(
     plan: Plan,
     number: int,
     *,
-    agent: Agent | None = None,
-    done: Callable[[Episode], None] = lambda _: None,
-    commands: tuple[tuple[float, float], ...] = COMMANDS,
-    stopped: Callable[[], bool] = lambda: False,
-    before: TrialResult | None = None,
-    out: Path | None = None,
-    log: Path | None = None,
+    agent: Agent | None = None,  # who learns, in place of the plan's
+    done: Callable[[Episode], None] = lambda _: None,  # told each episode as it ends
+    commands: tuple[tuple[float, float], ...] = COMMANDS,  # (v, omega) of each action, m/s and rad/s
+    stopped: Callable[[], bool] = lambda: False,  # asked all the time; once it says yes the trial ends
+    before: TrialResult | None = None,  # what came of it when it was broken off, and from which it carries on
+    out: Path | None = None,  # the directory for the result; after an error, too, if an episode was completed
+    log: Path | None = None,  # the file to record it to
 ) -> TrialResult:
     """Do a trial of a plan through the robot's real tasks, and return what came of it.
 
     Where nobody is there to arm the robot again, a disarm ends it, and so does a signal, which is then passed on.
 
-    Args:
-        plan: the experiment.
-        number: of the trial, from 1.
-        agent: who learns, in place of the plan's.
-        done: told each episode as it ends.
-        commands: (v, omega) of each action, m/s and rad/s.
-        stopped: asked all the time; once it says yes the trial ends.
-        before: what came of this trial when it was broken off, and from which it carries on; None: from scratch.
-        out: the directory for the result; after an error it gets one too, if an episode was completed.
-        log: the file to record it to.
-
-    Raises:
-        HalError: the hardware cannot be used, or there are no light sensors.
-        NotArmed: the robot was disarmed.
-        Overruled: another source of commands took the wheel.
-        TaskFault: a task failed; the robot was stopped first.
-
+    Raises HalError: the hardware cannot be used, or there are no light sensors; NotArmed: the robot was disarmed;
+    Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
     """
     config, seed, episodes = plan.config, plan.seed, plan.episodes
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
@@ -209,17 +182,16 @@ def on_robot(
             if len(trial.episodes) < episodes and not stopped():
                 raise NotArmed(robot.reason)
 
-    error: Txt1Error | None = None
     try:
         app.run(learn())
-    except Txt1Error as caught:
+    except Txt1Error:
         trial.void()
-        error = caught
+        if out is not None and trial.episodes:
+            save_result(out, trial.result(number))
+        raise
     result = trial.result(number)
-    if out is not None and (trial.episodes or error is None):
+    if out is not None:
         save_result(out, result)
-    if error is not None:
-        raise error
     if app.code:
         signal.raise_signal(app.code - 128)
     return result

@@ -10,8 +10,8 @@ from typing import Final
 
 from rich.console import Console
 
+from txt1.cli import OK
 from txt1.cli.app import App, get_ready, say
-from txt1.cli.exit_codes import OK
 from txt1.cli.experiment import configure, drive, progress_bar
 from txt1.cli.options import ARM, ROBOT, add, count, flag, takes
 from txt1.config import Config
@@ -101,26 +101,21 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _repeated(config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace) -> Run | int:
-    """Several runs of a test as one, their seeds differing as what the floor does differs; an exit code: interrupted.
-
-    Raises:
-        CommandRefused: a run ended early.
-
-    """
+    """Several runs of a test as one, their seeds differing as the floor does; an exit code when interrupted."""
     profile = load_profile(test)
     outcomes = []
     for number in range(arguments.repeats):
         seeded = config.model_copy(update={"seed": config.seed + number})
         bar = f"{test}, {label}, {number + 1} of {arguments.repeats}"
-        driven = drive(seeded, profile, speed, arm=arguments.arm, bar=bar)
-        if driven.outcome is None or driven.outcome.stopped_by == INTERRUPTED:
-            return driven.code
-        if driven.outcome.stopped_by != END_OF_PROFILE:
+        outcome, code = drive(seeded, profile, speed, arm=arguments.arm, bar=bar)
+        if outcome is None or outcome.stopped_by == INTERRUPTED:
+            return code
+        if outcome.stopped_by != END_OF_PROFILE:
             raise CommandRefused(
-                f"{test} with {label} was ended by {driven.outcome.stopped_by}, so there is nothing to compare; "
+                f"{test} with {label} was ended by {outcome.stopped_by}, so there is nothing to compare; "
                 "--no-trial leaves these drives out"
             )
-        outcomes.append(driven.outcome)
+        outcomes.append(outcome)
     return repeated(label, profile, outcomes)
 
 
@@ -135,10 +130,6 @@ def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
 def gains_file(control: ControlConfig) -> str:
     """Gains as a configuration file."""
     linear, sets = control.linear, control.angular
-    lines = [
-        "control:",
-        f"  linear: {{kp: {linear.kp:g}, ki: {linear.ki:g}, kd: {linear.kd:g}}}",
-        "  angular:",
-        *(f"    - {{v_max: {s.v_max:g}, kp: {s.kp:g}, ki: {s.ki:g}, kd: {s.kd:g}}}" for s in sets),
-    ]
-    return "\n".join(lines) + "\n"
+    angular = (f"    - {{v_max: {s.v_max:g}, kp: {s.kp:g}, ki: {s.ki:g}, kd: {s.kd:g}}}\n" for s in sets)
+    first = f"control:\n  linear: {{kp: {linear.kp:g}, ki: {linear.ki:g}, kd: {linear.kd:g}}}\n  angular:\n"
+    return first + "".join(angular)

@@ -14,7 +14,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -25,12 +25,8 @@ from txt1.errors import ConfigError
 T = TypeVar("T")
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
-
-NEARLY: Final = 0.7
-"""Likeness from which an environment variable's name is a key mistyped."""
-
-DEPTH_MAX: Final = 20
-"""Levels of lists and mappings in a value."""
+NEARLY: Final = 0.7  # likeness from which an environment variable's name is a key mistyped
+DEPTH_MAX: Final = 20  # levels of lists and mappings in a value
 
 
 class Setting(NamedTuple):
@@ -54,17 +50,11 @@ def load(
     environment: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> LoadedConfig:
-    """The effective configuration.
+    """The effective configuration: of a YAML file, the environment, and `overrides`, ``a.b=c`` each as for ``--set``.
 
-    Args:
-        file: a YAML file; None for the defaults alone.
-        overrides: ``a.b=c`` each, as given to ``--set``.
-        environment: the variables to look through, usually ``os.environ``; None for none.
-        options: values of command-line options, by dotted key, whose last part is the option's name; they win.
+    `options` are values of command-line options, by dotted key, whose last part is the option's name; they win.
 
-    Raises:
-        ConfigError: with one line that says what is wrong and what to do.
-
+    Raises ConfigError: with one line that says what is wrong and what to do.
     """
     settings = [] if file is None else _from_file(Path(file))
     settings += _from_environment(environment or {})
@@ -90,18 +80,15 @@ def load(
 def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
     """Return a part's own settings, a dataclass with constraints, from free-form options.
 
-    Raises:
-        ConfigError: an option is unknown or wrong; `key` is where they are set, such as "hal_options".
-
+    Raises ConfigError: an option is unknown or wrong; `key` is where they are set, such as "hal_options".
     """
     name = key.rpartition(".")[2]
     field: dict[str, Any] = {name: (kind, ...)}
     model = create_model("Options", __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **field)
     try:
-        value: T = getattr(model.model_validate({name: options}), name)
+        return cast("T", getattr(model.model_validate({name: options}), name))
     except ValidationError as error:
         raise ConfigError(_explain(error, {key: key}, key.removesuffix(name))) from None
-    return value
 
 
 def flatten(config: Config) -> Iterator[tuple[str, Any]]:
@@ -136,10 +123,11 @@ def _from_file(path: Path) -> list[Setting]:
 
 def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
     """A value as settings: a mapping sets what is in it and leaves the rest of its section alone."""
-    if isinstance(value, dict) and value and not _is_free(path):
+    kind = _kind_at(path)
+    if isinstance(value, dict) and value and kind != dict[str, Any]:  # whose keys are not ours
         for key, inner in value.items():
             yield from _walk(inner, (*path, str(key)), origin)
-    elif value is not None or not _keys(_kind_at(path)):  # an empty section sets nothing
+    elif value is not None or not _keys(kind):  # an empty section sets nothing
         yield Setting(path, value, origin)
 
 
@@ -177,7 +165,6 @@ def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
 
 
 def _depth(value: Any) -> int:
-    """Return how many levels of lists and mappings a value has."""
     if not isinstance(value, dict | list):
         return 0
     return 1 + max(map(_depth, value.values() if isinstance(value, dict) else value), default=0)
@@ -239,12 +226,6 @@ def _kind_at(path: Sequence[str]) -> Any:
     for name in path:
         kind = get_args(kind)[1] if get_origin(kind) is dict else _keys(kind).get(name)
     return kind
-
-
-def _is_free(path: Sequence[str]) -> bool:
-    """Whether the mapping at a path holds keys that are not ours."""
-    kind = _kind_at(path)
-    return get_origin(kind) is dict and get_args(kind)[1] is Any
 
 
 def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "") -> str:
