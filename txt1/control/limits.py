@@ -85,7 +85,7 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
 
 
 class RunawayWatch:
-    """Watches encoder ticks, and combined odometry while it is in use.
+    """Notices from encoders, and combined odometry in use, that the robot does not do what the outputs say.
 
     At full lock the inner wheel of the two turns at 0.63 of the outer one's speed, so it is never silent for long.
     """

@@ -1,7 +1,4 @@
-"""The encoder task, 50 Hz: ticks, wheel speeds, velocities, pose; the odometry task, which sends them on, 20 Hz.
-
-Thesis 2.3, 3.3.3, 3.7.1.
-"""
+"""The encoder task, 50 Hz, and the odometry task, 20 Hz, which sends its pose on (thesis 2.3, 3.3.3, 3.7.1)."""
 
 from __future__ import annotations
 

@@ -86,10 +86,8 @@ def schema_text(message: str) -> str:
     """The definition of a message and of all that it contains, as it stands in an MCAP schema (encoding ros2msg)."""
     kinds = [message]
     for kind in kinds:  # which grows
-        inner = (field.type for field in fields(kind) if field.type in DEFINITIONS)
-        kinds += dict.fromkeys(kind for kind in inner if kind not in kinds)
-    parts = [DEFINITIONS[message]]
-    for kind in kinds[1:]:
-        if kind != "builtin_interfaces/Time":  # readers have that one built in, and some refuse it twice
-            parts.append(f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}")
-    return "\n".join(parts) + "\n"
+        found = (field.type for field in fields(kind) if field.type in DEFINITIONS)
+        kinds += dict.fromkeys(kind for kind in found if kind not in kinds)
+    inner = (kind for kind in kinds[1:] if kind != "builtin_interfaces/Time")  # which readers have, and may refuse
+    parts = (f"{'=' * 80}\nMSG: {kind}\n{DEFINITIONS[kind]}\n" for kind in inner)
+    return f"{DEFINITIONS[message]}\n{''.join(parts)}"

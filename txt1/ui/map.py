@@ -38,8 +38,8 @@ Bounds = tuple[float, float, float, float]  # left, bottom, right and top of a r
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Panel:
     """MAP for a body, or a part of one, of width x rows cells."""
-    lines = draw_map(snapshot, viewer, width - 2, rows - 2)
-    return Panel(Text("\n").join(lines), title="MAP", padding=0, border_style=DIM)
+    picture = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
+    return Panel(picture, title="MAP", padding=0, border_style=DIM)
 
 
 class Canvas:

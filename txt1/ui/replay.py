@@ -87,9 +87,9 @@ class Player:
         """The snapshot that is due, with the panel as the keys have set it."""
         snapshot = self.recording.at(self.position)
         mode = snapshot.get(MODE, Mode())
-        panel = self._panel._replace(manual=mode.panel.manual)
+        mode = mode._replace(panel=self._panel._replace(manual=mode.panel.manual))
         state = f"{'paused' if self.paused else 'replay'}{' loop' if self.loop else ''} x{self.speed:.3g}"
-        return snapshot.replaced({MODE: mode._replace(panel=panel)}, name=state)
+        return snapshot.replaced({MODE: mode}, name=state)
 
     @property
     def now(self) -> float:
@@ -131,13 +131,10 @@ async def play(recording: Snapshots, speed: float, start: float | None, loop: bo
         async with Terminal(player, teleop=player, shown=KEYS) as terminal:
             await terminal.wait()
         return
-    told = -1
-    while True:
-        ended = player.ended
-        position = player.position
+    told, ended = -1, False
+    while not ended:
+        ended, position = player.ended, player.position
         if int(position) != told:
             told = int(position)
             os.write(tty.OUT, f"{status_line(recording.at(position))}\n".encode())
-        if ended:
-            return
-        await asyncio.sleep(min(0.1, 0.2 / speed))
+        await asyncio.sleep(0.0 if ended else min(0.1, 0.2 / speed))

@@ -51,10 +51,9 @@ def count(n: int, digits: int) -> str:
     """A count in at most so many characters (four or more): large ones in thousands, millions, ..."""
     text, value = str(n), float(n)
     for suffix in "kMGT":
-        if len(text) <= digits:
-            break
-        value /= 1000.0
-        text = f"{value:.1f}{suffix}" if len(f"{value:.1f}{suffix}") <= digits else f"{value:.0f}{suffix}"
+        if len(text) > digits:
+            value /= 1000.0
+            text = f"{value:.1f}{suffix}" if len(f"{value:.1f}{suffix}") <= digits else f"{value:.0f}{suffix}"
     return text
 
 
