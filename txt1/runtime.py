@@ -237,9 +237,11 @@ class Runtime:
     def post(self, message: Message, time: float) -> None:
         """Hand the serial task a message; `time` (s of the run) is when its author gave it."""
         if self.bus.heard:
-            now = self._begin(type(message).__name__, values=message, given=time)
             if type(message) is Velocity:
+                now = self._begin("Velocity", "", (message.v, message.omega), time)
                 self.bus.publish(inputs.COMMAND, message, now)
+            else:
+                self._begin(type(message).__name__, "", numbers(message), time)
         self._put(message, time)
 
     def _put(self, message: Message, time: float) -> None:
@@ -311,15 +313,12 @@ class Runtime:
         """Add a line to the event log."""
         self.state.tell(self._begin("tell", text), text)
 
-    def _begin(
-        self, kind: str, text: str = "", values: tuple[float, ...] | Message = (), given: float | None = None
-    ) -> float:
+    def _begin(self, kind: str, text: str = "", values: tuple[float, ...] = (), given: float | None = None) -> float:
         """The time at which something is done from outside; who listens is told of it before it takes effect."""
         now = self.now
         if self.bus.wanted(inputs.INPUT):
-            sent = values if isinstance(values, tuple) else numbers(values)
             given = now if given is None else given
-            event = inputs.Input(self.scheduler.steps, self._source, kind, text, given, sent)
+            event = inputs.Input(self.scheduler.steps, self._source, kind, text, given, values)
             self.bus.publish(inputs.INPUT, event, now)
         return now
 

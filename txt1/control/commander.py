@@ -65,6 +65,7 @@ class Commander:
         self._since = 0.0
         self._refused: Counter[str] = Counter()
         self._setpoint = SetPoint()
+        self._told: Driver | None = None  # until it is another
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
         """Make a source known, its priority by `PRIORITIES` if None; its commands are stale after `timeout` s.
@@ -101,7 +102,7 @@ class Commander:
             raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: finite numbers, and no later than now")
         driver = self._driver_at(now)
         if time < source.spoke or now - time > source.timeout + 1e-9:  # late, or overtaken by a newer one
-            self._refused[name] += 1
+            self._refuse(name)
             return False
         source.spoke = time = min(time, now)
         if not moves:
@@ -147,7 +148,9 @@ class Commander:
     def driver(self, now: float) -> Driver:
         """Who drives at `now`."""
         driver = self._driver_at(now)
-        return Driver("" if driver is None else driver.name, self._since, dict(self._refused))
+        if self._told is None:
+            self._told = Driver("" if driver is None else driver.name, self._since, dict(self._refused))
+        return self._told
 
     def overruled(self, name: str) -> str:
         """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
@@ -163,17 +166,21 @@ class Commander:
         if source.overruled or _rules(driver, source):
             if driver is not None and driver is not source:
                 source.overruled = driver.name
-            self._refused[source.name] += 1
+            self._refuse(source.name)
             return False
         if driver is not source:
             if driver is not None:
                 driver.overruled = source.name
-            self._driver, self._since = source, time
+            self._driver, self._since, self._told = source, time, None
         source.held = max(source.held, time)
         return True
 
+    def _refuse(self, name: str) -> None:
+        self._refused[name] += 1
+        self._told = None
+
     def _free(self, time: float) -> None:
-        self._driver, self._since = None, time
+        self._driver, self._since, self._told = None, time, None
         self._setpoint = SetPoint(time=self._setpoint.time)
 
 

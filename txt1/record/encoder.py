@@ -213,8 +213,9 @@ def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
     layout = Layout(topic.message, topic.constants)
     template, times = _template(channel, layout)
     numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
-    make, fill, count = topic.make, _packer(template, [*times, *numbers]), len(times)
-    return lambda value, when: fill((*when[:count], *make(value)))
+    make: Callable[[Any], Any] = topic.make
+    fill, count, told = _packer(template, [*times, *numbers]), len(times), len(numbers)
+    return lambda value, when: fill((*when[:count], *make(value)[:told]))
 
 
 def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
@@ -225,15 +226,16 @@ def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
     plain = stamped and all(
         field.type in kinds and not (field.array and (field.length or field.type == "string")) for field in rest
     )
-    shaping = [(field.name, field.array) for field in rest if field.array or field.type == "string"]
-    counted = [(field.name, field.array) for field in rest if field.type != "string"]
+    blanks = [(field.name, () if field.array else "" if field.type == "string" else 0) for field in rest]
+    shaping = [(at, field.array) for at, field in enumerate(rest) if field.array or field.type == "string"]
+    counted = [(at, field.array) for at, field in enumerate(rest) if field.type != "string"]
 
     @lru_cache(256)
     def packer(*texts_and_lengths: Any) -> Callable[[Iterable[float]], bytes]:
         given = zip(shaping, texts_and_lengths, strict=True)
-        layout = Layout(topic.message, {name: [0] * each if array else each for (name, array), each in given})
+        layout = Layout(topic.message, {rest[at].name: [0] * each if array else each for (at, array), each in given})
         template, times = _template(channel, layout)
-        names = {name for name, _ in counted}
+        names = {rest[at].name for at, _ in counted}
         numbers = [
             (RECORD.size + at, code) for path, (at, code) in layout.places.items() if path.split(".")[0] in names
         ]
@@ -241,17 +243,21 @@ def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
 
     def make_plain(value: Any, when: _When) -> bytes:
         values: Any = topic.make(value)
-        shape = [len(values.get(name, ())) if array else values.get(name, "") for name, array in shaping]
+        if not isinstance(values, tuple):
+            values = [values.get(name, blank) for name, blank in blanks]
+        shape = [len(values[at]) if array else values[at] for at, array in shaping]
         numbers = [*when]
-        for name, array in counted:
+        for at, array in counted:
             if array:
-                numbers += values.get(name, ())
+                numbers += values[at]
             else:
-                numbers.append(values.get(name, 0))
+                numbers.append(values[at])
         return packer(*shape)(numbers)
 
     def make(value: Any, when: _When) -> bytes:
         values: Any = topic.make(value)
+        if not isinstance(values, Mapping):
+            values = values._asdict()
         message = encode(topic.message, {**topic.constants, **values} if topic.constants else values)
         if stamped:
             _STAMP.pack_into(message, len(HEADER), *when[3:])
@@ -300,14 +306,19 @@ class _Row:
         count = len(samples)
         rows = np.tile(self._template, count).view(self._type)
         sec, nanosec = np.divmod(times, np.uint64(NS_PER_S))
+        nothing: tuple[tuple[Any, ...], NDArray[np.float64]] = (), np.empty(0)
+        made: dict[Any, tuple[tuple[Any, ...], NDArray[np.float64]]] = {}
         for (channel, topic), values in zip(self._topics.items(), zip(*samples, strict=True), strict=True):
             sequence = sequences[channel]
             sequences[channel] += count
-            made: Any = map(topic.make, values)
-            numbers = _numbers(list(chain.from_iterable(made)), "d").reshape(count, -1).T
+            same, numbers = made.get(topic.make, nothing)
+            if same != values:
+                each: Any = map(topic.make, values)
+                numbers = _numbers(list(chain.from_iterable(each)), "d").reshape(count, -1).T
+                made[topic.make] = values, numbers  # the next topic may tell the same
             names = self._columns[channel]
             told = len(names) - len(topic.paths)  # without a stamp the message has none of its time's numbers
             columns = (np.arange(sequence, sequence + count), times, times, sec, nanosec)[:told]
-            for name, column in zip(names, (*columns, *numbers), strict=True):
+            for name, column in zip(names, (*columns, *numbers[: len(topic.paths)]), strict=True):
                 rows[name] = column
         return rows.tobytes()

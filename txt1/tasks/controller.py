@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf
+from operator import attrgetter
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
@@ -24,7 +25,7 @@ STEP_MAX: Final = 0.1  # longest s from one reading of the odometry to the next 
 SETPOINT: Final = declare(Topic(
     "/setpoint", Control, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.CYCLE,
     "the set-point in force behind the safety gate", {"header": {"frame_id": "base_footprint"}},
-    ("twist.linear.x", "twist.angular.z"), lambda control: (control.v, control.omega),
+    ("twist.linear.x", "twist.angular.z"), attrgetter("v", "omega"),
 ))  # fmt: skip
 PWM: Final = declare(Topic(
     "/pwm", Control, "counts of +-24000",

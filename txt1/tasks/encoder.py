@@ -28,18 +28,23 @@ def in_the_plane(pose: Sequence[float]) -> tuple[float, float, float, float]:
     return pose[0], pose[1], sin(half), cos(half)
 
 
+def _moving(odometry: Odometry) -> tuple[float, ...]:
+    x, y, theta, v, omega = odometry
+    half = 0.5 * theta
+    return x, y, sin(half), cos(half), v, omega
+
+
 ODOMETRY: Final = declare(Topic(
     "/odom", Odometry, "m, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
     "the odometry that the loops use, from where it began", _ROBOT,
-    (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"),
-    lambda odometry: (*in_the_plane(odometry), odometry.v, odometry.omega),
+    (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"), _moving,
 ))  # fmt: skip
 _TRANSFORM: Final = tuple(
     f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
 )
 TRANSFORM: Final = declare(Topic(
     "/tf", Odometry, "m", "tf2_msgs/TFMessage", Rule.CYCLE, "the odometry once more, for tools that want transforms",
-    {"transforms": [_ROBOT]}, _TRANSFORM, in_the_plane, in_snapshots=False,
+    {"transforms": [_ROBOT]}, _TRANSFORM, _moving, in_snapshots=False,
 ))  # fmt: skip
 ENCODERS: Final = declare(Topic[Encoders](
     "/encoders", Encoders, "ticks of a cycle",

@@ -30,7 +30,7 @@ INPUT: Final = declare(Topic(
         "txt1_msgs/Input",
         "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 given\nfloat64[] values",
     ),
-    Rule.EVENT, "everything given to the tasks from outside", make=Input._asdict,
+    Rule.EVENT, "everything given to the tasks from outside", make=lambda given: given,
 ))  # fmt: skip
 STEP: Final = declare(Topic[tuple[int, float, int]](
     "/steps", tuple, "",

@@ -75,16 +75,15 @@ class Snapshot:
 
     def encode(self) -> bytes:
         """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
-        texts = {name: _JSON.encode(value) for name, value in self._plain.items()}
+        texts = {name: f"{_JSON.encode(name)}:{_JSON.encode(value)}" for name, value in self._plain.items()}
         for name, value in self._values.items():
             known, text = _LAST.get(name, (None, ""))
             if known is not value or not text:
-                text = _JSON.encode(plain(value))
+                text = f"{_JSON.encode(name)}:{_JSON.encode(plain(value))}"
                 _LAST[name] = value, text  # many are the same as a second before
             texts[name] = text
         head = _JSON.encode({"version": VERSION, "time": self.time, "name": self.name})
-        topics = ",".join(f"{_JSON.encode(name)}:{text}" for name, text in texts.items())
-        return f'{head[:-1]},"topics":{{{topics}}}}}\n'.encode("ascii")
+        return f'{head[:-1]},"topics":{{{",".join(texts.values())}}}}}\n'.encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:

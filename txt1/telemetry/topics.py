@@ -41,7 +41,8 @@ class Topic(Generic[T]):
         about: its meaning, for people.
         constants: the message's values that are always the same, nested like the message: frames, for example.
         paths: of the numbers in the message, such as "twist.linear.x", in the order in which they stand there.
-        make: the numbers of a value, in the order of `paths`; without paths, the message's fields as a nested mapping.
+        make: the numbers of a value, in the order of `paths`, those behind them left out; without paths, the message's
+            fields as a nested mapping, or all behind its header as a named tuple.
         in_snapshots: whether snapshots tell it, too: not what takes too long for that, or says the same once more.
 
     The message's first time stamp is filled in by whoever writes it.
@@ -56,7 +57,7 @@ class Topic(Generic[T]):
     about: str
     constants: Mapping[str, Any] = field(default_factory=dict)
     paths: tuple[str, ...] = ()
-    make: Callable[[T], tuple[float, ...] | Mapping[str, Any]] = lambda value: {"data": str(value)}
+    make: Callable[[T], tuple[Any, ...] | Mapping[str, Any]] = lambda value: {"data": str(value)}
     in_snapshots: bool = True
 
 
