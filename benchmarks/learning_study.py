@@ -26,9 +26,8 @@ from txt1.cli.trials import on_robot
 from txt1.config import Config, load
 from txt1.config.schema import LearningConfig
 from txt1.learning.agents import LEARNERS
-from txt1.learning.experiment import Plan
+from txt1.learning.experiment import LEARNED, Plan, summary
 from txt1.learning.light import sector
-from txt1.learning.metrics import LEARNED, summary
 from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import AGENT, COMMANDS, TICK, Episode, stream
 from txt1.model.kinematics import wrap_angle

@@ -18,8 +18,7 @@ from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
 from txt1.experiments import figures, metrics, report, run_folder
-from txt1.experiments.identify import identify, require_pwm_and_ticks, try_out
-from txt1.experiments.plant import Plant
+from txt1.experiments.identify import Plant, identify, require_pwm_and_ticks, try_out
 from txt1.experiments.profile import Profile, load_profile
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import Run

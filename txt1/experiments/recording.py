@@ -94,10 +94,7 @@ def save(recording: Recording, folder: Path) -> None:
 
 
 def load(folder: Path) -> Recording:
-    """The samples in a folder.
-
-    Raises ConfigError: there are none, or they are not ours.
-    """
+    """The samples in a folder; raises ConfigError: there are none, or they are not ours."""
     file = folder / FILE
     try:
         with file.open(newline="") as lines:

@@ -67,10 +67,7 @@ def write(run: Run, folder: Path) -> None:
 
 
 def read(folder: Path) -> Run:
-    """The run in a folder.
-
-    Raises ConfigError: there is none.
-    """
+    """The run in a folder; raises ConfigError: there is none."""
     file = folder / METRICS
     try:
         tree = json.loads(file.read_text())

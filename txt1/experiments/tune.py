@@ -11,8 +11,8 @@ import numpy as np
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
+from txt1.experiments.identify import PERIOD, Plant, speed_response, yaw_response
 from txt1.experiments.metrics import BAND, excess, settled_after, smooth
-from txt1.experiments.plant import PERIOD, Plant, speed_response, yaw_response
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import Geometry
 

@@ -27,8 +27,7 @@ from txt1.sim.light import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 
 TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
-WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)
-"""Weight of the past in the filter: (5.10) at 20 ms in place of 16."""
+WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)  # (5.10) at 20 ms in place of 16
 
 # rows of the robots' state: those of `txt1.sim.fleet` first, then the encoders', the loops' and the light's
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 7, 9, 11, 13, 16, 19, 21
@@ -38,8 +37,6 @@ SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their
 BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
-
-
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
 _pid = compiled(pid, forceinline=True)
@@ -126,15 +123,9 @@ class Batch:
     """
 
     def __init__(
-        self,
-        count: int,
-        light: PointLight,
-        noise: float,
-        drag: float,
-        parameters: VehicleParameters,
-        body: Geometry,
+        self, count: int, light: PointLight, noise: float, drag: float, parameters: VehicleParameters, body: Geometry,
         safety: Safety,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
         self.light = light

@@ -22,11 +22,13 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
-from txt1.learning.metrics import LAST, summary
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
@@ -35,6 +37,11 @@ from txt1.record.session import discard, need
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+
+THESIS_MEAN: Final = 7.165  # mean time to the light after the first seven episodes that the thesis reports, s (5.4)
+LEARNED: Final = 7  # episodes after which the thesis takes its mean
+LAST: Final = 10  # episodes at the end that are looked at by themselves
+MILESTONES: Final = (1, 2, 4, 8, 16, 31)  # episodes whose ratio to the optimum is reported
 
 
 class Plan(NamedTuple):
@@ -164,10 +171,7 @@ def save_result(out: Path, result: TrialResult) -> None:
 
 
 def load_result(path: Path) -> TrialResult:
-    """A trial from its file.
-
-    Raises QTableError: it was cut off or altered, or is no trial.
-    """
+    """A trial from its file; raises QTableError: it was cut off or altered, or is no trial."""
     again = "delete it, and it is done again"
     try:
         stored = qtable.load(path)
@@ -221,3 +225,65 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         about = {**chosen.table.about, "seed": plan.seed, "trial": chosen.trial}
         qtable.save(out / "qtable.json", StoredTable(chosen.table.values, about))
     return metrics
+
+
+def summary(trials: Sequence[Sequence[Episode]]) -> dict[str, Any]:
+    """Times in s, success as shares, and ratios to the optimum; JSON values. Trials may be of different length."""
+    every = [one for trial in trials for one in trial]
+    if not every:
+        return {"trials": len(trials), "episodes": 0}
+    length = max(len(trial) for trial in trials)
+    # the mean of an episode over the trials that got so far, against the same starts' optimum
+    curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
+    means = [_times(row).mean() for row in curve]
+    milestones = [k for k in MILESTONES if k <= length]
+    return {
+        "trials": len(trials),
+        "episodes": len(every),
+        "thesis_mean_time_s": THESIS_MEAN,
+        "after_episode_7": _figures([trial[LEARNED:] for trial in trials]),
+        "last_10": _figures([trial[-LAST:] for trial in trials]),
+        "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in milestones},
+        "robot_seconds_until_episode": {str(k): _round(sum(means[:k])) for k in milestones},
+        "success_at_episode": [_round(np.mean([one.success for one in row])) for row in curve],
+        "mean_time_at_episode_s": [_round(mean) for mean in means],
+        "robot_seconds_in_all": _round(sum(one.time for one in every)),
+    }
+
+
+def _figures(by_trial: Sequence[Sequence[Episode]]) -> dict[str, Any]:
+    """Times, success and regret of some episodes of each trial."""
+    some = [one for trial in by_trial for one in trial]
+    if not some:
+        return {"episodes": 0}
+    time, best = _times(some), np.array([one.optimal_time for one in some])
+    means = np.array([_times(trial).mean() for trial in by_trial if trial])
+    won = np.array([one.success for one in some])
+    return {
+        "episodes": len(some),
+        "failures": int((~won).sum()),
+        "success": float(won.mean()),
+        "mean_time_s": _round(time.mean()),
+        "median_time_s": _round(np.median(time)),
+        "percentile_5_time_s": _round(np.percentile(time, 5)),
+        "percentile_95_time_s": _round(np.percentile(time, 95)),
+        "mean_time_of_successes_s": _round(time[won].mean()) if won.any() else None,
+        "sd_of_trial_means_s": _round(means.std(ddof=1)) if len(means) > 1 else None,
+        "median_of_trial_means_s": _round(np.median(means)),
+        "slowest_30_percent_take": _round(np.sort(time)[::-1][: max(1, round(0.3 * len(time)))].sum() / time.sum()),
+        "optimal_mean_time_s": _round(best.mean()),
+        "mean_regret_s": _round((time - best).mean()),
+        "ratio_to_optimum": _round(time.sum() / best.sum()),
+    }
+
+
+def _times(some: Sequence[Episode]) -> NDArray[np.float64]:
+    return np.array([one.time for one in some])
+
+
+def _ratio(some: Sequence[Episode]) -> float:
+    return _round(_times(some).sum() / sum(one.optimal_time for one in some))
+
+
+def _round(value: Any) -> float:
+    return round(float(value), 4)

@@ -31,8 +31,7 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
 
-BEARINGS: Final = 72
-"""Cells of the bearing, 5 degrees each; the first is centred on straight behind, as the thesis's sectors are."""
+BEARINGS: Final = 72  # cells of the bearing, 5 degrees each; the first is centred on straight behind
 YAW_RATES: Final = 13  # cells of the yaw rate, from -YAW_MAX to YAW_MAX
 YAW_MAX: Final = 0.6  # rad/s; a little more than the sharpest turn
 ACTIONS: Final = 3
@@ -43,8 +42,7 @@ class Settings:
     """The hyper-parameters, which `learning.options` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
-    memory: Share = 0.97
-    """Weight of the past in the direction's average, per sample of 16 ms: 0.97 remembers half a second."""
+    memory: Share = 0.97  # weight of the past in the direction's average, per sample of 16 ms: half a second
     gamma: Share = 0.97  # discount factor, per decision: 0.97 looks three seconds ahead
     tries: PositiveInt = 6  # decisions for which each action is tried at first, in one go
     moving: NotNegative = 0.2  # slower than this, m/s, nothing is learned about turning
@@ -243,14 +241,9 @@ class SweepsAgent:
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
-        return {
-            "q": self.q.tolist(),
-            "sums": self.model.sums.tolist(),
-            "count": self.model.count.tolist(),
-            "untried": list(self._untried),
-            "episode": self.episode,
-            "rng": self._rng.bit_generator.state,
-        }
+        model, rng = self.model, self._rng.bit_generator.state
+        learned = {"q": self.q.tolist(), "sums": model.sums.tolist(), "count": model.count.tolist()}
+        return {**learned, "untried": list(self._untried), "episode": self.episode, "rng": rng}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""

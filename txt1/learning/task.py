@@ -66,8 +66,7 @@ class LearningTask:
         self.trial = trial
         if robot.runtime.bus.wanted(STEP):
             trial.decided = self._tell
-        self.ended = asyncio.Event()
-        """Set when the last episode is over, or somebody stopped the trial; from then on it commands nothing."""
+        self.ended = asyncio.Event()  # the last episode is over, or somebody stopped the trial: it commands nothing
         self._robot = robot
         self._light = robot.sensors[robot.config.learning.sensor]
         self._given = pose
@@ -77,8 +76,7 @@ class LearningTask:
         self._places = robot.hal.capabilities.place
         self._drive: asyncio.Task[Arrival] | None = None
         self._wheel = robot.source("learner")
-        self.overruled = ""
-        """The source of commands that has taken the wheel; the learner waits for the robot to be armed anew."""
+        self.overruled = ""  # the source that has taken the wheel; the learner waits for the robot to be armed anew
         self._epoch = 0  # of the arming that it waits for to pass
 
     def start(self) -> None:
@@ -156,10 +154,9 @@ class LearningTask:
         trial = self.trial
         state, reward, values = trial.agent.decision(self._robot.odometry)
         runtime = self._robot.runtime
-        episode, row = len(trial.episodes) + 1, -1 if state is None else state
-        runtime.bus.publish(
-            STEP, LearningStep(episode, row, action, nan if reward is None else reward, values), runtime.now
-        )
+        row, earned = -1 if state is None else state, nan if reward is None else reward
+        step = LearningStep(len(trial.episodes) + 1, row, action, earned, values)
+        runtime.bus.publish(STEP, step, runtime.now)
 
     def _let_go(self) -> None:
         """Drive no farther towards the start."""

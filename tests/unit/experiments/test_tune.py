@@ -7,8 +7,7 @@ import pytest
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
-from txt1.experiments.identify import Hold, identify
-from txt1.experiments.plant import Plant, speed_response, yaw_response
+from txt1.experiments.identify import Hold, Plant, identify, speed_response, yaw_response
 from txt1.experiments.tune import angular_gains, linear_gains
 from txt1.model.vehicle import Geometry
 
