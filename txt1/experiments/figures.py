@@ -25,9 +25,7 @@ COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
     """Write the figure of one run, or of several of one profile together; the file's suffix says the format.
 
-    `layout` is the profile's, or "steps" for a panel with every step's responses side by side.
-
-    Raises MissingExtra: matplotlib is not installed.
+    `layout` "steps" has a panel for every step, "" is the profile's. Raises MissingExtra: matplotlib is not installed.
     """
     available()
     import matplotlib
@@ -35,9 +33,8 @@ def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
 
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     profile = runs[0].profile
-    {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery, "steps": _steps}[
-        layout or profile.figure
-    ](figure, runs)
+    layouts = {"velocities": _velocities, "path": _path, "waypoints": _waypoints, "battery": _battery, "steps": _steps}
+    layouts[layout or profile.figure](figure, runs)
     figure.suptitle(profile.title + (", step by step" if layout == "steps" else ""))
     # no date and no random ids, so that the same run makes the same file
     metadata = {"Date": None} if file.suffix == ".svg" else None
@@ -107,13 +104,9 @@ def _path(figure: Figure, runs: Sequence[Run]) -> None:
     axes = figure.subplots()
     _draw_paths(axes, runs)
     _legend(figure, axes)
-    circles = [run.metrics.get("circle") for run in runs]
-    if any(circles):
-        parts = [
-            f"{run.label}: radius {circle['radius']:.3f} m, v/ω {circle['asked']:.3f} m"
-            for run, circle in zip(runs, circles, strict=True)
-            if circle
-        ]
+    circles = [(run.label, run.metrics["circle"]) for run in runs if run.metrics.get("circle")]
+    parts = [f"{label}: radius {one['radius']:.3f} m, v/ω {one['asked']:.3f} m" for label, one in circles]
+    if parts:
         axes.set_title("\n".join(parts), fontsize="small")
 
 

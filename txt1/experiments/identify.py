@@ -51,10 +51,7 @@ class Hold(NamedTuple):
 
 
 def require_pwm_and_ticks(hal: Hal) -> None:
-    """Refuse a HAL over which a vehicle cannot be identified.
-
-    Raises HalError: it takes no PWM, or gives no encoder counts to judge by.
-    """
+    """Raise HalError for a HAL that takes no PWM, or gives no encoder counts to judge by."""
     if not (hal.capabilities.pwm and hal.capabilities.ticks):
         raise HalError(
             f"tuning sets PWM by hand and counts encoder ticks 50 times a second, which the HAL '{hal.name}' cannot; "
@@ -112,13 +109,8 @@ def identify(holds: Sequence[Hold], period: float = PERIOD) -> Plant:
     asked = np.array([_steady(hold.v) * hold.steering for _, hold in turning])
     steering_gain = float((asked @ turned) / (asked @ asked))
     steering_lags = [_area(hold.omega, _steady(before.omega), period) for before, hold in turning]
-    return Plant(
-        float(gain),
-        max(0.0, float(-offset / gain)),
-        float(np.median(lags)),
-        steering_gain,
-        max(0.0, float(np.mean(steering_lags))),
-    )
+    dead_band, steering_lag = max(0.0, float(-offset / gain)), max(0.0, float(np.mean(steering_lags)))
+    return Plant(float(gain), dead_band, float(np.median(lags)), steering_gain, steering_lag)
 
 
 def _steady(values: Sequence[float]) -> float:
@@ -134,10 +126,7 @@ def _area(values: Sequence[float], before: float, period: float) -> float:
 def speed_response(
     plant: Plant, gains: Gains, target: float, seconds: float, geometry: Geometry, seed: int, motor_max: float
 ) -> Array:
-    """The speed, m/s, at every tick after a step from rest to `target` m/s, shape (ticks,).
-
-    The encoders count whole edges, and the safety gate limits the motor. The seed repeats what is random.
-    """
+    """The speed, m/s, at every tick after a step from rest to `target` m/s, shape (ticks,)."""
     decay = exp(-PERIOD / plant.time_constant)
     ticks, rng = round(seconds / PERIOD), np.random.default_rng(seed)
     v, path, counts = 0.0, rng.random() * geometry.count_length, 0
@@ -162,10 +151,7 @@ def speed_response(
 def yaw_response(
     plant: Plant, gains: Gains, v: float, before: float, after: float, seconds: float, geometry: Geometry, seed: int
 ) -> Array:
-    """The yaw rate, rad/s, at every tick after a step of its set-point at a speed of `v` m/s, shape (ticks,).
-
-    Each wheel's encoder counts whole edges. The seed repeats what is random.
-    """
+    """The yaw rate, rad/s, at every tick after a step of its set-point at a speed of `v` m/s, shape (ticks,)."""
     gain = plant.steering_gain * abs(v)
     decay = exp(-PERIOD / max(plant.steering_lag, 1e-6))
     edge, half_track = geometry.count_length, 0.5 * geometry.track_width

@@ -1,8 +1,7 @@
 """Figures of an experiment: steps, stops, droops, circles, legs.
 
-Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the encoders: one count of
-theirs is 16 mm/s and 64 mrad/s in a 20 ms tick, so single readings tell little. The encoders' means are taken from the
-way they add up to, which misses no count, though behind a line only two readings in five arrive.
+Speeds are judged as means over 0.2 s, from the true motion where it is known, else from the way that the encoders add
+up to: it misses no count, though behind a line only two readings in five arrive.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ def smooth(values: Array, times: Array) -> Array:
     """Means over 0.2 s centred on each sample, shape as `values`; shorter at both ends."""
     if len(values) < 2:
         return values
-    half = max(0, round(0.5 * WINDOW / float(np.median(np.diff(times)))))
+    half = round(0.5 * WINDOW / float(np.median(np.diff(times))))
     sums = np.concatenate(([0.0], np.cumsum(values)))
     at = np.arange(len(values))
     first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))

@@ -18,7 +18,7 @@ Titled = tuple[str, Row, list[Row]]  # A table's title, its column names and its
 
 
 def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:
-    """Print the tables of runs, those of several side by side, and how far these lie apart where that is asked for."""
+    """Print the tables of runs, several side by side, and how far these lie apart where that is asked for."""
     for title, head, rows in [*tables(runs), *(apart(runs) if with_differences else ())]:
         table = Table(title=title, title_justify="left")
         for name in head:
@@ -42,17 +42,14 @@ def tables(runs: Sequence[Run]) -> list[Titled]:
     found: list[Titled] = []
     for title, key, head, cells in _TABLES:
         entries = [_entries(result, key) for result in runs]
-        if key == "legs":
-            entries = [_over_laps(legs) for legs in entries]
-        if not any(entries):
-            continue
-        rows = []
-        for number in range(max(map(len, entries))):
-            here = [entry[number] if number < len(entry) else None for entry in entries]
-            for result, entry in zip(runs, here, strict=True):
-                if entry is not None:
-                    rows.append(([result.label] if len(runs) > 1 else []) + cells(entry))
-        found.append((title, (["run"] if len(runs) > 1 else []) + head, rows))
+        rows = [
+            ([result.label] if len(runs) > 1 else []) + cells(entry[number])
+            for number in range(max(map(len, entries)))
+            for result, entry in zip(runs, entries, strict=True)
+            if number < len(entry)
+        ]
+        if rows:
+            found.append((title, (["run"] if len(runs) > 1 else []) + head, rows))
     return found
 
 
@@ -84,8 +81,10 @@ def difference_cells(each: Deviation) -> Row:
 
 
 def _entries(result: Run, key: str) -> list[Any]:
-    entry = result.metrics.get(key)
-    return entry if isinstance(entry, list) else [] if entry is None else [entry]
+    entry = result.metrics.get(key, [])
+    if key == "legs":
+        return _over_laps(entry)
+    return entry if isinstance(entry, list) else [entry]
 
 
 def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -93,15 +92,10 @@ def _over_laps(legs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     laps: dict[str, list[dict[str, Any]]] = {}
     for leg in legs:
         laps.setdefault(f"{leg['start']}{leg['end']}", []).append(leg)
-    return [
-        {
-            "start": same[0]["start"],
-            "end": same[0]["end"],
-            "rms": sqrt(sum(leg["rms"] ** 2 for leg in same) / len(same)),
-            "largest": max(leg["largest"] for leg in same),
-        }
-        for same in laps.values()
-    ]
+    rms = [sqrt(sum(leg["rms"] ** 2 for leg in same) / len(same)) for same in laps.values()]
+    largest = [max(leg["largest"] for leg in same) for same in laps.values()]
+    firsts = [same[0] for same in laps.values()]
+    return [leg | {"rms": one, "largest": most} for leg, one, most in zip(firsts, rms, largest, strict=True)]
 
 
 def step_name(step: dict[str, Any]) -> str:
@@ -110,14 +104,8 @@ def step_name(step: dict[str, Any]) -> str:
 
 
 def _step(step: dict[str, Any]) -> Row:
-    return [
-        step_name(step),
-        _seconds(step["rise"]),
-        overshoot(step),
-        _seconds(step["settling"]),
-        f"{1000.0 * step['steady_error']:+.1f}",
-        f"{1000.0 * step['noise']:.1f}",
-    ]
+    off, noise = f"{1000.0 * step['steady_error']:+.1f}", f"{1000.0 * step['noise']:.1f}"
+    return [step_name(step), _seconds(step["rise"]), overshoot(step), _seconds(step["settling"]), off, noise]
 
 
 def overshoot(step: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import inf, nan
 from typing import Final, NamedTuple
 
@@ -52,25 +53,16 @@ INTERRUPTED: Final = "the operator"
 ANOTHER: Final = "another source of commands,"
 
 
+@dataclass
 class Experiment:
-    """A profile at work on a robot.
+    """A profile at work on a robot."""
 
-    With `safe_end` the robot stops by itself when no time is left on its batteries. `progressed` is told how much of
-    the profile is over, 0 to 1.
-    """
+    robot: Robot
+    profile: Profile
+    safe_end: bool = True  # whether the robot stops by itself when no time is left on its batteries
+    progressed: Callable[[float], None] = lambda _: None  # told how much of the profile is over, 0 to 1
 
-    def __init__(
-        self,
-        robot: Robot,
-        profile: Profile,
-        *,
-        safe_end: bool = True,
-        progressed: Callable[[float], None] = lambda _: None,
-    ) -> None:
-        self.profile = profile
-        self._progressed = progressed
-        self._robot = robot
-        self._safe_end = safe_end
+    def __post_init__(self) -> None:
         self._samples: list[Measurement] = []
         self._legs: list[Leg] = []
         self._begin = 0.0
@@ -85,7 +77,7 @@ class Experiment:
 
         Raises Overruled: another source of commands drives already; one that takes the wheel later ends the experiment.
         """
-        robot, profile = self._robot, self.profile
+        robot, profile = self.robot, self.profile
         robot.program.begin()
         self._begin = robot.now
         robot.add_task("measurement", profile.sample, self._measure, priority=-1)
@@ -116,7 +108,7 @@ class Experiment:
         return Outcome(Recording(self._samples), tuple(self._legs), self._stopped_by, self._warned, name)
 
     async def _drive_steps(self, steps: tuple[Step, ...]) -> None:
-        robot, total = self._robot, self.profile.duration
+        robot, total = self.robot, self.profile.duration
         begin = due = robot.now
         ends = begin
         for step in steps:
@@ -125,10 +117,10 @@ class Experiment:
                 robot.program.insist(step.v, step.omega)
                 due = min(due + PUBLISH, ends)
                 await asyncio.sleep(max(due - robot.now, 0.0))
-                self._progressed((due - begin) / total)
+                self.progressed((due - begin) / total)
 
     async def _drive_waypoints(self, waypoints: Waypoints) -> None:
-        robot = self._robot
+        robot = self.robot
         source = true_pose(robot) if waypoints.pose == "true" else wheel_pose(robot)
 
         def read() -> Pose | None:
@@ -141,14 +133,14 @@ class Experiment:
         def on_leg(number: int, start: Point, end: Point) -> None:
             self._legs.append(Leg(robot.now - self._begin, start, end))
             if total < inf:
-                self._progressed(min(number / total, 1.0))
+                self.progressed(min(number / total, 1.0))
 
         how = waypoints.model_dump(include={"laps", "speed", "look_ahead"})
         await follow(robot, waypoints.points, **how, pose_source=self._source, on_leg=on_leg)
 
     async def _watch(self) -> str:
         """Why the experiment is to end early: the batteries, or a vehicle that does not move."""
-        robot = self._robot
+        robot = self.robot
         while True:
             await asyncio.sleep(LOOK)
             battery, now = robot.battery, robot.now
@@ -156,19 +148,19 @@ class Experiment:
             if battery.state is BatteryState.WARNING and self._warned is None:
                 self._warned = driven
             if self.profile.figure == "battery" and battery.remaining is not None:
-                self._progressed(min(driven / (driven + battery.remaining + 1e-9), 1.0))
-            if self._safe_end and battery.remaining == 0.0:
+                self.progressed(min(driven / (driven + battery.remaining + 1e-9), 1.0))
+            if self.safe_end and battery.remaining == 0.0:
                 return SAFE_END
             if now - self._still_since >= STOPPED_TIME:
                 return CUT_OFF if self._empty() else "a vehicle that does not move"
 
     def _empty(self) -> bool:
         """Whether the batteries' voltage is where the cut-off circuit opens."""
-        voltages = [volts for volts in self._robot.battery[:2] if volts]
+        voltages = [volts for volts in self.robot.battery[:2] if volts]
         return bool(voltages) and max(voltages) < CUT_OFF_V + 0.1
 
     async def _measure(self, ticks: Ticks) -> None:
-        robot, limits = self._robot, self._robot.config.limits()
+        robot, limits = self.robot, self.robot.config.limits()
         before: tuple[float, Pose] | None = None
         wheels: Pose = robot.odometry[:3]
         way = turn = 0.0

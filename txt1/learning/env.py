@@ -3,8 +3,7 @@
     import gymnasium, txt1                            # in this order; or import txt1.learning.env, in any
     gymnasium.make("txt1/LightSeeking-v0")
 
-Vehicle, loops, odometry, sensors, filter and reward are those of the learning task. One step is one decision of the
-thesis's learner, 0.5 s.
+One step is one decision of the thesis's learner, 0.5 s.
 
 - Observation: the logarithms of the four filtered readings over that of the brightest a sensor can tell, FL FR RL RR,
   0 to 1; and the sensed v (m/s) and omega (rad/s). Shape (6,), float32.
@@ -143,8 +142,8 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         success = bool(np.hypot(x - task.light[0], y - task.light[1]) <= task.goal_radius)
         lost = max(abs(x), abs(y)) > task.boundary
         late = self._ms - REST_MS >= 1000.0 * task.time_limit
-        info = {"success": success}
-        return self._observation(), float(reward(before, self.sector)), success or lost, late, info
+        earned = float(reward(before, self.sector))
+        return self._observation(), earned, success or lost, late, {"success": success}
 
     def _run(self, duration_ms: int) -> None:
         """Let the robot go on."""
@@ -223,8 +222,7 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         self.robots.commands[:] = self._commands[actions]
         self._begin()  # and their command is 0: the first step is the rest on the start
         self.robots.run(DECISION_MS // TICK_MS, self.np_random)
-        before = self.sectors
-        self.sectors = self.states()
+        before, self.sectors = self.sectors, self.states()
         task = self._task
         poses = self.robots.poses
         success = np.hypot(poses[:, 0] - task.light[0], poses[:, 1] - task.light[1]) <= task.goal_radius

@@ -1,6 +1,4 @@
-"""The files of a learning experiment: what was done and learned, and from which it is carried on.
-
-A directory holds
+"""The files of a learning experiment, its figures, and how it is carried on.
 
     experiment.json      what is done: agent, seed, episodes, settings
     trials/0001.json     each trial: its episodes, its table, the paths of some of them
@@ -37,6 +35,8 @@ from txt1.record.session import discard, need
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
 COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+
+KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, as they are
 
 THESIS_MEAN: Final = 7.165  # mean time to the light after the first seven episodes that the thesis reports, s (5.4)
 LEARNED: Final = 7  # episodes after which the thesis takes its mean
@@ -125,13 +125,9 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
     except (ValueError, AttributeError) as error:
         raise ConfigError(f"--out {out}: experiment.json is damaged ({error}); give another directory") from None
     if before is None:
-        raise ConfigError(
-            f"--out {out}: there are trials, but no experiment.json to say of what; give another directory"
-        )
+        raise ConfigError(f"--out {out}: holds trials, but no experiment.json to say of what; give another directory")
     if not resume:
-        raise ConfigError(
-            f"--out {out}: holds an experiment already; --resume carries it on, or give another directory"
-        )
+        raise ConfigError(f"--out {out}: holds an experiment; --resume carries it on, or give another directory")
     was, now = (dict(_flat({key: tree.get(key) for key in identity})) for tree in (before, identity))
     for key in now | was:
         if was.get(key) != now.get(key):
@@ -160,12 +156,9 @@ def save_result(out: Path, result: TrialResult) -> None:
     """Write a trial to a file of its own, which holds a checked Q-table with the rest beside it."""
     about = {
         **result.table.about,
-        "trial": result.trial,
-        "complete": result.complete,
-        "voided": result.voided,
+        **{key: getattr(result, key) for key in KEPT},
         "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in result.episodes],
         "paths": {str(number): path for number, path in result.paths.items()},
-        "memory": result.memory,
     }
     qtable.save(out / "trials" / f"{result.trial:04d}.json", StoredTable(result.table.values, about))
 
@@ -184,11 +177,10 @@ def load_result(path: Path) -> TrialResult:
             for k, (bearing, heading, time, success, best) in enumerate(about.pop("learned"), 1)
         ]
         paths = {int(number): [(x, y) for x, y in path] for number, path in about.pop("paths").items()}
-        trial, complete, voided = about.pop("trial"), about.pop("complete"), about.pop("voided")
-        memory = about.pop("memory")
+        rest = {key: about.pop(key) for key in KEPT}
     except (KeyError, TypeError, ValueError) as error:
         raise QTableError(str(path), f"is no trial: {error}", again) from error
-    return TrialResult(trial, episodes, complete, StoredTable(stored.values, about), memory, paths, voided)
+    return TrialResult(episodes=episodes, table=StoredTable(stored.values, about), paths=paths, **rest)
 
 
 def best(results: Sequence[TrialResult]) -> TrialResult:

@@ -18,10 +18,7 @@ BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
 
 
 def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
-    """The pictures that were written: learning_curve.png, paths.png, qtable.png.
-
-    Raises MissingExtra: matplotlib is not installed.
-    """
+    """The pictures that were written: learning_curve.png, paths.png, qtable.png; raises MissingExtra."""
     try:
         from matplotlib import colormaps, ticker
         from matplotlib.collections import LineCollection
@@ -44,10 +41,7 @@ def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: 
 
 
 def _panel(figure: Any, left: float, bottom: float, width: float, height: float) -> Any:
-    """Axes, their title and their labels at places given in inches.
-
-    To let matplotlib find them takes longer than all the rest of the picture.
-    """
+    """Axes, title and labels at places in inches, as finding them takes matplotlib longer than all the rest."""
     across, up = figure.get_size_inches()
     axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     axes.set_title("", y=1.0)

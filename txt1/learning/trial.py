@@ -193,10 +193,9 @@ class Trial:
         `pose` is the robot's in the room, m and rad. When the safety gate closes, the robot is no longer `armed`: the
         episode is void and will be repeated.
         """
-        if self.phase is Phase.MOVE or self.phase is Phase.DONE:
-            return 0.0, 0.0
         if not armed:
             self.void()
+        if self.phase is Phase.MOVE or self.phase is Phase.DONE:
             return 0.0, 0.0
         if self.phase is Phase.REST:
             if now - self._began < self.task.settle - 1e-9 or not self.agent.ready:

@@ -28,10 +28,7 @@ class PoseSource(NamedTuple):
 
 
 def true_pose(robot: Robot) -> PoseSource:
-    """The simulator's own pose, in the room: what a tracking system under the ceiling would tell.
-
-    Raises NotCapable: the HAL does not know it.
-    """
+    """The simulator's own pose in the room, as a tracking system would tell; NotCapable: the HAL knows none."""
     if not robot.hal.capabilities.pose:
         raise NotCapable(robot.hal.name, "pose")
     return PoseSource("true pose", lambda: robot.pose)
@@ -63,9 +60,7 @@ def step_between(before: Pose, after: Pose) -> tuple[float, float]:
     turn = wrap_angle(after[2] - before[2])
     half = 0.5 * turn
     direction = before[2] + half
-    chord = hypot(dx, dy)
-    if dx * cos(direction) + dy * sin(direction) < 0.0:
-        chord = -chord
+    chord = hypot(dx, dy) if dx * cos(direction) + dy * sin(direction) >= 0.0 else -hypot(dx, dy)
     return chord * (half / sin(half) if abs(half) > 1e-4 else 1.0), turn
 
 

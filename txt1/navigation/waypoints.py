@@ -64,9 +64,8 @@ async def follow(
 
     The points, m, are in the frame of the pose source, by default the odometry. The robot is armed, its gains loaded.
     It goes round `laps` times, inf: until it is cancelled or the gate closes; with `closed` a lap ends at the first
-    waypoint again. It drives at `speed`, m/s, and looks ahead `look_ahead`, m, and slower and less in curves. `on_leg`
-    is told the number, the start and the end of each leg when it begins; `source` is in whose name it drives, None: the
-    program's.
+    waypoint again. `speed` is in m/s, `look_ahead` in m. `on_leg` is told the number, the start and the end of each leg
+    when it begins; `source` is in whose name it drives, None: the program's.
 
     Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
     the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
@@ -86,11 +85,10 @@ async def follow(
             leg_end = points[legs % in_a_lap]
             if on_leg is not None:
                 on_leg(legs, leg_start, leg_end)
-            ending = legs + 1 > last
+            near = 0.5 * robot.config.geometry.radius_min if legs + 1 > last else look_ahead
             while True:
                 pose = poses.pose()
-                left = hypot(leg_end[0] - pose[0], leg_end[1] - pose[1])
-                if left <= (0.5 * robot.config.geometry.radius_min if ending else look_ahead):
+                if hypot(leg_end[0] - pose[0], leg_end[1] - pose[1]) <= near:
                     break
                 point = aim(pose, leg_start, leg_end, look_ahead)
                 curvature = clip(curvature_towards(pose, point, look_ahead), sharpest)
