@@ -64,9 +64,7 @@ class App:
     def run(self, work: Coroutine[Any, Any, None]) -> int:
         """Run it until it ends, a signal ends it or a callback of the event loop fails, and return the exit code.
 
-        Raises:
-            TaskFault: a callback of the event loop failed, which asyncio alone would only log.
-
+        Raises TaskFault: a callback of the event loop failed, which asyncio alone would only log.
         """
         unexpected: list[Exception] = []
 
@@ -179,13 +177,9 @@ class App:
 
 
 async def get_ready(robot: Robot, arm: bool | None) -> None:
-    """Wait for the link, arm, load the gains, for a command that nobody watches.
+    """Wait for the link, arm, load the gains, when nobody watches; None leaves `arm` to the configuration.
 
-    Raises:
-        ConfigError: nobody is there to arm the robot; None for `arm` leaves it to ``safety.auto_arm``.
-        HalError: the board does not answer, or not as it should.
-        NotArmed: it cannot be armed now.
-
+    Raises ConfigError: nobody is there to arm the robot; HalError: the board does not answer as it should; NotArmed.
     """
     await robot.linked(PATIENCE)
     if not (robot.arms_by_itself if arm is None else arm):

@@ -14,8 +14,7 @@ from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 
-CHUNK = 1 << 16
-"""Bytes of a capture that are read at a time."""
+CHUNK = 1 << 16  # bytes of a capture that are read at a time
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -23,8 +23,7 @@ from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import ANOTHER, Experiment, Outcome
 from txt1.kernel.loop import Speed
 
-ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
-"""The thesis's hall is larger than its learning room: without a word about the room there are no walls."""
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's hall is larger than its learning room
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,8 +22,6 @@ from txt1.link.device import baud_warning
 from txt1.record.session import MODULES, need
 from txt1.units import PositiveInt
 
-# -- values ----------------------------------------------------------------------------------------------------
-
 
 def _words(kind: Any, what: str) -> Callable[[str], Any]:
     """Return the function that makes a value of this type of a word; it raises ArgumentTypeError."""
@@ -95,9 +93,6 @@ def unused(folder: Path) -> Path:
     return next(each for each in names if not each.exists())
 
 
-# -- options ---------------------------------------------------------------------------------------------------
-
-
 def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = str, **more: Any) -> dict[str, Any]:
     """Return what argparse is to be told of an argument with a value, which `kind` makes of a word."""
     return {"metavar": metavar, "help": about, "type": kind, **more}
@@ -108,8 +103,7 @@ def flag(about: str, **more: Any) -> dict[str, Any]:
     return {"action": "store_true", "help": about, **more}
 
 
-Arguments = Mapping[str, dict[str, Any]]
-"""Arguments of a command by their names, from `takes` and `flag`."""
+Arguments = Mapping[str, dict[str, Any]]  # of a command by their names, from `takes` and `flag`
 
 LINE: Final = {
     "--port": takes(
@@ -132,9 +126,7 @@ ROBOT: Final = CONFIGURATION | LINE | SEED | {
         "when nobody watches", speed,
     ),
 }  # fmt: skip
-"""Which robot it is, its configuration included, and how fast its time goes."""
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
-"""For a command that nobody watches."""
 LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", Path)}
 VIEW: Final = {
     "--view": takes(
@@ -164,9 +156,6 @@ def add_actions(
         action = parsers.add_parser(name, help=about[:1].lower() + about[1:])
         action.set_defaults(main=main)
         add(action, arguments)
-
-
-# -- the configuration they make -------------------------------------------------------------------------------
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:

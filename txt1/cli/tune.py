@@ -26,8 +26,7 @@ from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Outcome
 from txt1.experiments.tune import CANDIDATES, angular_gains, linear_gains
 from txt1.kernel.loop import Speed
 
-TESTS: Final = ("linear-steps", "angular-steps")
-"""The drive tests on which gains are compared."""
+TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -104,9 +104,6 @@ def origin_of(key: str, origins: Mapping[str, str]) -> str:
     return origins.get(key, "default")
 
 
-# -- the sources -----------------------------------------------------------------------------------------------
-
-
 def _from_file(path: Path) -> list[Setting]:
     try:
         text = path.read_text(encoding="utf-8")
@@ -176,9 +173,6 @@ def _insert(tree: dict[str, Any], setting: Setting) -> None:
             tree[key] = {}
         tree = tree[key]
     tree[setting.path[-1]] = setting.value
-
-
-# -- clear errors ----------------------------------------------------------------------------------------------
 
 
 def _check(setting: Setting) -> None:

@@ -26,8 +26,7 @@ T = TypeVar("T")
 Speed = float | Literal["max"] | None
 """None: the real clock. A number: virtual time at that multiple of real time. "max": as fast as the processor."""
 
-_PR_SET_TIMERSLACK: Final = 29
-"""Linux's prctl option for how far a thread may oversleep its time-outs, 50 us by default."""
+_PR_SET_TIMERSLACK: Final = 29  # Linux's prctl option: how far a thread may oversleep its time-outs, 50 us by default
 
 
 class PunctualSelector(selectors.DefaultSelector):
@@ -100,8 +99,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self, speed: float | None = None) -> None:
         self.clock = VirtualClock()
         self.speed = speed
-        self.real_start_ns = RealClock().now_ns()
-        """When virtual time began, ns of the real clock."""
+        self.real_start_ns = RealClock().now_ns()  # when virtual time began
         self._threads = ThreadPoolExecutor(thread_name_prefix="txt1")
         selector = _JumpingSelector()
         selector.loop = self
@@ -168,9 +166,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
     """Run a coroutine to its end, like ``asyncio.run`` but on one of our loops, and return its result.
 
-    Raises:
-        ValueError: the speed is neither None, "max" nor a positive number.
-
+    Raises ValueError: the speed is neither None, "max" nor a positive number.
     """
     if not (speed is None or speed == "max" or 0.0 < speed < inf):
         main.close()  # or Python warns that it was never awaited
