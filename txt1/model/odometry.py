@@ -18,14 +18,10 @@ class Odometry(NamedTuple):
     omega: float = 0.0  # yaw rate, rad/s
 
 
-def wheel_speed(ticks: int, count_length: float, dt: float) -> float:
-    """Wheel speed v_W in m/s from encoder ticks in dt seconds, (3.1); `count_length` is C_W / CPR in m."""
-    return ticks * count_length / dt
-
-
-def body_velocity(v_right: float, v_left: float, track_width: float) -> tuple[float, float]:
-    """Speed and yaw rate (v, omega) from the wheel speeds, (2.21) and (2.24)."""
-    return (v_right + v_left) / 2.0, (v_right - v_left) / track_width
+def body_velocity(right: int, left: int, dt: float, count_length: float, track_width: float) -> tuple[float, float]:
+    """Speed and yaw rate (v, omega) from the encoders' ticks in dt s; `count_length` is C_W / CPR in m."""
+    v_right, v_left = right * count_length / dt, left * count_length / dt  # (3.1)
+    return (v_right + v_left) / 2.0, (v_right - v_left) / track_width  # (2.21), (2.24)
 
 
 class WheelOdometry:
@@ -47,8 +43,7 @@ class WheelOdometry:
         ticks = right, left = counts[0] - before[0], counts[1] - before[1]
         still = right == left == 0
         if not (still and self._still):
-            v_right, v_left = wheel_speed(right, self._count_length, dt), wheel_speed(left, self._count_length, dt)
-            v, omega = body_velocity(v_right, v_left, self._track_width)
+            v, omega = body_velocity(right, left, dt, self._count_length, self._track_width)
             self.odometry = advance(self.odometry, v, omega, dt)
             self._still = still
         return ticks

@@ -92,8 +92,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
             continue
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
-            right, left = counts
-            state.encoders = tuple.__new__(Encoders, (right, left)) if right or left else STILL
+            state.encoders = STILL if counts == (0, 0) else tuple.__new__(Encoders, counts)
             state.odometry, state.odometry_time = wheels.odometry, now
 
 

@@ -9,34 +9,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.model.kinematics import wrap_angle
-from txt1.model.odometry import Odometry, advance, body_velocity, wheel_speed
+from txt1.model.odometry import Odometry, advance, body_velocity
 from txt1.model.vehicle import Geometry
 
 BODY = Geometry()
 ANY = st.floats(-3.0, 3.0)
 
 
+def wheel_speed(ticks: int, dt: float) -> float:
+    """Return the speed of wheels that both turn as far, m/s."""
+    return body_velocity(ticks, ticks, dt, BODY.count_length, BODY.track_width)[0]
+
+
 def test_one_tick_at_50_hz_is_16_mm_per_s_of_wheel_and_64_mrad_per_s_of_yaw() -> None:
     assert BODY.count_length == 0.5125 / 1600
-    speed = wheel_speed(1, BODY.count_length, 0.02)
-    assert speed == pytest.approx(0.01602, abs=5e-6)
-    v, omega = body_velocity(speed, 0.0, BODY.track_width)
+    assert wheel_speed(1, 0.02) == pytest.approx(0.01602, abs=5e-6)
+    v, omega = body_velocity(1, 0, 0.02, BODY.count_length, BODY.track_width)
     assert v == pytest.approx(0.00801, abs=5e-6)
     assert omega == pytest.approx(0.064, abs=1e-4)
 
 
 @given(st.integers(-1000, 1000), st.integers(-1000, 1000))
 def test_speed_is_the_mean_of_the_wheels_and_yaw_rate_their_difference_over_w(right: int, left: int) -> None:
-    v_right, v_left = (wheel_speed(n, BODY.count_length, 0.02) for n in (right, left))
-    v, omega = body_velocity(v_right, v_left, 0.25)
+    v_right, v_left = wheel_speed(right, 0.02), wheel_speed(left, 0.02)
+    v, omega = body_velocity(right, left, 0.02, BODY.count_length, 0.25)
     assert v + omega * 0.125 == pytest.approx(v_right, abs=1e-12)
     assert v - omega * 0.125 == pytest.approx(v_left, abs=1e-12)
     assert (omega > 0) == (right > left), "the right wheel runs ahead in a left turn"
 
 
 def test_a_wheel_that_turned_once_rolled_its_circumference() -> None:
-    assert wheel_speed(1600, BODY.count_length, 1.0) == pytest.approx(0.5125)
-    assert wheel_speed(-1600, BODY.count_length, 0.5) == pytest.approx(-1.025)
+    assert wheel_speed(1600, 1.0) == pytest.approx(0.5125)
+    assert wheel_speed(-1600, 0.5) == pytest.approx(-1.025)
 
 
 @given(st.floats(0.05, 1.5), st.floats(0.05, 2.0), st.sampled_from([-1, 1]), st.sampled_from([-1, 1]), ANY)
