@@ -251,7 +251,7 @@ class Robot:
     def sensor_stream(self, name: str) -> AsyncIterator[Reading[Any]]:
         """Every reading of a sensor from now on; ends with the run."""
         self.sensor(name)
-        return self._stream(self.sensors[name].topic)
+        return self._stream(self.sensors[name].sensor.topic)
 
     async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
         """Open a sensor of your own and read it to the end; raises HalError, or ValueError when the name is taken."""

@@ -71,16 +71,11 @@ class Capabilities:
 class BoardLink(NamedTuple):
     """How the link to a board is."""
 
-    ready: bool
-    """The board has been heard for long enough to be sent a set-point."""
-    losses: int
-    """How often the board was lost so far; each time disarms."""
-    reason: str
-    """Why it was lost last, in words."""
-    text: str
-    """What happened last."""
-    faults: dict[str, int]
-    """What went wrong on the line so far, by name."""
+    ready: bool  # the board has been heard for long enough to be sent a set-point
+    losses: int  # how often the board was lost so far; each time disarms
+    reason: str  # why it was lost last, in words
+    text: str  # what happened last
+    faults: dict[str, int]  # what went wrong on the line so far, by name
 
 
 class Inputs(NamedTuple):

@@ -194,8 +194,6 @@ class HalConformance(Conformance[Hal]):
             omega = after.odometry.omega
             promise(omega > 0.0, "Outputs.omega", f"is left positive, but 0.5 rad/s gave {omega:.3f} rad/s")
 
-    # -- power -------------------------------------------------------------------------------------------------
-
     @opened
     async def test_the_switches_work_or_are_refused(self) -> None:
         # the ATX supply of a real robot feeds the computer this runs on
@@ -212,8 +210,6 @@ class HalConformance(Conformance[Hal]):
         moved = _moved(before, await self.hold(FORWARD, self.drive))
         promise(moved < NOTICEABLE, "Hal.switch", f"ESC off lets nothing move, but the robot moved {moved:.3f} m")
 
-    # -- loops of its own --------------------------------------------------------------------------------------
-
     @opened
     async def test_gains_are_taken_or_refused(self) -> None:
         self.offers("gains", "load_gains", GAINS, lambda accepted: None)
@@ -221,8 +217,6 @@ class HalConformance(Conformance[Hal]):
     @opened
     async def test_combined_odometry_is_taken_or_refused(self) -> None:
         self.offers("combined", "offer_odometry", COMBINED, self.now)
-
-    # -- the rest ----------------------------------------------------------------------------------------------
 
     @opened
     async def test_indicators_are_set_or_ignored(self) -> None:

@@ -84,7 +84,7 @@ class LearningTask:
         trial = self.trial
         light = self._light
         light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
-        self._robot.runtime.bus.subscribe(self._see, [light.topic])
+        self._robot.runtime.bus.subscribe(self._see, [light.sensor.topic])
         self._robot.add_task("learning", TICK, self.learning, PRIORITY)
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:

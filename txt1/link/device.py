@@ -114,30 +114,26 @@ def baud_warning(baud: int) -> str | None:
 
 def open_port(address: str, baud: int) -> _Opened:
     """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack."""
-    if baud <= 0:  # the kernel takes 0 for "hang up"
-        raise _bad_rate(address, baud)
     try:
+        if baud <= 0:
+            raise ValueError  # the kernel would take 0 for "hang up"
         if not stat.S_ISCHR(os.stat(address).st_mode):
             raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
         device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
     except (ValueError, OverflowError) as error:
-        raise _bad_rate(address, baud) from error
+        raise HalError(f"{address} does not work at {baud} baud: the board's rate is 57600") from error
     except OSError as error:  # SerialException is one
         raise HalError(_why_not_open(address, error)) from error
     except termios.error as error:  # and this is none: the device has gone in the middle of it
         raise HalError(_why_not_open(address, OSError(*error.args))) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
-        return device, _program_gone
+        return device, lambda address, _: f"{address} is gone: the program behind it has ended or closed it"
     return device, unplugged
 
 
 def _close_port(opening: asyncio.Future[_Opened]) -> None:
     if not opening.cancelled() and opening.exception() is None:
         opening.result()[0].close()
-
-
-def _bad_rate(address: str, baud: int) -> HalError:
-    return HalError(f"{address} does not work at {baud} baud: the board's rate is 57600")
 
 
 def _why_not_open(address: str, error: OSError) -> str:
@@ -165,7 +161,3 @@ def _found() -> str:
 def unplugged(address: str, _: Exception | None) -> str:
     """Say that an adapter was pulled out."""
     return f"{address} was unplugged"
-
-
-def _program_gone(address: str, _: Exception | None) -> str:
-    return f"{address} is gone: the program behind it has ended or closed it"

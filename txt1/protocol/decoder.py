@@ -13,7 +13,7 @@ from enum import Enum
 from struct import Struct
 from typing import Final, NamedTuple
 
-from txt1.protocol.layout import HEADER, LAYOUTS, BadValue, Layout, Role
+from txt1.protocol.layout import HEADER, LAYOUTS, BadValue, Role
 from txt1.protocol.messages import Message
 
 DATA_MAX: Final = 249  # bytes of data in a frame
@@ -57,20 +57,16 @@ class Receivable(NamedTuple):
     message: type[Message] | None
 
 
-def _receivable(layout: Layout, data: Struct) -> Receivable:
-    pairs, odd = divmod(1 + data.size, 2)
-    words = Struct(f">{pairs}H{'B' * odd}H").unpack_from
-    return Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
-
-
 def receivable(role: Role) -> dict[bytes, Receivable]:
     """The legal frames of a receiver by their bytes of length and command; anything else is no frame."""
-    return {
-        bytes((data.size, layout.command)): _receivable(layout, data)
-        for layout in LAYOUTS.values()
-        if layout.receiver is role
-        for data in map(layout.struct, layout.counts)
-    }
+    table = {}
+    for layout in LAYOUTS.values():
+        for data in map(layout.struct, layout.counts if layout.receiver is role else ()):
+            pairs, odd = divmod(1 + data.size, 2)
+            words = Struct(f">{pairs}H{'B' * odd}H").unpack_from
+            legal = Receivable(data.size + OVERHEAD, words, bool(odd), layout.reader(data), layout.message)
+            table[bytes((data.size, layout.command))] = legal
+    return table
 
 
 # any other pair is no frame, and its four bytes tell

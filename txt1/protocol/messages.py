@@ -41,10 +41,7 @@ class Velocity(HostMessage):
 
 @dataclass(frozen=True, slots=True)
 class EncoderOdometry(BoardMessage):
-    """The board's odometry: x, y in m, theta in rad, v in m/s, omega in rad/s.
-
-    Off the wire, theta is what the board sent: original boards count 0 .. 6.283, and whoever uses it wraps it.
-    """
+    """The board's odometry: x, y in m, theta in rad (original boards count 0 .. 6.283), v in m/s, omega in rad/s."""
 
     x: float
     y: float

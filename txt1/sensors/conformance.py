@@ -29,8 +29,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
         """A new sensor whose hardware is not there; override this where there can be one. None skips what needs it."""
         return None
 
-    # -- identity and life -------------------------------------------------------------------------------------
-
     @opened
     async def test_the_topic_says_how_its_values_are_told(self) -> None:
         topic = self.part.topic
@@ -77,8 +75,6 @@ class SensorConformance(Conformance[Sensor[Any]]):
         else:
             broken("Sensor.open", "raises HalError when its hardware is not there, but succeeded")
         await self.closes(sensor, "when it could not be opened")
-
-    # -- reading -----------------------------------------------------------------------------------------------
 
     @opened
     async def test_it_has_a_reading_when_it_is_open(self) -> None:

@@ -14,7 +14,6 @@ from txt1.kernel.ticks import Ticks
 from txt1.plugins import settled
 from txt1.sensors.base import Reading, Sensor, SensorState, numbers
 from txt1.telemetry.bus import Bus
-from txt1.telemetry.topics import Topic
 
 T = TypeVar("T")
 
@@ -40,21 +39,15 @@ class Polled(Generic[T]):
     readings: int = 0
     failures: int = 0
 
-    @property
-    def topic(self) -> Topic[T]:
-        """Of its readings."""
-        return self.sensor.topic
-
     def state(self) -> SensorState:
         """How it is."""
-        topic, last = self.topic, self.last
+        topic, last = self.sensor.topic, self.last
         values, time = ({}, None) if last is None else (numbers(topic, last.value), last.time)
         reason = self.reason or ("" if last else "no reading yet")
         return SensorState(self.name, topic.units, values, time, not reason, reason, self.readings, self.failures)
 
     async def poll(self, ticks: Ticks, bus: Bus, tell: Tell) -> None:
         """Read the sensor at every tick and tell its readings."""
-        read, publish, topic = self.sensor.read, bus.publish, self.topic
         stale = max(STALE_PERIODS * self.period, STALE_MIN)
         since = 0.0  # when it was last asked for the first time in vain
         async for now in ticks:
@@ -62,7 +55,7 @@ class Polled(Generic[T]):
                 since = now
                 continue
             try:
-                reading = read(now)
+                reading = self.sensor.read(now)
             except (HalError, OSError) as error:
                 self.failures += 1
                 self._ails(f"{error}", now, tell)
@@ -77,7 +70,7 @@ class Polled(Generic[T]):
             if self.reason:
                 self.reason = ""
                 tell(now, f"sensor '{self.name}' is healthy again")
-            publish(topic, reading.value, reading.time)
+            bus.publish(self.sensor.topic, reading.value, reading.time)
 
     def _ails(self, reason: str, now: float, tell: Tell) -> None:
         """Note why it is not healthy, and tell it once."""
