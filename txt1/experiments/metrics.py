@@ -60,10 +60,7 @@ def smooth(values: Array, times: Array) -> Array:
 
 
 def response(recording: Recording, channel: Channel, first: int = 0, last: int | None = None) -> Array:
-    """The speed (m/s) or the yaw rate (rad/s) of the samples from `first` to before `last`, as means over 0.2 s.
-
-    Each is centred on its sample as far as it can while it looks at no others than these.
-    """
+    """The speed (m/s) or the yaw rate (rad/s) of the samples from `first` to before `last`, as means over 0.2 s."""
     time = recording["time"][first:last]
     if recording.knows_truth:
         return smooth(recording[f"true_{channel}"][first:last], time)
@@ -139,10 +136,7 @@ def _step(recording: Recording, channel: Channel, first: int, last: int, before:
 
 
 def settled_after(deviation: Array, band: float, times: Array) -> float:
-    """Return the time (as `times`) from which a deviation stays within its band; infinite when it does not.
-
-    Between two samples it moves in a straight line.
-    """
+    """Return the time, between samples too, from which a deviation stays within its band; infinite for never."""
     outside = np.nonzero(np.abs(deviation) > band)[0]
     if not len(outside):
         return float(times[0])
@@ -198,8 +192,7 @@ class Deviation(NamedTuple):
 def difference(recording: Recording, other: Recording, channel: Channel) -> Deviation | None:
     """The difference of two runs' responses; None when their set-points never changed.
 
-    Behind a line everything comes later, and never by the same: a set-point waits for the next message, odometry as
-    well. So each response is moved by the delay with which it fits best, up to 0.2 s, before differences are taken.
+    Behind a line everything comes later: each response is moved by the delay with which it fits best, up to 0.2 s.
     """
     delays, apart = [], []
     time, until = recording["time"], min(recording["time"][-1], other["time"][-1]) - DELAY_MAX

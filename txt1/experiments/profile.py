@@ -81,10 +81,7 @@ def names() -> list[str]:
 
 
 def load_profile(name: str) -> Profile:
-    """The profile of that name, or in that file.
-
-    Raises ConfigError: there is none, or it is not valid; one line that says what is wrong and what to do.
-    """
+    """The profile of that name, or in that file; raises ConfigError: there is none, or it is not valid."""
     file = PROFILES / f"{name}.yaml" if "/" not in name and not name.endswith((".yaml", ".yml")) else Path(name)
     try:
         tree = yaml.safe_load(file.read_text())

@@ -45,10 +45,7 @@ def alike(runs: Sequence[Run]) -> list[Run]:
 
 
 def make(folder: Path) -> Path:
-    """The folder, made where there is none, before the robot has driven for 46 minutes.
-
-    Raises ConfigError: nothing can be written there.
-    """
+    """The folder, made where there is none; raises ConfigError: nothing can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):

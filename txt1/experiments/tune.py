@@ -77,9 +77,8 @@ def angular_gains(
 ) -> tuple[GainSet, ...]:
     """The schedule, with the same borders, with which the yaw rate settles soonest with no more overshoot and noise.
 
-    The steering turns counts into a yaw rate in proportion to the speed. So gains found at one speed are right at any
-    other when they are divided by it: one loop for the whole schedule. Each set takes the highest speed it is in force
-    at, because there its loop gain is highest.
+    The yaw rate of a count is in proportion to the speed, so gains found at one speed are right at any other when they
+    are divided by it. Each set takes the highest speed it is in force at, because there its loop gain is highest.
     """
     borders = [gain_set.v_max for gain_set in schedule.sets]
     highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]

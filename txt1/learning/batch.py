@@ -118,8 +118,7 @@ def _run(
 class Batch:
     """Simulated robots side by side, each with its velocity loops and its light sensors.
 
-    `noise` is the standard deviation of a reading, as a share of it, and `drag` that of the floor's drag, as a share of
-    the speed.
+    `noise` and `drag` are standard deviations: of a reading, as a share of it, and of the floor's drag, of the speed.
     """
 
     def __init__(

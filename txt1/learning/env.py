@@ -46,7 +46,6 @@ except ModuleNotFoundError:
     raise MissingExtra("txt1.learning.env", "gym") from None
 
 Observation = NDArray[np.float32]
-
 DECISION_MS: Final = 500
 LIGHT_MS: Final = 16  # between two samples of the light, ms
 REST_MS: Final = 600  # rest on the start before the first observation, ms: the filter settles
@@ -56,9 +55,8 @@ SPACE: Final = Box(np.array([0, 0, 0, 0, -2, -10], np.float32), np.array([1, 1, 
 def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> Observation:
     """Observations, shape (..., 6)."""
     lux = np.log(np.clip(readings, 1.0, LUX_MAX)) / log(LUX_MAX)
-    both = np.concatenate([lux, velocities], axis=-1)
-    clipped: Observation = np.clip(both, SPACE.low, SPACE.high).astype(np.float32)
-    return clipped
+    both: Observation = np.clip(np.concatenate([lux, velocities], axis=-1), SPACE.low, SPACE.high).astype(np.float32)
+    return both
 
 
 class Car:
@@ -71,11 +69,7 @@ class Car:
         self._linear, self._schedule = config.control.linear.gains(), config.control.schedule()
         self._motor_max = config.safety.motor_max
         self._wheels = WheelOdometry(config.geometry)
-
-    @property
-    def odometry(self) -> Odometry:
-        """Pose and velocities by the encoders."""
-        return self._wheels.odometry
+        self.odometry: Odometry = self._wheels.odometry
 
     def pose(self, now: float) -> tuple[float, float, float]:
         """The true pose in the room at `now` s, m and rad."""
@@ -99,6 +93,7 @@ class Car:
         counts = self._hal.read(now).ticks
         assert counts is not None
         self._wheels.step(counts, now)
+        self.odometry = self._wheels.odometry
 
 
 class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):

@@ -7,9 +7,8 @@
     metrics.json         what it all amounts to
     *.png                pictures, where matplotlib is installed
 
-A trial in simulation repeats bit for bit from its seed. So a trial that was interrupted is done again from its start,
-and the result is the very one of an uninterrupted run. A real robot does not repeat: there, the agent carries on from
-what it had learned.
+A trial in simulation repeats bit for bit from its seed, so one that was interrupted is done again from its start. A
+real robot does not repeat: there, the agent carries on from what it had learned.
 """
 
 from __future__ import annotations
@@ -194,10 +193,7 @@ def best(results: Sequence[TrialResult]) -> TrialResult:
 
 
 def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, Any]:
-    """The metrics, after writing them and everything else but the pictures.
-
-    Raises QTableError: the table cannot be written; OSError: nor the rest.
-    """
+    """The metrics, after writing them and all but the pictures; raises QTableError or OSError: it cannot."""
     lines: list[tuple[str, ...]] = [COLUMNS]
     for result in results:
         for one in result.episodes:

@@ -95,10 +95,9 @@ def _odd_one_out(readings: Readings) -> LightFault:
 def spread_limit(exponent: float = 2.0, noise: float = 0.3) -> float:
     """Ratio of the brightest filtered reading to the dimmest that no light at least 0.5 m away exceeds.
 
-    The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n at a distance D, with the
-    light straight out from one of them: 10.2 at the goal circle for n = 2, the exponent of the light's fall. `noise` is
-    the standard deviation of one sample, as a share of the reading. The filter leaves sqrt((1 - w) / (1 + w)) of it;
-    four standard deviations of the ratio's logarithm are allowed for that.
+    The sensors are r = 0.26 m from the centre, so the ratio is at most ((D + r) / (D - r))^n at a distance D: 10.2 at
+    the goal circle for the exponent n = 2. `noise` is the standard deviation of a sample, as a share of it. The
+    filter leaves sqrt((1 - w) / (1 + w)) of it; four standard deviations of the ratio's logarithm are allowed for that.
     """
     nearest, r = 0.5, hypot(SENSOR_X, SENSOR_Y)
     filtered = noise * sqrt((1.0 - FILTER_WEIGHT) / (1.0 + FILTER_WEIGHT))
@@ -111,8 +110,7 @@ Lux = tuple[float, float, float, float]  # `Readings` as plain numbers, which co
 class LightFilter:
     """I(t) = w I(t-1) + (1 - w) I'(t) (5.10), and a watch over the four sensors; see the module for its rules.
 
-    The first sample is taken as it is. A faulty sample leaves the filter as it was. `spread` is the largest believable
-    ratio of two filtered readings.
+    A faulty sample leaves the filter as it was. `spread` is the largest believable ratio of two filtered readings.
     """
 
     __slots__ = ("_changes", "_filtered", "_latest", "_samples", "spread")

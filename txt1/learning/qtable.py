@@ -73,8 +73,7 @@ def replace_file(path: Path, text: str) -> None:
 def save(path: Path, table: StoredTable) -> None:
     """Write the table to a file, as `replace_file`.
 
-    Raises QTableError: the file cannot be written; ValueError: the values are not finite or not a table, or `about` is
-    no JSON.
+    Raises QTableError: it cannot be written; ValueError: the values are not finite, no table, or `about` is no JSON.
     """
     values = np.asarray(table.values, float)
     if values.ndim != 2 or not values.size or not np.isfinite(values).all():
@@ -94,10 +93,7 @@ def save(path: Path, table: StoredTable) -> None:
 
 
 def load(path: Path) -> StoredTable:
-    """Return the table in a file; its checksum says that it is as `save` wrote it.
-
-    Raises QTableError: there is no such file, or it is not a whole, unaltered Q-table.
-    """
+    """Return the table in a file; raises QTableError: there is none, or it is not a whole, unaltered Q-table."""
     ours = "give the qtable.json that 'txt1 learn' wrote"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

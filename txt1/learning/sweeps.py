@@ -1,9 +1,6 @@
 """A learner that finds out how the robot turns, and sweeps over a table of what follows from it.
 
-Like the thesis's it starts from scratch, knows the four light readings and the odometry, and chooses one of three
-actions of which it knows nothing but the index. docs/learning.md says what it does otherwise, and why.
-
-At every decision:
+Of the three actions it knows nothing but the index; see docs/learning.md. At every decision:
 
     w    <- heading since the last decision / period
     learn c(a), k(a) from (w before, a, w)
@@ -54,10 +51,7 @@ SETTINGS: Final = Settings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
-    """Return a learner as configured, or one that drives by a stored table.
-
-    Raises ConfigError: the options are wrong; ValueError: the table has another shape.
-    """
+    """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
     settings = checked(Settings, config.learning.options, "learning.options")
     return SweepsAgent(rng, settings, float(config.sim.light.exponent), table)
 
@@ -84,11 +78,7 @@ class TurnModel:
 
 
 class SweepsAgent:
-    """The learner; see the module.
-
-    `exponent` is that of the light's fall, for the watch over the sensors. With a `table` it drives by that and learns
-    no more.
-    """
+    """The learner; see the module. `exponent` is that of the light's fall; with a `table` it learns no more."""
 
     name = "sweeps"
 

@@ -129,10 +129,7 @@ class LearningTask:
             self._let_go()
 
     def _may_drive(self) -> bool:
-        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it.
-
-        In an episode its commands hold it.
-        """
+        """Whether the learner has the wheel; it holds it all the time, so it learns of everybody who takes it."""
         if self.overruled:
             if self._robot.runtime.gate.epoch == self._epoch or not self._wheel.request():
                 return False
@@ -225,9 +222,7 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: 
 async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
     """See to it that the robot has its four light sensors; a simulated robot without gets simulated ones.
 
-    `seed` repeats the simulated sensors' noise; None: that of the configuration does.
-
-    Raises HalError: there are none.
+    `seed` repeats their noise; None: that of the configuration does. Raises HalError: there are none.
     """
     name = robot.config.learning.sensor
     if name in robot.sensors:

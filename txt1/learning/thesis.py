@@ -80,10 +80,7 @@ def state_learning_rate(visits: int) -> float:
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
-    """Return a learner as configured, or one that drives by a stored table.
-
-    Raises ValueError: the table has another shape.
-    """
+    """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
     settings, exponent = config.learning, float(config.sim.light.exponent)
     if table is None:
         return ThesisAgent(rng, COMMANDS, settings, exponent)
@@ -96,10 +93,9 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ThesisAgent:
-    """Q-learning on the light's direction in eight sectors.
+    """Q-learning on the light's direction in eight sectors; `exponent` is that of the light's fall.
 
-    `commands` are (v, omega) of each action, m/s and rad/s, which remedy 1 compares with the sensed velocities;
-    `exponent` is that of the light's fall, for the watch over the sensors.
+    `commands` are (v, omega) of each action, m/s and rad/s, which remedy 1 compares with the sensed velocities.
     """
 
     name: ClassVar[str] = "thesis"

@@ -115,11 +115,7 @@ def task_of(config: Config) -> Task:
 
 
 def ready_to_learn(config: Config) -> Config:
-    """The configuration with a simulated room that holds the boundary, and batteries that outlast the trial.
-
-    The external supply feeds the simulated robot: a trial can take longer than a pack lasts, and whoever learns on the
-    real robot changes them.
-    """
+    """The configuration with a simulated room that holds the boundary, and power that outlasts a pack."""
     side = 2.0 * (config.learning.boundary + MARGIN)
     sim = config.sim
     room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
@@ -188,11 +184,7 @@ class Trial:
         self.agent.begin()
 
     def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:
-        """The velocity to command, m/s and rad/s.
-
-        `pose` is the robot's in the room, m and rad. When the safety gate closes, the robot is no longer `armed`: the
-        episode is void and will be repeated.
-        """
+        """The velocity to command, m/s and rad/s, at a pose in the room; the episode of a robot not `armed` is void."""
         if not armed:
             self.void()
         if self.phase is Phase.MOVE or self.phase is Phase.DONE:

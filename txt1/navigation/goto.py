@@ -133,9 +133,8 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
 def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float:
     """Metres in which the yaw-rate loop follows a set-point to 1 - 1/e at v m/s; infinite without gains.
 
-    The steering turns u counts into abs(v) u / (18000 R_min), and the wheels turn quickly. So with g = abs(v) k and
-    k = 1000 / (18000 R_min) the loop is of first order, with the time constant (1 + K_P g) / (K_I g): times abs(v),
-    that is (1 + K_P g) / (K_I k).
+    The steering turns u counts into abs(v) u / (18000 R_min): with g = abs(v) k and k = 1000 / (18000 R_min) the loop
+    is of first order, with the time constant (1 + K_P g) / (K_I g): times abs(v), that is (1 + K_P g) / (K_I k).
     """
     kp, ki, _ = schedule.at(v)
     k = 1000.0 / (STEERING_MAX * geometry.radius_min)
@@ -145,12 +144,10 @@ def steering_distance(v: float, schedule: Schedule, geometry: Geometry) -> float
 def curve_speed(speed: float, gear: float, schedule: Schedule, geometry: Geometry) -> float:
     """The fastest speed up to `speed` at which the steering follows closely enough for curves, m/s.
 
-    The thesis's gains for driving backward are so low that the steering takes a third of a metre to follow at
-    -0.3 m/s; the set around standstill is good in both directions.
+    The thesis's gains for driving backward are so low that the steering takes a third of a metre to follow at -0.3 m/s.
     """
-    candidates = [speed] + [
-        abs(s.v_max) - CLEARANCE for s in schedule.sets if CRAWL <= abs(s.v_max) - CLEARANCE < speed
-    ]
+    below = [abs(gain_set.v_max) - CLEARANCE for gain_set in schedule.sets]
+    candidates = [speed, *(v for v in below if CRAWL <= v < speed)]
     close = [v for v in candidates if steering_distance(gear * v, schedule, geometry) <= FOLLOWS_WITHIN]
     return max(close) if close else min(candidates)
 

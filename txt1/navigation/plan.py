@@ -44,9 +44,7 @@ def plan(start: Pose, goal: Pose, room: Room | None = None, body: Geometry | Non
     """The path to drive from one pose to another; room None: no walls.
 
     The cheapest by length and gear changes of the Reeds-Shepp paths that stay inside; where all of them touch a wall,
-    the cheapest of those that lead over some place in between.
-
-    Raises NoPath: none stays inside.
+    the cheapest of those that lead over some place in between. Raises NoPath: none stays inside.
     """
     body = Geometry() if body is None else body
     if room is not None and clearance(*goal, room, body) < 0.0:
