@@ -168,7 +168,7 @@ def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
 
     Raises ValueError: the speed is neither None, "max" nor a positive number.
     """
-    if not (speed is None or speed == "max" or 0.0 < speed < inf):
+    if not (speed is None or speed == "max" or (isinstance(speed, int | float) and 0.0 < speed < inf)):
         main.close()  # or Python warns that it was never awaited
         raise ValueError(f"speed must be 'max', a positive number, or None for real time, not {speed!r}")
     virtual = partial(VirtualTimeLoop, None if speed == "max" else speed)
