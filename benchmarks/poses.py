@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
-from txt1.model.reeds_shepp import Pose, length, shortest
+from txt1.model.reeds_shepp import Pose, length, paths
 from txt1.navigation import PoseSource, go_to, true_pose, wheel_pose
 from txt1.navigation.plan import stays_inside
 from txt1.robot import Robot
@@ -71,7 +71,7 @@ async def trips(robot: Robot, count: int, room: Room, seed: int, *, by_truth: bo
         await go_to(robot, goal, pose_source=source, room=room)
         there = robot.pose
         assert there is not None
-        path = shortest(start, goal, body.radius_min)
+        path = paths(start, goal, body.radius_min)[0]
         optimum = length(path) if stays_inside(start, path, room, body) else None
         distance, turn = hypot(there[0] - goal[0], there[1] - goal[1]), abs(wrap_angle(there[2] - goal[2]))
         found.append(Trip(start, goal, distance, turn, clear, driven, optimum))
