@@ -26,6 +26,7 @@ class Wheel:
     def __init__(self, runtime: Runtime) -> None:
         self.runtime = runtime
         self.commander = Commander(runtime.gate.limits.command_timeout)
+        self._message = Velocity(0.0, 0.0)
         self._sent = False  # since the driver's last tick
         runtime.bus.offer(DRIVER, lambda: self.driver)
 
@@ -36,7 +37,9 @@ class Wheel:
 
     def send(self, v: float, omega: float, time: float) -> None:
         """Send a set-point at once, m/s and rad/s, given at `time`."""
-        self.runtime.post(Velocity(v, omega), time)
+        if v is not self._message.v or omega is not self._message.omega:  # commanding on goes without making another
+            self._message = Velocity(v, omega)
+        self.runtime.post(self._message, time)
         self._sent = True
 
     def tick(self, now: float) -> None:
