@@ -34,25 +34,16 @@ from txt1.kernel.ticks import Ticks
 
 Reason = Literal["ended", "failed"]
 
-BEAT: Final = 0.05
-"""s between heartbeats."""
-SILENT: Final = 0.25
-"""s without a heartbeat after which the process counts as silent."""
-START: Final = 10.0
-"""s that a process has for its first heartbeat."""
-PATIENCE: Final = 1.0
-"""s of real time that it has to end by itself."""
-NICENESS: Final = 10
-"""On a processor they share the robot's process is woken at once, not when a slice ends."""
-MEMORY: Final = 1 << 30
-"""Bytes of memory it may take."""
-MESSAGES: Final = 20
-"""Messages taken between two ticks; the newest count."""
-LINE_MAX: Final = 1 << 15
-"""Bytes of the longest message, and of one reading."""
+BEAT: Final = 0.05  # s between heartbeats
+SILENT: Final = 0.25  # s without a heartbeat after which the process counts as silent
+START: Final = 10.0  # s that a process has for its first heartbeat
+PATIENCE: Final = 1.0  # s of real time that it has to end by itself
+NICENESS: Final = 10  # on a processor they share the robot's process is woken at once, not when a slice ends
+MEMORY: Final = 1 << 30  # bytes of memory it may take
+MESSAGES: Final = 20  # messages taken between two ticks; the newest count
+LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
 PERIOD: Final = 0.05
-PRIORITY: Final = -50
-"""Of the task `Beside.serve`: behind all the robot's and the user's."""
+PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and the user's
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
@@ -79,24 +70,18 @@ class Restart(NamedTuple):
 class Beside:
     """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task."""
 
-    target: str
-    """The function that the process calls with its `Connection` and the options."""
+    target: str  # the function that the process calls with its `Connection` and the options
     telemetry: Callable[[], bytes | None]
     """The next line to send, or None when there is nothing new; called when the last one was received."""
     request: Callable[[Request], None]
     """Told what the process asks for, and with an empty name of every heartbeat without a request."""
     _: KW_ONLY
-    options: Mapping[str, object] = field(default_factory=dict)
-    """Keyword arguments of the function."""
-    beat: float = BEAT
-    """s of real time between heartbeats."""
+    options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
+    beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
-    silence: float | None = None
-    """s without a heartbeat after which it is ended as hung; None: never."""
-    tell: Callable[[str], None] = lambda text: None
-    """Told in words when it fails, falls silent or is started again."""
-    lost: Callable[[], None] = lambda: None
-    """Called at once when it has gone."""
+    silence: float | None = None  # s without a heartbeat after which it is ended as hung; None: never
+    tell: Callable[[str], None] = lambda text: None  # told in words when it fails, falls silent or is started again
+    lost: Callable[[], None] = lambda: None  # called at once when it has gone
 
     def __post_init__(self) -> None:
         self.counts: Counter[str] = Counter()

@@ -31,23 +31,18 @@ from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmT
 from txt1.runtime import Runtime
 from txt1.telemetry.snapshot import Snapshot
 
-BOARD_LINE: Final = 2
-"""Marks the random values of the line at the board's end."""
+BOARD_LINE: Final = 2  # marks the random values of the line at the board's end
 
-LET_GO: Final = 1.0
-"""s in which the host has asked for nothing, after which the board obeys again."""
+LET_GO: Final = 1.0  # s in which the host has asked for nothing, after which the board obeys again
 
-REOPEN: Final = 0.5
-"""s after which a serial device that has gone is tried again."""
+REOPEN: Final = 0.5  # s after which a serial device that has gone is tried again
 
 SPACER: Final = b"\x00"
 """Between frames back to back: original hosts lose the byte that follows a frame when it is there already."""
 
-SPACING: Final = 0.02
-"""s of silence on the line after which a frame needs no spacer."""
+SPACING: Final = 0.02  # s of silence on the line after which a frame needs no spacer
 
-PID_SET: Final = 0x70
-"""The command of a PID set, and of the answer to it, whose length is 1."""
+PID_SET: Final = 0x70  # the command of a PID set, and of the answer to it, whose length is 1
 
 
 class Board:

@@ -15,8 +15,7 @@ PositiveInt = Annotated[int, Gt(0)]
 NotNegative = Annotated[float, Ge(0.0)]
 Share = Annotated[float, Ge(0.0), Le(1.0)]
 
-PER_UNIT: Final = 1000
-"""Wire counts per m, m/s, rad, rad/s, V, or 1 of a gain."""
+PER_UNIT: Final = 1000  # wire counts per m, m/s, rad, rad/s, V, or 1 of a gain
 
 
 def to_thousandths(value: float) -> int:
@@ -25,9 +24,7 @@ def to_thousandths(value: float) -> int:
     Exact: a binary fraction times 1000 in floating point can land on a tie that it is not on (0.0005 is a little more
     than half a thousandth), so the arithmetic is done in integers.
 
-    Raises:
-        ValueError: the value is not finite.
-
+    Raises ValueError: the value is not finite.
     """
     if not isfinite(value):
         raise ValueError(f"{value} is not finite")

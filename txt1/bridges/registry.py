@@ -38,10 +38,8 @@ from txt1.telemetry.topics import TOPICS, Rule, Topic
 BRIDGES: Final = Registry("bridge", "txt1.bridges", {})
 
 RESTART: Final = Restart(limit=3)
-SILENCE: Final = 5.0
-"""s without a heartbeat after which a bridge is ended as hung, and started again."""
-EVENTS_MAX: Final = 100
-"""Events kept for a bridge between two pieces of telemetry; the oldest go first."""
+SILENCE: Final = 5.0  # s without a heartbeat after which a bridge is ended as hung, and started again
+EVENTS_MAX: Final = 100  # events kept for a bridge between two pieces of telemetry; the oldest go first
 
 
 @asynccontextmanager

@@ -65,5 +65,4 @@ ANGULAR_GAINS: Final = tuple(
         (1.15, 4.0, 30.0),
         (1.35, 4.0, 20.0),
     )
-)
-"""The thesis's angular gains (table 4.1)."""
+)  # the thesis's angular gains (table 4.1)

@@ -36,17 +36,13 @@ from txt1.protocol.messages import (
     Velocity,
 )
 
-SEND_PERIOD: Final = 0.05
-"""s between two Velocity messages: 20 Hz, all the time (the original driver: 10 Hz)."""
+SEND_PERIOD: Final = 0.05  # s between two Velocity messages: 20 Hz, all the time (the original driver: 10 Hz)
 
-PID_SET_PERIOD: Final = 1.0
-"""s between two attempts at having the gains acknowledged."""
+PID_SET_PERIOD: Final = 1.0  # s between two attempts at having the gains acknowledged
 
-REJECTIONS_MAX: Final = 3
-"""Answers "rejected" that are believed: a damaged PID set gets one, too."""
+REJECTIONS_MAX: Final = 3  # answers "rejected" that are believed: a damaged PID set gets one, too
 
-COMBINED_PERIOD: Final = 0.02
-"""Shortest s between two combined odometry messages: more would crowd the line."""
+COMBINED_PERIOD: Final = 0.02  # shortest s between two combined odometry messages: more would crowd the line
 
 LOST: Final = 0.45
 """Age in s at which odometry means that the board is lost: noticed within 0.5 s, waiting for the next tick included."""
@@ -55,8 +51,7 @@ SETTLED: Final = 1.2
 """s of odometry before the first set-point. Boards judge the link once a second; by then they have found it alive, and
 the first step of their loops, which takes the whole outage for its period, has had a set-point of 0."""
 
-LATE: Final = 0.08
-"""s between two odometry messages (20 Hz) that mean that one was lost."""
+LATE: Final = 0.08  # s between two odometry messages (20 Hz) that mean that one was lost
 
 LOSSY: Final = 5.0
 """s for which a line that lost a frame is sent Velocity at every tick, so that the board's time-out sees enough."""
@@ -64,11 +59,9 @@ LOSSY: Final = 5.0
 JUMP_TIME: Final = 0.5
 """s of motion by which two poses in a row may be further apart than the time between their arrivals explains ..."""
 
-JUMP_SPEED: Final = 0.3
-"""... at so many m/s more than either of them reports ..."""
+JUMP_SPEED: Final = 0.3  # ... at so many m/s more than either of them reports ...
 
-JUMP_ANGLE: Final = 1.5
-"""... and so many rad."""
+JUMP_ANGLE: Final = 1.5  # ... and so many rad.
 
 BACKOFF_MIN: Final = 0.1
 BACKOFF_MAX: Final = 0.9
@@ -77,8 +70,7 @@ BACKOFF_MAX: Final = 0.9
 REPEAT_PERIOD: Final = 1.0
 """s after which servos and switches are sent again: nothing else would mend a lost frame, or a board that restarted."""
 
-FAREWELLS: Final = 3
-"""Zero set-points with which the board is left."""
+FAREWELLS: Final = 3  # zero set-points with which the board is left
 
 
 class Port(Protocol):

@@ -15,8 +15,7 @@ stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
 
 
-wall_ns: Final = time.time_ns
-"""The time of day, in ns since 1970: for the records, as nothing is timed by it."""
+wall_ns: Final = time.time_ns  # the time of day, in ns since 1970: for the records, as nothing is timed by it
 
 
 def seconds(ns: int) -> float:
@@ -62,9 +61,7 @@ class VirtualClock:
     def advance_to(self, ns: int) -> None:
         """Move forward to an instant in ns.
 
-        Raises:
-            ValueError: the instant lies in the past; time cannot go backwards.
-
+        Raises ValueError: the instant lies in the past; time cannot go backwards.
         """
         if ns < self.ns:
             raise ValueError(f"time cannot go backwards: it is {self.ns} ns, asked for {ns} ns")

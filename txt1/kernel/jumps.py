@@ -13,8 +13,7 @@ from txt1.kernel.clock import NS_PER_S
 if TYPE_CHECKING:
     from txt1.kernel.loop import VirtualTimeLoop
 
-POLL_EVERY: Final = 64
-"""At full speed the operating system is asked for signals and input once in so many jumps."""
+POLL_EVERY: Final = 64  # at full speed the operating system is asked for signals and input once in so many jumps
 
 Dispatch = Callable[[], None]
 

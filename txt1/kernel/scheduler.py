@@ -110,9 +110,7 @@ class Scheduler:
     def add(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task: its cycles are due at whole multiples of `period` seconds since the start.
 
-        Raises:
-            ValueError: the name is taken, the period is not positive, or there are TASKS_MAX tasks already.
-
+        Raises ValueError: the name is taken, the period is not positive, or there are TASKS_MAX tasks already.
         """
         if not NS_PER_S * period >= 1.0 or period == float("inf"):
             raise ValueError(f"task '{name}': period must be positive, at least 1 ns, not {period!r} s")
@@ -127,9 +125,7 @@ class Scheduler:
 
         Arrivals before it has run are one tick: the task drains whatever has come.
 
-        Raises:
-            ValueError: the name is taken, or there are TASKS_MAX tasks already.
-
+        Raises ValueError: the name is taken, or there are TASKS_MAX tasks already.
         """
         entry = self._add(name, priority, None, task)
 
@@ -197,9 +193,7 @@ class Scheduler:
     def stop(self) -> None:
         """Run nothing more and close every task: its ``finally`` clauses run now.
 
-        Raises:
-            TaskFault: one of these clauses raised; all the others have run nevertheless.
-
+        Raises TaskFault: one of these clauses raised; all the others have run nevertheless.
         """
         self._running, self._later = False, 0
         self._cancel()

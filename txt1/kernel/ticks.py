@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from typing import Final
 
-NEXT_TICK: Final = object()
-"""What a task yields to whoever drives it when it waits for its next tick."""
+NEXT_TICK: Final = object()  # what a task yields to whoever drives it when it waits for its next tick
 
 
 class Ticks:

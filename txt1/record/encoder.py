@@ -50,12 +50,10 @@ class Block:
     """Message records in the order of their happening, with the smallest and the largest log time, ns."""
 
     data: bytes
-    index: dict[int, NDArray[np.uint64]]
-    """For each channel the log times (ns) and offsets of its records."""
+    index: dict[int, NDArray[np.uint64]]  # for each channel the log times (ns) and offsets of its records
     first: int
     last: int
-    channels: Sequence[Channel]
-    """The channels so far, channel number n at place n - 1."""
+    channels: Sequence[Channel]  # the channels so far, channel number n at place n - 1
 
     @property
     def count(self) -> int:

@@ -29,10 +29,8 @@ from txt1.errors import ConfigError
 from txt1.record.encoder import Block
 from txt1.telemetry.messages import schema_name, schema_text
 
-FORMAT: Final = 2
-"""Counts up when a reader has to treat files otherwise than before; a new topic or field is no reason."""
-FOOTER_UP_TO_CRC: Final = 25
-"""Bytes of the footer record that its own checksum covers."""
+FORMAT: Final = 2  # counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
+FOOTER_UP_TO_CRC: Final = 25  # bytes of the footer record that its own checksum covers
 MESSAGE_INDEX: Final = struct.Struct("<BQHI")
 """The head of a message index record: opcode, length, channel, bytes of entries."""
 

@@ -9,8 +9,7 @@ from typing import Any, Final
 
 from txt1.telemetry.messages import Field, fields
 
-HEADER: Final = b"\x00\x01\x00\x00"
-"""CDR, little-endian; alignment counts from the byte behind it."""
+HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian; alignment counts from the byte behind it
 
 CODES: Final = {
     "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",

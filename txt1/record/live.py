@@ -23,8 +23,7 @@ from txt1.telemetry.bus import Bus
 from txt1.telemetry.messages import schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
-LATEST: Final = 20
-"""Lines of the event log that a client who comes late is told."""
+LATEST: Final = 20  # lines of the event log that a client who comes late is told
 
 Drive = Callable[[float, float, float], object]
 """Takes a speed (m/s), a yaw rate (rad/s) and how long ago a client's message with them came, s."""

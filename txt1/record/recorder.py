@@ -18,14 +18,11 @@ from txt1.runtime import Runtime
 from txt1.tasks.controller import PERIOD
 from txt1.telemetry.topics import Topic
 
-BATCH: Final = 0.5
-"""s between two batches on the real clock: what a crash may lose, with what the disk needs."""
+BATCH: Final = 0.5  # s between two batches on the real clock: what a crash may lose, with what the disk needs
 
-BATCH_MAX: Final = 5.0
-"""s of the robot's time in a batch at full speed."""
+BATCH_MAX: Final = 5.0  # s of the robot's time in a batch at full speed
 
-BACKLOG: Final = 20
-"""Batches that may wait for the writer on the real clock."""
+BACKLOG: Final = 20  # batches that may wait for the writer on the real clock
 
 
 class Sink(Protocol):
@@ -41,8 +38,7 @@ class Sink(Protocol):
 class _Batch(NamedTuple):
     samples: list[Sample]
     events: list[Event]
-    skipped: int
-    """Samples lost before it."""
+    skipped: int  # samples lost before it
 
 
 class Recorder:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
 """With which recordings are read; without mcap_ros2 they can still be written."""
 LIBRARIES: Final = ("numpy", "pydantic", "mcap")
-VIEW_BATCH: Final = 0.1
-"""Real s between two batches for a live view."""
+VIEW_BATCH: Final = 0.1  # real s between two batches for a live view
 MEGABYTE: Final = 1_000_000
 
 

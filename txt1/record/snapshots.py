@@ -21,11 +21,9 @@ from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 from txt1.telemetry.topics import Topic
 
-STEP_NS: Final = NS_PER_S // 10
-"""Between two snapshots."""
+STEP_NS: Final = NS_PER_S // 10  # between two snapshots
 
-EVENTS_MAX: Final = 20
-"""Lines of the event log that are shown, as in the robot."""
+EVENTS_MAX: Final = 20  # lines of the event log that are shown, as in the robot
 
 _FAST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, GAINS, ENCODERS, POSE))
 

@@ -17,8 +17,7 @@ from txt1.kernel.clock import NS_PER_S
 from txt1.record.reading import Decoding, Item, Reading, flat
 
 RECOVER: Final = "'txt1 log recover' makes a complete file of it"
-SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")
-"""Of the metadata, what `info` prints."""
+SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")  # of the metadata, what `info` prints
 
 
 @dataclass

@@ -22,19 +22,13 @@ from urllib.parse import parse_qs
 
 from txt1.errors import ConfigError
 
-HEAD_MAX: Final = 16_384
-"""Bytes of a request's head."""
-HEAD_TIME: Final = 5.0
-"""Real s in which it has to come."""
-STRANGERS_MAX: Final = 32
-"""Connections that have not presented the token yet."""
-STRANGERS_ALIKE_MAX: Final = 8
-"""Of those, from one address."""
+HEAD_MAX: Final = 16_384  # bytes of a request's head
+HEAD_TIME: Final = 5.0  # real s in which it has to come
+STRANGERS_MAX: Final = 32  # connections that have not presented the token yet
+STRANGERS_ALIKE_MAX: Final = 8  # of those, from one address
 PIECE: Final = 1 << 16
-TOKEN_MIN: Final = 16
-"""Characters of a token; fewer could be guessed."""
-TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")
-"""Stands in an address as it is."""
+TOKEN_MIN: Final = 16  # characters of a token; fewer could be guessed
+TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")  # stands in an address as it is
 
 REFUSED: Final = (
     b"HTTP/1.1 401 Unauthorized\r\nWWW-Authenticate: Bearer\r\nContent-Type: text/plain\r\n"

@@ -49,8 +49,7 @@ class Difference(NamedTuple):
 
     time: float
     topic: str
-    field: str
-    """The first that differs, dotted; empty when a message is missing or there is one too many."""
+    field: str  # the first that differs, dotted; empty when a message is missing or there is one too many
     recorded: object
     replayed: object
 
@@ -87,12 +86,10 @@ class _Recorded(NamedTuple):
 
     path: Path
     config: Config
-    inputs: list[tuple[float, Input]]
-    """Everything given from outside, and when, s of the run."""
+    inputs: list[tuple[float, Input]]  # everything given from outside, and when, s of the run
     steps: list[tuple[int, float, int]] | None
     """Task, time and missed cycles of every step; None where virtual time says that."""
-    last: float
-    """The time of the last message, s of the run."""
+    last: float  # the time of the last message, s of the run
 
 
 def _recorded(path: Path) -> _Recorded:
@@ -257,8 +254,7 @@ class _Following(Scheduler):
 class _StepByStep(Scheduler):
     """Runs a task's step when it is told to, at the time that it is told; no other clock plays a part."""
 
-    time = 0.0
-    """s of the run."""
+    time = 0.0  # s of the run
 
     @property
     def now(self) -> float:

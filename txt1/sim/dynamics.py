@@ -18,8 +18,7 @@ from txt1.model.kinematics import TWO_PI
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sim.parameters import VehicleParameters
 
-SHORT_RAMP: Final = 0.25
-"""Share of the ramp step below which the end of a servo's turn gets no piece of its own."""
+SHORT_RAMP: Final = 0.25  # share of the ramp step below which the end of a servo's turn gets no piece of its own
 
 
 Motion = tuple[float, float, float, float, float, float, float, float]
@@ -27,28 +26,16 @@ Motion = tuple[float, float, float, float, float, float, float, float]
 
 
 class VehicleState(NamedTuple):
-    """Where the vehicle is and what it does.
+    """Where the vehicle is and what it does."""
 
-    Attributes:
-        x: of the vehicle's centre in the room, m.
-        y: m.
-        theta: heading, rad in (-pi, pi].
-        v: speed of the centre along its path, m/s.
-        phi_front: front steering angle, rad, left positive.
-        phi_rear: rear steering angle, rad, left positive.
-        right: path rolled by the right encoder wheel, m.
-        left: path rolled by the left encoder wheel, m.
-
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
-    v: float = 0.0
-    phi_front: float = 0.0
-    phi_rear: float = 0.0
-    right: float = 0.0
-    left: float = 0.0
+    x: float = 0.0  # of the vehicle's centre in the room, m
+    y: float = 0.0  # m
+    theta: float = 0.0  # heading, rad in (-pi, pi]
+    v: float = 0.0  # speed of the centre along its path, m/s
+    phi_front: float = 0.0  # front steering angle, rad, left positive
+    phi_rear: float = 0.0  # rear steering angle, rad, left positive
+    right: float = 0.0  # path rolled by the right encoder wheel, m
+    left: float = 0.0  # path rolled by the left encoder wheel, m
 
 
 Dynamics = tuple[
@@ -56,11 +43,9 @@ Dynamics = tuple[
 ]  # fmt: skip
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
-DEAD_BAND: Final = 4
-"""Place of the dead band in `Dynamics`."""
+DEAD_BAND: Final = 4  # place of the dead band in `Dynamics`
 
-RAMP_STEP: Final = 0.005
-"""Longest piece of a motion while a servo turns, s."""
+RAMP_STEP: Final = 0.005  # longest piece of a motion while a servo turns, s
 
 
 def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP_STEP) -> Dynamics:

@@ -30,15 +30,11 @@ Array = NDArray[np.float64]
 X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
 """Rows of a fleet's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
 
-SERIES_MAX: Final = pi / 4.0
-"""Largest angle, rad, for which `sine` and `cosine` are good."""
-EXPONENT_MAX: Final = 0.25
-"""Largest exponent for which `exponential` is good."""
-LOSS_MAX: Final = 2.0
-"""Of 1 + scrub + drag: more is rare, and costs the exponential a digit or two."""
+SERIES_MAX: Final = pi / 4.0  # largest angle, rad, for which `sine` and `cosine` are good
+EXPONENT_MAX: Final = 0.25  # largest exponent for which `exponential` is good
+LOSS_MAX: Final = 2.0  # of 1 + scrub + drag: more is rare, and costs the exponential a digit or two
 
-_HALF_PI_REST: Final = 6.123233995736766e-17
-"""What pi / 2 is more than its double."""
+_HALF_PI_REST: Final = 6.123233995736766e-17  # what pi / 2 is more than its double
 
 
 def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: Any) -> Callable[..., Any]:

@@ -13,8 +13,7 @@ from mypy_extensions import mypyc_attr
 
 from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
-NEAREST: Final = 0.03**2
-"""Square of the lamp's radius, m^2: nearer than this it gets no brighter."""
+NEAREST: Final = 0.03**2  # square of the lamp's radius, m^2: nearer than this it gets no brighter
 
 
 class PointLight(NamedTuple):
@@ -23,19 +22,12 @@ class PointLight(NamedTuple):
     The default is the thesis's 100 W lamp: 1700 lm over the whole sphere are 135 lux at 1 m. So the sensors' three
     decades reach from 0.37 m, which is the last decimetre before the goal circle, to 11.6 m, which is farther than
     any corner of the walls at +-8 m: inside them no healthy sensor falls silent.
-
-    Attributes:
-        x: m, in the room.
-        y: m, in the room.
-        intensity: lux at a distance of 1 m.
-        exponent: the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9).
-
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    intensity: float = 135.0
-    exponent: float = 2.0
+    x: float = 0.0  # m, in the room
+    y: float = 0.0  # m, in the room
+    intensity: float = 135.0  # lux at a distance of 1 m
+    exponent: float = 2.0  # the light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)
 
 
 class Range(NamedTuple):
@@ -54,11 +46,9 @@ class SensorFault(StrEnum):
     FROZEN = "frozen"  # it repeats the reading it had
 
 
-SENSOR_LIMITS: Final = Range()
-"""1 to 1000 lux (thesis 5.3)."""
+SENSOR_LIMITS: Final = Range()  # 1 to 1000 lux (thesis 5.3)
 
-SOUND: Final = (SensorFault.NONE, SensorFault.NONE, SensorFault.NONE, SensorFault.NONE)
-"""Four sensors in order."""
+SOUND: Final = (SensorFault.NONE, SensorFault.NONE, SensorFault.NONE, SensorFault.NONE)  # four sensors in order
 
 
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
@@ -118,9 +108,7 @@ def noise_for_jitter(
         distance: of the light from the robot's centre, m.
         exponent: of the light's fall.
 
-    Raises:
-        ValueError: no noise makes it jitter so.
-
+    Raises ValueError: no noise makes it jitter so.
     """
     facing = illuminances(-distance, 0.0, 0.0, PointLight(exponent=exponent))
     front, rear = facing.front_left, facing.rear_left

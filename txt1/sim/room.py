@@ -9,16 +9,10 @@ from txt1.model.vehicle import Geometry
 
 
 class Room(NamedTuple):
-    """A rectangular room around the origin; infinite by default.
+    """A rectangular room around the origin; infinite by default."""
 
-    Attributes:
-        length: along x, m.
-        width: along y, m.
-
-    """
-
-    length: float = inf
-    width: float = inf
+    length: float = inf  # along x, m
+    width: float = inf  # along y, m
 
 
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:

@@ -18,14 +18,11 @@ from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 if TYPE_CHECKING:
     from txt1.sim.world import World
 
-NOISE_RATE: Final = 50
-"""The floor's drag changes so many times a second."""
+NOISE_RATE: Final = 50  # the floor's drag changes so many times a second
 
-SETTLE_PERIOD: Final = 1.0
-"""The packs' charge is brought up to date once in so many seconds."""
+SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
 
-BATTERY_NOISE_PERIOD: Final = 1.0
-"""A voltage reading is good for so many seconds."""
+BATTERY_NOISE_PERIOD: Final = 1.0  # A voltage reading is good for so many seconds
 
 
 class Vehicle:
@@ -41,9 +38,7 @@ class Vehicle:
         seed: repeats every random value.
         name: of its robot.
 
-    Raises:
-        ValueError: something is in the way where it starts.
-
+    Raises ValueError: something is in the way where it starts.
     """
 
     def __init__(
@@ -136,9 +131,7 @@ class Vehicle:
     def place(self, x: float, y: float, theta: float) -> None:
         """Put the vehicle down at a pose in the room, at rest; m and rad.
 
-        Raises:
-            ValueError: something is in the way there, or the pose is not finite.
-
+        Raises ValueError: something is in the way there, or the pose is not finite.
         """
         self._put_down(x, y, theta)
         self.world.look_round(self)

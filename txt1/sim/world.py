@@ -25,11 +25,9 @@ from txt1.sim.parameters import Post
 from txt1.sim.room import Room, clearance
 from txt1.sim.vehicle import Vehicle
 
-ROAM: Final = 0.25
-"""A vehicle looks round anew when it is so far along x or y from where it did so last, m."""
+ROAM: Final = 0.25  # A vehicle looks round anew when it is so far along x or y from where it did so last, m
 
-STEP: Final = 0.3
-"""Two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each."""
+STEP: Final = 0.3  # two vehicles do not come nearer to one another than by this in 20 ms, m: that is 7.5 m/s each
 
 NEAR: Final = 3.0 * ROAM + STEP
 """Vehicles whose circles were so near when they looked round last watch one another, m; 3 for twice a diagonal."""
@@ -57,9 +55,7 @@ class World:
         light: where the light is, x and y in m.
         obstacles: boxes and posts.
 
-    Raises:
-        ValueError: a number of an obstacle is not finite, or one of its lengths is not positive.
-
+    Raises ValueError: a number of an obstacle is not finite, or one of its lengths is not positive.
     """
 
     def __init__(

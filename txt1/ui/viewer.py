@@ -25,8 +25,7 @@ DRIVING: Final = {
     "↑↓": "gains",
     "+-": "speed",
     "c": "manual",
-}
-"""The keys of a robot."""
+}  # the keys of a robot
 
 
 def pose_of(snapshot: Snapshot) -> tuple[float, float, float]:
