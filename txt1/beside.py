@@ -9,8 +9,6 @@ dropped and counted, but for an emergency stop), a message too long or a heartbe
 limited, and when it is silent its commands go stale by the ordinary rule.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -6,8 +6,6 @@ opens the safety gate, and a stop for any other reason ends when the host has as
 go out between -3.142 and 3.142; the originals count 0 to 6.283, and hosts have to take both.
 """
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 from dataclasses import replace

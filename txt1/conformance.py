@@ -9,8 +9,6 @@ With pytest, which collects the `test_` methods of a subclass whose name starts 
 A failure names the promise that was broken, and the module where it stands.
 """
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 from collections.abc import Callable, Coroutine, Iterator

@@ -1,7 +1,5 @@
 """The driver: the host's half of driving. It sends the set-point of whoever drives to the board, 20 times a second."""
 
-from __future__ import annotations
-
 from math import inf, isfinite, nan
 from typing import Final
 

@@ -4,8 +4,6 @@ A fault the robot is expected to survive (a missed cycle, a stale command, a cli
 it is counted in the state and shown.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 

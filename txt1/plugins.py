@@ -1,7 +1,5 @@
 """Parts by name: ours from a table, other packages' through a group of entry points, imported when first asked for."""
 
-from __future__ import annotations
-
 import asyncio
 import difflib
 from collections.abc import Awaitable, Callable, Mapping

@@ -1,7 +1,5 @@
 """The robot at work: a configuration, a hardware layer and the running loop's clock make running tasks."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable

@@ -3,8 +3,6 @@
 The wire counts mm, mm/s, mrad, mrad/s and mV, and carries the gains times 1000: always thousandths of the SI value.
 """
 
-from __future__ import annotations
-
 from math import isfinite
 from typing import Annotated, Final
 

@@ -17,8 +17,6 @@ Its module is imported in that process only. Whatever it asks for comes true und
 a source called like the bridge, and what it asks wrongly is told.
 """
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import json

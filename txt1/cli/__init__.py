@@ -1,7 +1,5 @@
 """The command line: one module a command, imported when it is used. Nothing else in the package ends the process."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -1,7 +1,5 @@
 """`txt1 board`: the simulated vehicle behind a line."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from functools import partial

@@ -1,7 +1,5 @@
 """`txt1 config`: show or check a configuration."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """`txt1 decode`: a capture of the line as one line per message and fault."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

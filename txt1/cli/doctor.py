@@ -1,7 +1,5 @@
 """`txt1 doctor`: look for what is wrong with the line to the board, and say it in words one can act on."""
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 from collections import Counter

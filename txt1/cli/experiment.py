@@ -1,7 +1,5 @@
 """`txt1 experiment`: drive one of the thesis's tests and measure it, or compare two runs."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

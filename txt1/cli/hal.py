@@ -1,7 +1,5 @@
 """`txt1 hal`: list or check hardware layers."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

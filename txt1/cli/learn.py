@@ -1,7 +1,5 @@
 """`txt1 learn`: its progress, and what it prints."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options that several commands share: their words, and the configuration they make."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

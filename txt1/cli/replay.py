@@ -1,7 +1,5 @@
 """`txt1 replay`: a recording on the screens again, or its inputs through the tasks again."""
 
-from __future__ import annotations
-
 import argparse
 
 from txt1.cli import FAULT, OK

@@ -1,7 +1,5 @@
 """`txt1 report`: a recording as a picture and one page."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`txt1 sensor`: list or check sensors."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterable

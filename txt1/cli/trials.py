@@ -1,7 +1,5 @@
 """The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes."""
 
-from __future__ import annotations
-
 import asyncio
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """`txt1 tune`: identify the vehicle, propose gains, and try them on the drive tests."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from functools import partial

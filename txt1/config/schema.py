@@ -1,7 +1,5 @@
 """Everything that may be set, with its constraints and defaults."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from hashlib import blake2b
 from math import inf

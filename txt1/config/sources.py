@@ -7,8 +7,6 @@ Other programs have variables that begin with ``TXT1_`` too. One is taken for a 
 underscore, or is a key of the first level or nearly one (a typing mistake, which is refused); any other is ignored.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -13,8 +13,6 @@ It stands between those who command (keys, gamepad, web, ROS, programs) and the 
 Nothing here knows a clock: `now` is the present and `time` a message's origin, both s of the run.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

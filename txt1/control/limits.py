@@ -11,8 +11,6 @@ inside the limits. What is refused or clipped is counted, never silent:
 * The emergency stop disarms and latches: it, too, ends with an explicit `Gate.arm`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import StrEnum
 from math import inf, isfinite

@@ -3,8 +3,6 @@
 They stay uncompiled: the configuration's constraints and descriptions are read from the source.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

@@ -4,8 +4,6 @@ The controller task and the learning environment call these functions; so does, 
 many robots.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX

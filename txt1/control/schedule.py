@@ -1,7 +1,5 @@
 """Gain scheduling (thesis 4.3, table 4.1)."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from dataclasses import dataclass, field
 from itertools import pairwise

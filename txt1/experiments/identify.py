@@ -1,7 +1,5 @@
 """A small model of the vehicle, on which tuning tries gains, found in a short drive with the PWM set by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from math import exp

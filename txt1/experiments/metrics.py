@@ -4,8 +4,6 @@ Speeds are judged as means over 0.2 s, from the true motion where it is known, e
 up to: it misses no count, though behind a line only two readings in five arrive.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from math import inf, pi

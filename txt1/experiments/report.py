@@ -1,7 +1,5 @@
 """The metrics of one run, or of two side by side, as tables for the terminal and for Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import sqrt

@@ -1,7 +1,5 @@
 """The folder of a run: its samples, its metrics, its figure."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

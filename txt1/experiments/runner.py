@@ -1,7 +1,5 @@
 """Driving an experiment through the Robot API, and measuring meanwhile."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass

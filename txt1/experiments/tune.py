@@ -1,7 +1,5 @@
 """Gains for an identified vehicle, tried on its model: of the speed, and the whole schedule of the yaw rate."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product

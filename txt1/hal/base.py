@@ -4,8 +4,6 @@ A HAL is a handful of methods and a statement of what it can do. The tasks ask f
 `txt1.hal.conformance` checks any HAL against what is promised here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag

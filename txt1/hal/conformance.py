@@ -9,8 +9,6 @@ is skipped. A HAL that is not `simulated` is driven too: with full throttle for 
 off the ground.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from math import hypot, inf, isfinite, nan

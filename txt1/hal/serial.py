@@ -4,8 +4,6 @@ It sends Velocity all the time it is connected, repeats a PID set until the boar
 battery levels as they come, notices when the board is gone, and finds it again.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The simulated robot as a HAL: one vehicle of a world."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Final

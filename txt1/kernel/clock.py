@@ -4,8 +4,6 @@ Times are integers in nanoseconds, so a deadline ``t0 + k * period`` is exact fo
 origin of its own; only differences mean something.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Final, Protocol
 

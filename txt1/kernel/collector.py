@@ -1,7 +1,5 @@
 """Python's garbage collector while robots run. The process has one: the first run sets it, the last one resets it."""
 
-from __future__ import annotations
-
 import gc
 from typing import Final
 

@@ -16,8 +16,6 @@ The coroutines are driven from one heap instead of being asyncio tasks: that cos
 The price is that between two ticks a task can await nothing else; what waits belongs in a coroutine of its own.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Coroutine
 from heapq import heapify, heappop, heappush, heapreplace

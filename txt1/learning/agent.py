@@ -1,7 +1,5 @@
 """The interface of every learner: it sees light and odometry, and says which action to take."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, Protocol
 
 from txt1.learning.qtable import StoredTable

@@ -11,8 +11,6 @@ table (else None) one that takes the best action of it and learns no more; Value
 Its settings come in ``config.learning.options``. The table that it stores has its name as `agent`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

@@ -5,8 +5,6 @@ The vehicles are `txt1.sim.fleet`; the loops and the light are the runtime's own
 tests/unit/learning/test_batch.py holds it all against the running robot. Without numba it is the same, slowly.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Final

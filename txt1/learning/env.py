@@ -15,8 +15,6 @@ One step is one decision of the thesis's learner, 0.5 s.
 extra `fast`.
 """
 
-from __future__ import annotations
-
 from math import log, pi
 from typing import Any, Final
 

@@ -11,8 +11,6 @@ A trial in simulation repeats bit for bit from its seed, so one that was interru
 real robot does not repeat: there, the agent carries on from what it had learned.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence

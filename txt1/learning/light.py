@@ -12,8 +12,6 @@ A reading that cannot be believed raises `LightFault`, so that no direction is e
   changed at least every other time
 """
 
-from __future__ import annotations
-
 from math import atan2, exp, floor, hypot, inf, isfinite, pi, sqrt
 from typing import Final
 

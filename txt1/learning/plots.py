@@ -1,7 +1,5 @@
 """Pictures of what was learned: the learning curve, some paths, the Q-table. Needs matplotlib (extra `plots`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import cos, sin
 from pathlib import Path

@@ -5,8 +5,6 @@ The file, qtable.json, holds format, version, values (a list for each state, a n
 off, altered or written by something else is refused instead of driven by.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

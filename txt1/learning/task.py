@@ -4,8 +4,6 @@ It listens to the light sensors, and a periodic task, `learning`, refreshes the 
 HAL can place the robot it is placed at the next start; elsewhere it drives there.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Sequence
 from math import degrees, nan

@@ -3,8 +3,6 @@
 It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the running robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Open a link by its address: a serial device over pyserial-asyncio, or a TCP connection."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os

@@ -1,7 +1,5 @@
 """Put a baud rate or a bad line between an end and its link; they nest: `paced(faulty(board, faults, seed), 57600)`."""
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Callable

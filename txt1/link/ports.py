@@ -1,7 +1,5 @@
 """The serial ports of this computer, and whether we may use them. All of it asks the file system: not for the loop."""
 
-from __future__ import annotations
-
 import grp
 import os
 import stat

@@ -1,7 +1,5 @@
 """A pseudo-terminal: the virtual board's serial port, which hosts open like a device."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import select

@@ -1,7 +1,5 @@
 """Turn the bytes of a link into events of the protocol, with the one rule that needs a clock."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Final

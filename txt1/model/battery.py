@@ -1,7 +1,5 @@
 """The battery's discharge line (thesis 3.6.3, figure 3.13)."""
 
-from __future__ import annotations
-
 from typing import Final
 
 INTERCEPT_V: Final = 12.165769  # voltage of a full pack under full load, V

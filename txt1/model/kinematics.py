@@ -1,7 +1,5 @@
 """Kinematics of the dual-steered vehicle (thesis 2.1, 2.2). x forward, y left, theta counter-clockwise."""
 
-from __future__ import annotations
-
 from math import cos, pi, sin
 from typing import Final
 

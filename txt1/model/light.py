@@ -1,7 +1,5 @@
 """The four light sensors: where they sit, how often they are read, what they can tell (thesis 3.7, 5.3)."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 SENSOR_X: Final = 0.2286  # sensors sit so far in front of and behind the robot's centre, m

@@ -1,7 +1,5 @@
 """Odometry from the two encoder wheels (thesis 2.3, 3.7.1)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from txt1.model.kinematics import move_along_arc

@@ -9,8 +9,6 @@ whose two ends and the light are on one line (CC'). docs/least_time.md derives t
 and their lengths; the tests show by Bellman's inequality that no path is shorter.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

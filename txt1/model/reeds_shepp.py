@@ -6,8 +6,6 @@ symmetries: driving the path in the other gear (x and theta change sign), mirror
 driving it from its end to its start. The formulas are numbered as in the paper, for a turning radius of 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import Final, NamedTuple

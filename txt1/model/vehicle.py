@@ -1,7 +1,5 @@
 """The TXT-1's dimensions and command ranges (thesis 2.2.3, 3.2, 3.7.1, 4.2, 4.3)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """Paths for a car in a room: the shortest of the Reeds-Shepp paths whose body keeps clear of the walls."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import groupby, product

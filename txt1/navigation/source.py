@@ -1,7 +1,5 @@
 """Where the robot is: from its encoders, or from a simulation that knows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import cos, hypot, sin, sqrt
 from typing import NamedTuple

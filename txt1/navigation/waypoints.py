@@ -1,7 +1,5 @@
 """Following waypoints by a look-ahead point on the current leg (spec 10)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Sequence
 from math import atan2, hypot, sqrt

@@ -1,7 +1,5 @@
 """A capture of the line in words: one text line, or one object for JSON, per message and fault (thesis 3.5)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import fields

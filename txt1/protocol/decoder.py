@@ -5,8 +5,6 @@ delivered. So a false header costs nothing that follows it: after it the search 
 valid frames that overlap, each with bytes of its own, are both delivered, for one of them is what was sent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum

@@ -5,8 +5,6 @@ All fields of a message are integers of one size, big-endian and two's complemen
 `txt1.protocol.messages` and a line of `declare` here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum

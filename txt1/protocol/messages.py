@@ -3,8 +3,6 @@
 On the desk they are handed over as they are; the wire carries them as frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

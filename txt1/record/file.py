@@ -4,8 +4,6 @@ The records are the mcap library's. Its writer is not used: it takes one call of
 full it leaves half a chunk behind. Here a chunk that does not fit is taken back, and the file stays readable.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """The recorder's sink on the disk: one file, or several in turn, and what happens when the disk takes no more."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import count, takewhile
 from pathlib import Path

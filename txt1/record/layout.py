@@ -1,7 +1,5 @@
 """ROS 2 messages as bytes: CDR, little-endian, as the DDS standard's plain encoding lays it out."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping
 from functools import cache

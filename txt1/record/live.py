@@ -1,7 +1,5 @@
 """The live view: the topics of a recording over the Foxglove protocol, and driving from its teleop panel."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections import deque

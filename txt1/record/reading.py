@@ -1,7 +1,5 @@
 """A recording as it is read: message by message from the front, whole or broken off, with every checksum compared."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from contextlib import suppress

@@ -4,8 +4,6 @@ In the loop it only keeps references. Every batch goes to another thread, which 
 the real clock a writer that falls behind loses batches, which are counted; in virtual time the simulation waits.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

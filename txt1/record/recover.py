@@ -1,7 +1,5 @@
 """A valid file of one that breaks off: every message that is whole, in its order, and none that is not."""
 
-from __future__ import annotations
-
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """A recording in pictures: path, velocities against their set-points, PWM, battery, timing; PNG, and one HTML page."""
 
-from __future__ import annotations
-
 import base64
 import html
 import json

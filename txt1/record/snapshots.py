@@ -1,7 +1,5 @@
 """The snapshots of a recording: the robot's state at any time of it."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 from math import atan2

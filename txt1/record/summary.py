@@ -1,7 +1,5 @@
 """A recording in words and numbers: its topics with counts, rates and gaps; its messages as lines; as CSV."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

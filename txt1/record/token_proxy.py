@@ -5,8 +5,6 @@ one where the user wants it. A client presents the token in the address, ``ws://
 header ``Authorization: Bearer TOKEN``; then its bytes are passed on as they come.
 """
 
-from __future__ import annotations
-
 import asyncio
 import re
 import secrets

@@ -7,8 +7,6 @@ In a test class of yours (see `txt1.conformance`), or from the command line, for
 The promises themselves stand in `txt1.sensors.base`.
 """
 
-from __future__ import annotations
-
 import asyncio
 from math import inf, isfinite
 from typing import Any

@@ -1,7 +1,5 @@
 """The four light sensors: simulated ones that see from where the vehicle is, and Phidgets' (thesis 5.3, 5.5.1)."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from math import atan2, cos, inf, nan, sin

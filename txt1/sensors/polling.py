@@ -1,7 +1,5 @@
 """The sensors of one robot: opened and closed with it, each read by a task at its own period."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ A package announces its driver in its pyproject.toml::
 where ``create(setup: txt1.sensors.Setup) -> txt1.sensors.Sensor``; its own settings come in ``setup.options``.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any, Final, Generic, TypeVar
 

@@ -1,7 +1,5 @@
 """Two LiPo packs behind diodes, and the cut-off circuit (thesis 3.6)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from txt1.model.battery import pack_voltage

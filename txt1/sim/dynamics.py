@@ -8,8 +8,6 @@ two or three arcs instead of twenty steps of a 1 kHz integrator, and is more acc
 Plain scalars and tuples only, so that numba can compile it.
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from math import atan, cos, exp, log, pi, sin, sqrt, tan
 from typing import Final, NamedTuple

@@ -8,8 +8,6 @@ go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_fleet.py holds t
 numba compiles it (extra `fast`). Without numba it is the same, slowly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import copysign, pi, sqrt, tan
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: one call, one sample."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import StrEnum
 from functools import cache

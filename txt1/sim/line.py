@@ -3,8 +3,6 @@
 `carry(data, now)` says what arrives when; moving time and delivering is the caller's business.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
 from typing import Final, Literal

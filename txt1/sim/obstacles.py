@@ -1,7 +1,5 @@
 """Boxes and round posts on the floor, and how far they and the vehicles' bodies are apart."""
 
-from __future__ import annotations
-
 from math import cos, hypot, pi, sin
 
 from txt1.sim.parameters import Box, Post

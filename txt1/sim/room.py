@@ -1,7 +1,5 @@
 """Four walls that stop the vehicle."""
 
-from __future__ import annotations
-
 from math import cos, inf, sin
 from typing import NamedTuple
 

@@ -12,8 +12,6 @@ was, at speed 0. Two vehicles that would get deeper into one another both stay w
 which either of them moved on, whichever of them is read first.
 """
 
-from __future__ import annotations
-
 from heapq import heapify, heapreplace
 from math import hypot, inf, isfinite
 from typing import Final

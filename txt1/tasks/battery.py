@@ -1,7 +1,5 @@
 """The battery task: voltages, state, remaining time. Priority 1, 1 Hz (thesis 3.3.3, 3.6)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import isfinite
 from typing import Final

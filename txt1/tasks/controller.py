@@ -1,7 +1,5 @@
 """The controller task: both PID loops, PWM outputs. Priority 4, 50 Hz, hard (thesis 3.3.3, 4)."""
 
-from __future__ import annotations
-
 from math import inf
 from operator import attrgetter
 from typing import Final

@@ -1,7 +1,5 @@
 """How the tasks do and what went wrong, as ROS's diagnostics say it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 

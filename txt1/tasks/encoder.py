@@ -1,7 +1,5 @@
 """The encoder task, 50 Hz, and the odometry task, 20 Hz, which sends its pose on (thesis 2.3, 3.3.3, 3.7.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import cos, sin
 from typing import Final

@@ -4,8 +4,6 @@ Every value is immutable and replaced whole, so a reader never sees half of an u
 is what the critical sections of the RTOS were for.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Final, NamedTuple, TypeVar
 

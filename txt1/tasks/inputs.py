@@ -1,7 +1,5 @@
 """Everything given to the tasks from outside, exact and with its place among their steps: what a replay needs."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from txt1.protocol.messages import Velocity

@@ -1,7 +1,5 @@
 """The mode task: is the host alive, which odometry counts? Priority 2, 1 Hz (thesis 3.3.3)."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 from txt1.control.limits import Fault, Gate

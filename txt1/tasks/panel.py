@@ -3,8 +3,6 @@
 Drawing takes longer than a controller period, so the screens are drawn elsewhere, from snapshots of the bus.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 from txt1.control.limits import Gate

@@ -3,8 +3,6 @@
 On the desk a message arrives as the object the host made; behind a wire a decoder makes the same objects from bytes.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from math import isfinite

@@ -1,7 +1,5 @@
 """The shared state of the tasks: typed fields, each with exactly one writer."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from txt1.hal.base import BoardLink

@@ -1,7 +1,5 @@
 """The bus of one robot: what its tasks tell goes to whoever has subscribed, and costs nothing while nobody has."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar

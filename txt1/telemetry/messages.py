@@ -4,8 +4,6 @@ Messages that ROS does not have, ``txt1_msgs/...``, are defined beside the topic
 live view carry the definitions with them, so a reader needs nothing of ours.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Final, NamedTuple

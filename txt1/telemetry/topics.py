@@ -4,8 +4,6 @@ Its module hands it to `declare` and offers or publishes it on the robot's `txt1
 view, screens and exports find it there (see docs/recording.md).
 """
 
-from __future__ import annotations
-
 import builtins
 import re
 from collections.abc import Callable, Mapping

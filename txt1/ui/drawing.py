@@ -4,8 +4,6 @@
 waits for a stalled connection, the heartbeat ceases and the robot stops. Nothing here can hold up the robot.
 """
 
-from __future__ import annotations
-
 import os
 import select
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A robot, or a recording of one, in one line."""
 
-from __future__ import annotations
-
 from typing import Final
 
 from txt1.model.odometry import Odometry

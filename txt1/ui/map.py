@@ -4,8 +4,6 @@ A braille character has two by four dots and a terminal's cell is about twice as
 dots are square: one scale, in metres per dot, serves both axes and a circle is round.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import groupby, pairwise
 from math import ceil, cos, degrees, dist, floor, isfinite, log10, sin

@@ -1,7 +1,5 @@
 """A recording on the terminal screens: played at any speed, paused, wound forward and back, looped."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import sys

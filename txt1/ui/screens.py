@@ -9,8 +9,6 @@ where ``screen(snapshot, viewer, width, rows)`` returns what `rich` is to print 
 through all of them. They are imported in the drawing process only; one that fails says so in its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points

@@ -1,7 +1,5 @@
 """The STATUS screen: state, batteries, gains in force, faults and the latest events."""
 
-from __future__ import annotations
-
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 

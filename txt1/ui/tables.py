@@ -1,7 +1,5 @@
 """The screens that are tables: PWM, ENCODERS, PID GAINS, SENSORS and TASKS."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from math import degrees
 from typing import Final

@@ -9,8 +9,6 @@ the front wheels still pointing left, its yaw rate is negative. omega = steering
 v's sign.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 from typing import Final

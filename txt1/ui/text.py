@@ -3,8 +3,6 @@
 All strings are rich's markup; `clean` takes the meaning out of what came from elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final, NamedTuple

@@ -5,8 +5,6 @@ lone ESC, any other sequence and whatever is not one of our keys is dropped, and
 it along: the space bar is the emergency stop.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import select

@@ -1,7 +1,5 @@
 """What belongs to the viewer and not to the robot: help on or off, and the path seen so far."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import dist, isfinite
