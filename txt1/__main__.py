@@ -12,13 +12,19 @@ def leave(number: int, _: FrameType | None) -> NoReturn:
     os._exit(128 + number)
 
 
+SIGNALS = signal.SIGHUP, signal.SIGINT, signal.SIGTERM
+
+
 def main() -> NoReturn:
     """Run the command given on the command line and exit with its code."""
-    for each in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # before the imports, which take their time
+    for each in SIGNALS:  # before the imports, which take their time
         signal.signal(each, leave)
     from txt1.cli import execute
 
-    sys.exit(execute(sys.argv[1:]))
+    code = execute(sys.argv[1:])
+    for each in SIGNALS:  # all is done; Python, on its way out, would let the signal kill it
+        signal.signal(each, signal.SIG_IGN)
+    sys.exit(code)
 
 
 if __name__ == "__main__":
