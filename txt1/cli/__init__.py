@@ -37,6 +37,8 @@ COMMANDS: Final = {
     "hal": "list or check hardware layers",
     "sensor": "list or check sensors",
     "doctor": "look for what is wrong with the line to the board",
+    "device": "be one of the devices whose drivers we have, such as the Pico with our firmware",
+    "firmware": "put the board's firmware on a Raspberry Pi Pico, and ask it how it is",
     "decode": "print a capture of the line, a line per message and fault",
 }
 """Each is a module of this package, with `add_arguments(parser)` and `main`: from the arguments to the exit code."""

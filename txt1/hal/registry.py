@@ -54,7 +54,9 @@ def create_sim(config: Config, world: World | None = None) -> Hal:
 
 
 # simulated ports by name; anything else is a device
-PORTS: Final = Registry("serial port", "txt1.ports", {"virtual": "txt1.board:VirtualPort"})
+PORTS: Final = Registry(
+    "serial port", "txt1.ports", {"virtual": "txt1.board:VirtualPort", "pico": "txt1.devices.pico:PicoPort"}
+)
 
 
 def port_of(config: Config) -> Port:
@@ -65,7 +67,7 @@ def port_of(config: Config) -> Port:
     if serial.port is not None and serial.port in PORTS.ours:
         port: Port = PORTS.make("serial.port", serial.port, config)
         return port
-    return DevicePort(serial.port, serial.baud)
+    return DevicePort(serial.port, serial.baud, serial.secret_file)
 
 
 def is_simulated(config: Config) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from math import cos, hypot, inf, sin
 from typing import Final, Literal, Protocol
 
-from txt1.errors import EncodeError, HalError, LinkLost, NotCapable
+from txt1.errors import ConfigError, EncodeError, HalError, LinkLost, NotCapable
 from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
 from txt1.link.base import End, Link
 from txt1.link.device import open_link
@@ -86,10 +86,14 @@ class Port(Protocol):
 
 
 class DevicePort:
-    """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in."""
+    """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in.
 
-    def __init__(self, address: str | None, baud: int) -> None:
+    The first line of `secret_file` is the secret of a board on a network.
+    """
+
+    def __init__(self, address: str | None, baud: int, secret_file: str | None = None) -> None:
         self._wanted = address
+        self._secret_file = secret_file
         self._baud = baud
         self._spent: tuple[int, int] | None = None
         self.address = address or "the serial port"
@@ -102,12 +106,25 @@ class DevicePort:
         made = await asyncio.to_thread(_link_made, self.address)
         if made is not None and made == self._spent:
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
-        link = await open_link(self.address, end, self._baud)
+        secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
+        link = await open_link(self.address, end, self._baud, secret)
         self._spent = made
         return link
 
     async def close(self) -> None:
         """Nothing is left to let go of."""
+
+
+def _secret_in(file: str) -> bytes:
+    """Return the first line of a file."""
+    try:
+        with open(file, "rb") as lines:
+            secret = lines.readline().strip()
+    except OSError as error:
+        raise ConfigError(f"serial.secret_file: {file}: {error.strerror}; write the board's secret there") from None
+    if not secret:
+        raise ConfigError(f"serial.secret_file: {file} is empty; write the board's secret there")
+    return secret
 
 
 def _link_made(address: str) -> tuple[int, int] | None:
