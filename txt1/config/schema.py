@@ -122,6 +122,8 @@ class SerialConfig(Section):
     """Device, socket://host:port, or virtual: a board in this process; null: the only device there is."""
     baud: PositiveInt = 57600
     """Bits a second, 8N1."""
+    secret_file: str | None = None
+    """File with the secret of a board on a network (socket://), such as a Pico W; null: it has none."""
     control: Literal["board", "host"] = "board"
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False

@@ -77,13 +77,14 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         self._abort(exc)
 
 
-async def open_link(address: str, end: End, baud: int = 57600) -> Link:
+async def open_link(address: str, end: End, baud: int = 57600, secret: bytes | None = None) -> Link:
     """The link to a serial device (8N1, ours alone) or to `socket://host:port`; `end` is connected when this returns.
 
-    A HalError when it cannot be opened names the address, the cause and what to do.
+    A secret is proved to a board on a network before anything else is sent. When it cannot be opened a HalError names
+    the address, the cause and what to do.
     """
     if "://" in address:
-        return await open_socket(address, end)
+        return await open_socket(address, end, secret)
     loop = asyncio.get_running_loop()
     opening = loop.run_in_executor(None, open_port, address, baud)
     try:

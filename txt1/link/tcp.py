@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import hmac
 import socket
 from contextlib import ExitStack
 from typing import Any, Final
@@ -14,6 +15,7 @@ from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
 
 SILENT: Final = 1.0  # s: a host that has sent nothing for so long makes room for another one
 VANISHED_MS: Final = 3000  # a peer that has not acknowledged a byte for so many milliseconds is gone
+CHALLENGE_MAX: Final = 80  # bytes
 ANSWER: Final = 3.0  # s that a peer has to accept a connection
 
 _NO_PORT: Final = {
@@ -23,14 +25,21 @@ _NO_PORT: Final = {
 }
 
 
-async def open_socket(address: str, end: End) -> Link:
-    """The link to `socket://host:port`; a HalError when the address is none, or nobody takes the connection."""
+async def open_socket(address: str, end: End, secret: bytes | None = None) -> Link:
+    """The link to `socket://host:port`, to which a secret is proved first, if there is one.
+
+    A HalError when the address is none, nobody takes the connection, or no proof is asked for.
+    """
     host, port = _host_and_port(address)
     link = StreamLink(address, end, broken_off)
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(ANSWER):
             sock = await _connected_socket(host, port)
+            if secret is not None:
+                with ExitStack() as opened:
+                    await _prove(opened.enter_context(sock), secret, address)
+                    opened.pop_all()
         await loop.create_connection(lambda: link, sock=sock)
     except asyncio.CancelledError:
         link.shut()
@@ -64,6 +73,18 @@ async def _connected_socket(host: str, port: int) -> socket.socket:
                 opened.pop_all()
                 return sock
     raise refusal
+
+
+async def _prove(sock: socket.socket, secret: bytes, address: str) -> None:
+    """Answer the board's challenge, ``txt1 NUMBER``, with the number's HMAC-SHA256 under the secret, in hexadecimal."""
+    loop, line, byte = asyncio.get_running_loop(), b"", b"?"
+    while byte not in (b"", b"\n") and len(line) < CHALLENGE_MAX:
+        byte = await loop.sock_recv(sock, 1)
+        line += byte
+    greeting, _, number = line.strip().partition(b" ")
+    if greeting != b"txt1" or not number:
+        raise HalError(f"{address} does not ask for a secret; leave serial.secret_file away, or check the port")
+    await loop.sock_sendall(sock, hmac.digest(secret, number, "sha256").hex().encode() + b"\n")
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
