@@ -6,7 +6,16 @@ import argparse
 import os
 import platform
 
-from benchmarks import decoder, learning_time, punctuality, recording, robots, simulation_speed, statistics_cost
+from benchmarks import (
+    decoder,
+    firmware,
+    learning_time,
+    punctuality,
+    recording,
+    robots,
+    simulation_speed,
+    statistics_cost,
+)
 from txt1.kernel import scheduler
 
 BENCHMARKS = {
@@ -16,6 +25,7 @@ BENCHMARKS = {
     "punctuality": punctuality.main,
     "decoder": decoder.main,
     "recording": recording.main,
+    "firmware": firmware.main,
     "learning_time": learning_time.main,
 }
 
