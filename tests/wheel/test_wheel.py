@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import make_reader
 
 REPOSITORY = Path(__file__).parents[2]
-PARTS = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "config", "txt1")
+PARTS = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "config", "firmware", "txt1")
 RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed", "7", "--drive", "0.5,0.5")
 SUITES = (
     *("test_robot.py", "test_closed_loop.py", "test_safety.py", "test_learning.py", "test_learning_on_hardware.py"),
