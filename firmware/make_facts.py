@@ -11,6 +11,7 @@ from pathlib import Path
 
 from txt1.control import limits as gate
 from txt1.control.parameters import Limits
+from txt1.devices.installer import IDENTITY, RELEASE
 from txt1.model import battery as line
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.protocol import layout
@@ -39,11 +40,6 @@ except ImportError:  # under CPython
 
 
 '''
-IDENTITY = 0x7F
-"""Asks a board of ours for its name and version; original boards and hosts know no such frame and skip it."""
-
-RELEASE = b"REPL"
-"""With this as its data the board, if it is disarmed, ends its program, so that files can be copied to it."""
 
 
 def facts() -> dict[str, object]:

@@ -27,7 +27,7 @@ from txt1.protocol.messages import BatteryLevels, EncoderOdometry
 
 IDENTITY: Final = 0x7F
 RELEASE: Final = b"REPL"
-"""The frame by which our boards tell their name, and the data with which they end their program; see make_facts.py."""
+"""The frame by which our boards tell their name, and the data with which they end their program."""
 
 PATIENCE: Final = 1.5
 """s within which a board answers."""
@@ -124,7 +124,7 @@ class OverMpremote:
 
 
 class Installed(NamedTuple):
-    """What an installation did: the names of the files that were copied, and of those that were the same already."""
+    """Names of the files that an installation copied, and of those that were the same already."""
 
     copied: list[str]
     same: list[str]
@@ -175,7 +175,7 @@ def install(board: Files, told: Callable[[str], None] = lambda _: None) -> Insta
 
 
 class Heard(NamedTuple):
-    """What came from a board: its name and version, if it is one of ours, and whether it sends as a board does."""
+    """A board's name and version, if it is one of ours, and how many messages and bytes came from it."""
 
     identity: str | None
     odometry: int

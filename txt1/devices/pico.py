@@ -35,7 +35,7 @@ CHUNK: Final = 1000
 
 
 class State(NamedTuple):
-    """What the firmware says of itself after a cycle.
+    """The firmware's report after a cycle.
 
     Attributes:
         outputs: PWM counts of motor, front, rear and the two free servos.

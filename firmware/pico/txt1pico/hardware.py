@@ -107,7 +107,7 @@ class Hardware:
         self._silent += 1
         if self._silent > GUARD_PATIENCE:
             self.neutral()
-        if self._stopped:
+        if self._stopped and self._watchdog is not None:
             self._watchdog.feed()
 
     def alive(self):
