@@ -70,6 +70,7 @@ class Runtime:
         self.state = State(self.bus)
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = scheduler(self._task_failed)
+        self.scheduler.on_sleep = self.slept
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
@@ -299,6 +300,13 @@ class Runtime:
         self.gate.disarm(reason)
         self.make_safe(now)
 
+    def slept(self, duration: float) -> None:
+        """Disarm after the computer was suspended for `duration` s: whatever was to be done then is over."""
+        now = self._begin("slept", values=(duration,))
+        self.gate.slept(duration, controller.PERIOD)
+        if not self.gate.armed:
+            self.make_safe(now)
+
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
         self.hal.place(x, y, theta, self._begin("place", values=(x, y, theta)))
@@ -394,7 +402,8 @@ class Runtime:
         blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does
         if self.gate.closed_by is Fault.RUNAWAY and blocked_by is not None and (blocked := blocked_by()) is not None:
             self.gate.reason = reason = f"{reason}: it is at {blocked}"
-        self.state.tell(self.now, f"disarmed: {reason}")
+        way_back = "; arm it again to go on (key m)" if self.gate.closed_by in (Fault.MISSED, Fault.SLEPT) else ""
+        self.state.tell(self.now, f"disarmed: {reason}{way_back}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:
         if self._source:

@@ -12,7 +12,8 @@ from txt1.errors import CommandRefused, HalError, NotArmed, TaskFault
 from txt1.hal.base import Button, Inputs, Outputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.kernel.loop import clock_of
+from txt1.kernel.clock import RealClock
+from txt1.kernel.loop import RealTimeLoop, clock_of, run
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PwmCommand, Switch, Velocity
 from txt1.robot import Robot
@@ -494,3 +495,38 @@ async def test_cancelling_the_program_leaves_the_outputs_neutral() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     assert outputs(robot)[:3] == (0, 0, 0)
+
+
+class Suspended(RealClock):
+    """A clock of a computer that sleeps when a test says so."""
+
+    slept_ns = 0
+
+    def suspended_ns(self) -> int:
+        return self.slept_ns
+
+
+@pytest.mark.parametrize(("slept", "armed"), [(0.05, True), (7200.0, False)])
+def test_a_robot_whose_computer_slept_wakes_up_disarmed(slept: float, armed: bool) -> None:
+    async def main() -> None:
+        loop, clock = asyncio.get_running_loop(), Suspended()
+        assert isinstance(loop, RealTimeLoop)
+        loop.clock = clock
+        async with Robot.open("sim", seed=1) as robot:
+            await robot.load_gains()
+            source = robot.source("test")
+            source.command(0.5, 0.0)
+            await asyncio.sleep(0.12)
+            assert robot.runtime.state.control.v == 0.5
+            clock.slept_ns += round(slept * 1e9)
+            await asyncio.sleep(0.03)
+            assert robot.armed is armed
+            assert (robot.runtime.state.control.outputs.motor != 0) is armed
+            if not armed:
+                assert robot.runtime.gate.reason == "the computer slept 7200.0 s"
+                assert "key m" in robot.runtime.state.events[-1].text
+                robot.arm()
+                await asyncio.sleep(0.03)
+                assert robot.runtime.state.control.v == 0.0  # asked for before it was armed again
+
+    run(main())

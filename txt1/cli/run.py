@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from txt1.learning.agent import Agent
 
 Steer = Callable[[Robot], Awaitable[None]]
-DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
+DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

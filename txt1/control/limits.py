@@ -7,7 +7,8 @@ inside the limits. What is refused or clipped is counted, never silent:
 * A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill.
 * PWM is clipped to +-24000, the motor further to motor_max and the steering to +-18000 (thesis 4.3).
 * A command older than command_timeout means neutral; the gate stays armed and the next fresh command resumes.
-* A lost link, missed ticks, bad batteries, a runaway or a task fault disarm. `Gate.arm` is the only way back.
+* A lost link, missed ticks, a computer that slept, bad batteries, a runaway or a task fault disarm. `Gate.arm` is the
+  only way back.
 * The emergency stop disarms and latches: it, too, ends with an explicit `Gate.arm`.
 """
 
@@ -42,6 +43,7 @@ class Fault(StrEnum):
     OVERFLOW = "messages_dropped"
     LINK = "link_lost"
     MISSED = "missed_ticks"
+    SLEPT = "computer_slept"
     RUNAWAY = "runaway"
     ODOMETRY = "odometry_lost"
     BATTERY = "battery_bad"
@@ -288,6 +290,11 @@ class Gate:
             reason = self._runaway.check(self._motor, right, left, v, v_combined, dt)
             if reason is not None:
                 self.disarm(f"runaway: {reason}", Fault.RUNAWAY)
+
+    def slept(self, duration: float, period: float) -> None:
+        """Disarm when the computer was suspended for `duration` s, as long as too many cycles of `period` s take."""
+        if duration >= self.limits.missed_ticks_max * period:
+            self.disarm(f"the computer slept {duration:.1f} s", Fault.SLEPT)
 
     def missed(self, cycles: int) -> None:
         """Disarm when the controller has missed too many cycles in a row."""

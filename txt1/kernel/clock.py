@@ -32,6 +32,9 @@ class Clock(Protocol):
     def now_ns(self) -> int:
         """The time, in ns since this clock's origin. Never goes backwards."""
 
+    def suspended_ns(self) -> int:
+        """Time in ns that the computer has been suspended, which `now_ns` leaves out; exact to 1 ms."""
+
 
 class RealClock:
     """The processor's monotonic clock."""
@@ -39,6 +42,16 @@ class RealClock:
     def now_ns(self) -> int:
         """The time, in ns since an instant of the processor's choice."""
         return time.monotonic_ns()
+
+    def suspended_ns(self) -> int:
+        """Time in ns since the computer was started in which it was suspended; 0 where no clock tells."""
+        if not hasattr(time, "CLOCK_BOOTTIME"):  # Linux's
+            return 0
+        while True:
+            before = time.monotonic_ns()
+            boot = time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+            if time.monotonic_ns() - before < NS_PER_S // 1000:  # else others had the processor between the two
+                return boot - before
 
 
 class VirtualClock:
@@ -55,6 +68,10 @@ class VirtualClock:
     def now_ns(self) -> int:
         """The virtual time in ns."""
         return self.ns
+
+    def suspended_ns(self) -> int:
+        """0: a simulation sleeps with the computer."""
+        return 0
 
     def advance_to(self, ns: int) -> None:
         """Move forward to an instant in ns.

@@ -35,6 +35,7 @@ NS_PER_MS: Final = 1_000_000
 MARGIN_MIN_NS: Final = 20_000
 MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
+SLEPT_MIN_NS: Final = 10 * NS_PER_MS  # more than two clocks read one after the other differ by
 
 TASKS_BITS: Final = 10
 """A place in the queue is one number, due time in ns << TASKS_BITS | the task's index: compared sooner than a tuple."""
@@ -98,6 +99,9 @@ class Scheduler:
         self._running = False
         self._dispatching = False
         self._later = 0  # places in the queue from here on are due after the present instant; 0: look anew, and first
+        self._suspended_ns = self._clock.suspended_ns()
+        self.on_sleep: Callable[[float], None] = lambda slept: None
+        """Told how long the computer was suspended, s, before any task runs after that; in real time only."""
         self.steps = 0
         """Cycles of all tasks so far, the present one included: with it, what happens has a place among them."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
@@ -238,6 +242,10 @@ class Scheduler:
         jumps, origin_ns = self._jumps, self._origin_ns
         if jumps is None:
             self._spin_to_next_deadline()
+            slept_ns = self._clock.suspended_ns() - self._suspended_ns
+            if slept_ns > SLEPT_MIN_NS:
+                self._suspended_ns += slept_ns
+                self.on_sleep(slept_ns / NS_PER_S)
         self._dispatching = True
         late_cycles = 0
         try:

@@ -359,6 +359,8 @@ class _Script:
                     runtime.arm()
             case "disarm":
                 runtime.disarm(text)
+            case "slept":
+                runtime.slept(values[0])
             case "stop":
                 runtime.emergency_stop()
             case "press":

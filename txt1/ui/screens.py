@@ -62,7 +62,7 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
     names = list(installed())
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
     body = _help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))
-    header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot), _keys(viewer, width)
+    header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot, viewer), _keys(viewer, width)
     layout = Layout()
     layout.split_column(Layout(header, size=1), Layout(state, size=1), Layout(body), Layout(keys, size=1))
     return layout
@@ -98,9 +98,10 @@ def _header(snapshot: Snapshot, names: list[str], current: str, width: int) -> R
     return _edges(left, tabs)
 
 
-def _state_line(snapshot: Snapshot) -> RenderableType:
-    """Armed or not, large; buzzer, link and the two LEDs, which toggle with each message."""
-    alive, traffic = snapshot.get(MODE, Mode()).link.alive, snapshot.get(TRAFFIC, Traffic())
+def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
+    """Armed or not, large, and the key that arms; buzzer, link and the two LEDs, which toggle with each message."""
+    mode, traffic = snapshot.get(MODE, Mode()), snapshot.get(TRAFFIC, Traffic())
+    alive = mode.link.alive
     sounds = buzzer(alive, snapshot.get(BATTERIES[0], Battery()).state)
     link = styled("link alive", GOOD) if alive else styled("link lost", "red")
     rx, tx = (
@@ -108,7 +109,8 @@ def _state_line(snapshot: Snapshot) -> RenderableType:
         for messages in (traffic.received, traffic.transmitted)
     )
     lights = f"{link}  RX {rx}  TX {tx}"
-    return _edges(state_of(snapshot), f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {lights}")
+    arms = "" if mode.armed or viewer.keys.get("m") != "arm" else f" {styled('m', 'bold')} arms"
+    return _edges(state_of(snapshot) + arms, f"{'[bold black on yellow] BUZZER [/]' if sounds else ''}  {lights}")
 
 
 def _edges(left: str | Text, right: str | Text) -> Table:

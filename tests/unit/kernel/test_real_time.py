@@ -162,3 +162,42 @@ def test_an_overloaded_robot_still_listens(runner: Runner) -> None:
         scheduler.stop()
 
     runner(main())
+
+
+class Suspended(RealClock):
+    """A clock of a computer that sleeps when a test says so."""
+
+    slept_ns = 0
+
+    def suspended_ns(self) -> int:
+        return self.slept_ns
+
+
+def test_a_scheduler_is_told_that_the_computer_slept_before_any_task_runs() -> None:
+    async def main() -> list[object]:
+        loop, clock = asyncio.get_running_loop(), Suspended()
+        assert isinstance(loop, RealTimeLoop)
+        loop.clock = clock
+        scheduler, seen = Scheduler(no_fault), list[object]()
+        scheduler.on_sleep = seen.append
+
+        async def sleeper(ticks: Ticks) -> None:
+            async for _ in ticks:
+                seen.append("tick")
+                clock.slept_ns += 3_600_000_000_000 if len(seen) == 2 else 1_000_000  # 1 ms: two clocks read
+
+        scheduler.add("sleeper", 0, 0.005, sleeper)
+        scheduler.end_at(0.024)
+        scheduler.start()
+        await scheduler.ended
+        scheduler.stop()
+        return seen
+
+    seen = run(main())
+    assert seen[:4] == ["tick", "tick", 3600.001, "tick"]
+    assert seen.count("tick") == len(seen) - 1
+
+
+def test_time_asleep_is_read_to_a_millisecond() -> None:
+    readings = [RealClock().suspended_ns() for _ in range(1000)]
+    assert max(readings) - min(readings) < 1_000_000

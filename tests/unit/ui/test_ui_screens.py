@@ -105,6 +105,9 @@ def test_the_state_line_cannot_be_misread() -> None:
     assert "ARMED" not in printed(stopped, Viewer(), 80, 24)[1]
     disarmed = mode(full(), armed=False, reason="link lost")
     assert "disarmed (link lost)" in printed(disarmed, Viewer(), 80, 24)[1]
+    late = mode(full().replaced({BATTERIES[0]: None}), armed=False, reason="the controller missed 14 cycles")
+    assert "missed 14 cycles)  m arms" in printed(late, Viewer(), 80, 24)[1]
+    assert "m arms" not in printed(late, Viewer({"q": "quit"}), 80, 24)[1]  # a recording is not to be armed
     long = mode(full(), armed=False, reason="a very long reason " * 5)
     assert "link alive  RX" in printed(long, Viewer(), 80, 24)[1]
 
