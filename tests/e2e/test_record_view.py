@@ -32,7 +32,7 @@ from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
-from txt1.record.token_proxy import STRANGERS_ALIKE_MAX, TokenProxy, token_in
+from txt1.record.view_proxy import CLIENTS_MAX, STRANGERS_ALIKE_MAX, ViewProxy, token_in
 from txt1.telemetry.messages import fields
 from txt1.telemetry.topics import TOPICS
 
@@ -318,11 +318,11 @@ def test_a_token_that_somebody_makes_meanwhile_is_taken(tmp_path: Path, monkeypa
 
 
 @contextmanager
-def door() -> Iterator[tuple[int, socket.socket]]:
-    """The port at which the token is asked for, and what listens for those who are let through."""
+def door(token: str | None = TOKEN) -> Iterator[tuple[int, socket.socket]]:
+    """The port at which the token is asked for, if there is one, and what listens for those who are let through."""
     with socket.create_server(("127.0.0.1", 0)) as inner:
         inner.settimeout(20.0)
-        front = TokenProxy("127.0.0.1", 0, inner.getsockname()[1], TOKEN)
+        front = ViewProxy("127.0.0.1", 0, inner.getsockname()[1], token)
         try:
             yield front.port, inner
         finally:
@@ -371,6 +371,26 @@ def test_who_is_silent_keeps_out_only_those_at_its_own_address() -> None:
         inner.setblocking(False)
         with pytest.raises(BlockingIOError):  # nobody else was let through
             inner.accept()
+
+
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_no_more_clients_are_let_through_than_the_robot_has_room_for(token: str | None) -> None:
+    request = f"GET /?token={token} HTTP/1.1\r\n\r\n".encode()
+    with door(token) as (port, inner), ExitStack() as clients:
+        for _ in range(CLIENTS_MAX):
+            client = clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20.0))
+            client.sendall(request)
+            passed_on = clients.enter_context(inner.accept()[0])
+        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as one_more:
+            one_more.sendall(request)
+            assert one_more.recv(1000).startswith(b"HTTP/1.1 503 ")
+        client.close()
+        assert passed_on.recv(1000).startswith(b"GET / HTTP/1.1")
+        assert passed_on.recv(1) == b""
+        passed_on.close()
+        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as next_one:
+            next_one.sendall(request)
+            inner.accept()[0].close()  # there is room again
 
 
 def test_a_name_that_no_host_can_have_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, S
 from txt1.errors import CommandRefused, ConfigError
 from txt1.kernel.clock import RealClock, seconds
 from txt1.record.encoder import Block
-from txt1.record.token_proxy import TokenProxy
+from txt1.record.view_proxy import ViewProxy
 from txt1.tasks.fields import LOG
 from txt1.tasks.inputs import COMMAND
 from txt1.telemetry.bus import Bus
@@ -25,8 +25,6 @@ LATEST: Final = 20  # lines of the event log that a client who comes late is tol
 
 Drive = Callable[[float, float, float], object]
 """Takes a speed (m/s), a yaw rate (rad/s) and how long ago a client's message with them came, s."""
-
-LOOPBACK: Final = "127.0.0.1"
 
 _CLOCK: Final = RealClock()  # clients know nothing of virtual time
 
@@ -44,24 +42,21 @@ class LiveView:
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
         self._channels: dict[str, tuple[foxglove.Channel, deque[tuple[int, bytes]]]] = {}  # with the latest messages
         self._listener = _Listener()
+        self._server = foxglove.start_server(
+            name="txt1",
+            host="127.0.0.1",
+            port=0,
+            capabilities=[Capability.ClientPublish] if control else [],
+            supported_encodings=["json"] if control else None,
+            server_listener=self._listener,
+            context=context,
+        )
         try:
-            self._server = foxglove.start_server(
-                name="txt1",
-                host=host if token is None else LOOPBACK,
-                port=port if token is None else 0,
-                capabilities=[Capability.ClientPublish] if control else [],
-                supported_encodings=["json"] if control else None,
-                server_listener=self._listener,
-                context=context,
-            )
-        except RuntimeError as error:
-            raise ConfigError(f"--view {host}:{port}: cannot listen there: {error}; choose another port") from None
-        try:
-            self._proxy = None if token is None else TokenProxy(host, port, self._server.port, token)
+            self._proxy = ViewProxy(host, port, self._server.port, token)
         except ConfigError:
             self._server.stop()
             raise
-        port = self._server.port if self._proxy is None else self._proxy.port
+        port = self._proxy.port
         self.address = f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
 
     def drive(self, drive: Drive, radius_min: float) -> None:
@@ -113,8 +108,7 @@ class LiveView:
         """Let go of the clients."""
         del dropped
         self._listener.asked = lambda v, omega: None
-        if self._proxy is not None:
-            self._proxy.close()
+        self._proxy.close()
         self._server.stop()
 
 

@@ -135,6 +135,6 @@ def open_view(host: str, port: int, *, control: bool, token: Path | None) -> Liv
     """A live view that listens, with the token in that file if there is one; raises MissingExtra, ConfigError."""
     need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
     from txt1.record.live import LiveView
-    from txt1.record.token_proxy import token_in
+    from txt1.record.view_proxy import token_in
 
     return LiveView(host, port, control=control, token=None if token is None else token_in(token))

@@ -1,8 +1,9 @@
-"""A proxy before the live view that lets through clients that present the token, and nobody else.
+"""A proxy before the live view that lets through a bounded number of clients, and where there is a token who has it.
 
-The server of the Foxglove library cannot ask. So it listens on the loopback interface, at a port of its own, and this
-one where the user wants it. A client presents the token in the address, ``ws://HOST:PORT/?token=TOKEN``, or in the
-header ``Authorization: Bearer TOKEN``; then its bytes are passed on as they come.
+The server of the Foxglove library takes any number and cannot ask. So it listens on the loopback interface, at a port
+of its own, and this one where the user wants it. Where there is a token a client presents it in the address,
+``ws://HOST:PORT/?token=TOKEN``, or in the header ``Authorization: Bearer TOKEN``; then its bytes are passed on as they
+come.
 """
 
 import asyncio
@@ -22,8 +23,9 @@ from txt1.errors import ConfigError
 
 HEAD_MAX: Final = 16_384  # bytes of a request's head
 HEAD_TIME: Final = 5.0  # real s in which it has to come
-STRANGERS_MAX: Final = 32  # connections that have not presented the token yet
+STRANGERS_MAX: Final = 32  # connections that have not said yet, with the token if need be, what they want
 STRANGERS_ALIKE_MAX: Final = 8  # of those, from one address
+CLIENTS_MAX: Final = 16  # connections that are let through at a time
 PIECE: Final = 1 << 16
 TOKEN_MIN: Final = 16  # characters of a token; fewer could be guessed
 TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")  # stands in an address as it is
@@ -33,31 +35,43 @@ REFUSED: Final = (
     b"Content-Length: 51\r\nConnection: close\r\n\r\n"
     b"the live view asks for its token: add ?token=TOKEN\n"
 )
+FULL: Final = (
+    b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 37\r\nConnection: close\r\n\r\n"
+    b"the live view has 16 clients already\n"
+)
 
 
-class TokenProxy:
+class ViewProxy:
     """A server in a thread of its own; `port` is 0 for any that is free, `inner` the one on the loopback interface.
+
+    Without a token everybody is let through, as long as there is room.
 
     Raises ConfigError: the address cannot be listened on.
     """
 
-    def __init__(self, host: str, port: int, inner: int, token: str) -> None:
+    def __init__(self, host: str, port: int, inner: int, token: str | None) -> None:
         self._inner = inner
-        self._token = token.encode()
+        self._token = None if token is None else token.encode()
+        self._clients = 0
         self._strangers: list[str] = []  # the addresses that they come from
         self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name="txt1 live view", daemon=True)
+        self._thread.start()
+        served = asyncio.start_server(self._meet, host, port, limit=HEAD_MAX)
         try:
-            self._server = self._loop.run_until_complete(asyncio.start_server(self._meet, host, port, limit=HEAD_MAX))
+            self._server = asyncio.run_coroutine_threadsafe(served, self._loop).result()
         except (OSError, UnicodeError) as error:  # the latter for what cannot be a host's name
-            self._loop.close()
+            self._end()
             why = error.strerror if isinstance(error, OSError) and error.strerror else error
             raise ConfigError(f"--view {host}:{port}: cannot listen there: {why}; choose another address") from None
         self.port: int = self._server.sockets[0].getsockname()[1]
-        self._thread = threading.Thread(target=self._serve, name="txt1 live view", daemon=True)
-        self._thread.start()
 
     def close(self) -> None:
         """Let go of the clients."""
+        self._loop.call_soon_threadsafe(self._server.close)
+        self._end()
+
+    def _end(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
 
@@ -67,7 +81,6 @@ class TokenProxy:
         self._loop.close()
 
     async def _part(self) -> None:
-        self._server.close()
         clients = asyncio.all_tasks() - {asyncio.current_task()}
         for client in clients:
             client.cancel()
@@ -84,10 +97,15 @@ class TokenProxy:
                         head = await reader.readuntil(b"\r\n\r\n")
                 finally:
                     self._strangers.remove(address)
-                if compare_digest(presented(head), self._token):
-                    await self._let_through(head, reader, writer)
+                welcome = self._token is None or compare_digest(presented(head), self._token)
+                if welcome and self._clients < CLIENTS_MAX:
+                    self._clients += 1
+                    try:
+                        await self._let_through(head, reader, writer)
+                    finally:
+                        self._clients -= 1
                 else:
-                    writer.write(REFUSED)
+                    writer.write(FULL if welcome else REFUSED)
                     await writer.drain()
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
             pass  # it has gone, or is no client; only `_part` cancels, and asyncio's streams would print that
