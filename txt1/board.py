@@ -4,20 +4,23 @@ To a host it is the real board. It starts as the spec of the firmware says: link
 before a PID set and Velocity have come. It knows no arming from outside, as no message of the protocol arms: the link
 opens the safety gate, and a stop for any other reason ends when the host has asked for nothing for a second. Headings
 go out between -3.142 and 3.142; the originals count 0 to 6.283, and hosts have to take both.
+
+With `board.habits=original` it is a board of 2011, as those were seen to work (`txt1.tasks.original`).
 """
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 from numpy.random import SeedSequence
 
 from txt1.config import Config
-from txt1.errors import EncodeError, HalError, LinkLost, NotArmed
+from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
 from txt1.hal.base import LINK, Button
-from txt1.hal.registry import create
+from txt1.hal.registry import create_sim
 from txt1.kernel.ticks import Ticks
 from txt1.link.base import End, Link, connect
 from txt1.link.device import open_link
@@ -25,8 +28,9 @@ from txt1.link.impairments import faulty, paced
 from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
-from txt1.protocol.messages import BoardMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
+from txt1.protocol.messages import BoardMessage, HostMessage, PidResponse, PowerControl, PwmTest, Switch, Velocity
 from txt1.runtime import Runtime
+from txt1.tasks.original import Framer, Original
 from txt1.telemetry.snapshot import Snapshot
 
 BOARD_LINE: Final = 2  # marks the random values of the line at the board's end
@@ -43,6 +47,45 @@ SPACING: Final = 0.02  # s of silence on the line after which a frame needs no s
 PID_SET: Final = 0x70  # the command of a PID set, and of the answer to it, whose length is 1
 
 
+EVENTS: Final = ("centre", "restart", "esc", "battery")
+
+
+class BoardEvent(NamedTuple):
+    """Something that happens to a board, one of EVENTS.
+
+    centre: somebody presses the button; restart: it is without power for `value` s; esc: an earlier host's command puts
+    the switch to on (1) or off (0); battery: each pack reads `value` V, None: as charged.
+    """
+
+    name: str
+    value: float | None = None
+
+
+class Framing(Protocol):
+    """Makes events of a host's bytes."""
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes."""
+
+    def close(self) -> None:
+        """Forget what is half there."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How a board does what the protocol leaves open."""
+
+    framing: Callable[[Callable[[Event], None]], Framing]  # finds the frames, and hands on what is in them
+    spacer: bytes  # between frames back to back
+    gated: bool  # it has our tasks and safety gate, else those of the originals
+
+
+HABITS: Final = {
+    "ours": Habits(lambda take: Receiver(Role.BOARD, take), SPACER, gated=True),
+    "original": Habits(Framer, b"", gated=False),
+}
+
+
 class Board:
     """A board on the desk, the `End` of its host's link; `manual`: it obeys PWM test instead of Velocity at first."""
 
@@ -50,10 +93,17 @@ class Board:
         timeout = config.board.link_timeout
         limits = replace(config.limits(), command_timeout=inf if timeout is None else timeout)
         own = config.model_copy(update={"hal": "sim"})
-        self.runtime = Runtime(own, self.send, create(own), limits=limits, name="board")
+        self.habits: Final = HABITS[config.board.habits]
+        tasks = None if self.habits.gated else lambda runtime: self._original(runtime).tasks()
+        hal = create_sim(own)
+        self.vehicle: Final = hal.vehicle
+        """The simulated vehicle that it is on."""
+        self.runtime = Runtime(own, self.send, hal, limits=limits, name="board", tasks=tasks)
+        self.original: Original | None = None
+        """The firmware of an original board, once it has power."""
         if manual:
             self.runtime.press(Button.CENTRE)
-        self.receiver = Receiver(Role.BOARD, self._take)
+        self.receiver: Final = self.habits.framing(self._take)
         self.faulty: Final = faulty(self, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
         """The board behind the configured faults of its line."""
         self.paced: Final = paced(self.faulty, config.serial.baud)
@@ -68,7 +118,14 @@ class Board:
     async def power_up(self) -> None:
         """Start the tasks; raises what `Runtime.start` raises."""
         await self.runtime.start()
-        self.runtime.add_task("arming", 2, 0.1, self._arming)
+        if self.habits.gated:
+            self.runtime.add_task("arming", 2, 0.1, self._arming)
+        else:
+            self.runtime.gate.arm(self.now)  # it has none: nothing keeps its outputs from the motors
+
+    def _original(self, runtime: Runtime) -> Original:
+        self.original = Original(runtime.state, runtime.hal, runtime.inbox, runtime.presses, self.send)
+        return self.original
 
     async def power_down(self) -> None:
         """Stop the vehicle and the tasks; harmless when that is done already."""
@@ -101,6 +158,10 @@ class Board:
 
     def _take(self, event: Event) -> None:
         now = self.runtime.now
+        if not self.habits.gated:
+            if isinstance(event, HostMessage):
+                self.runtime.post(event, now)
+            return
         idle = now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
         match event:
             case FrameFault():
@@ -127,7 +188,7 @@ class Board:
             return
         time = self._loop.time()
         if time < self._busy_until + SPACING:
-            frame = SPACER + frame
+            frame = self.habits.spacer + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)
         with suppress(LinkLost):  # `lost` is on its way
@@ -157,7 +218,8 @@ class Board:
 
     def arm(self) -> None:
         """Release the emergency stop, or obey again at once; raises NotArmed, which says why it may not."""
-        self.runtime.arm()
+        if self.habits.gated:
+            self.runtime.arm()
 
     def disarm(self, reason: str) -> None:
         """Stop, until the host has let go for a second from now."""
@@ -165,8 +227,26 @@ class Board:
         self.runtime.disarm(reason)
 
     def stop(self) -> None:
-        """Emergency stop: neutral outputs at once, latched until armed again."""
-        self.runtime.emergency_stop()
+        """Emergency stop: neutral outputs at once, latched until armed again; an original board has none."""
+        if self.habits.gated:
+            self.runtime.emergency_stop()
+        else:
+            self.tell("an original board has no emergency stop: its host has to stop it")
+
+    def happen(self, event: BoardEvent) -> None:
+        """Let something happen to the board; raises CommandRefused when it cannot happen to this one."""
+        name, value = event
+        match name:
+            case "centre":
+                self.press(Button.CENTRE)
+            case "esc":
+                self.runtime.post(PowerControl(Switch.ESC, bool(value)), self.now)
+            case "battery":
+                self.vehicle.faults = replace(self.vehicle.faults, voltage=value)
+            case "restart":
+                if self.original is None:
+                    raise CommandRefused("only a board with the habits of an original restarts here: --as original")
+                self.original.restart(self.now, value or 0.0)
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick."""

@@ -16,7 +16,7 @@ from txt1.errors import ConfigError, NotArmed
 from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.kernel.scheduler import PeriodicTask, Scheduler
+from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
@@ -48,6 +48,7 @@ class Runtime:
         name: on the screens; None takes the HAL's.
         scheduler: made with the function that is told of a task that raised.
         sensing: whether the configured sensors are opened: on the robot itself, on no board and in no replay.
+        tasks: makes others of it than the robot's own: the firmware of another board.
 
     """
 
@@ -61,6 +62,7 @@ class Runtime:
         name: str | None = None,
         scheduler: Callable[[OnFault], Scheduler] = Scheduler,
         sensing: bool = False,
+        tasks: Callable[["Runtime"], Iterable[Row]] | None = None,
     ) -> None:
         self.config = config
         self.hal = hal
@@ -78,8 +80,11 @@ class Runtime:
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._sensing = sensing
         self._send = send
-        self._inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
-        self._presses: deque[Button] = deque(maxlen=100)
+        self._make_tasks = Runtime._own_tasks if tasks is None else tasks
+        self.inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
+        """Messages for the serial task."""
+        self.presses: deque[Button] = deque(maxlen=100)
+        """Presses of the joystick's buttons for the button task."""
         self._periods: dict[str, tuple[int, float | None]] = {}
         self._reports: dict[str, TaskReport] = {}
         self._next_report = 0
@@ -180,28 +185,34 @@ class Runtime:
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
-        state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
-        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry)
-        serving = partial(
-            serial.serial, inbox=self._inbox, state=state, hal=hal, gate=gate, send=send,
-            answered=lambda accepted: self._put(PidResponse(accepted), self.now),
-        )  # fmt: skip
-        # priorities and periods (thesis 3.3.3), in the order in which tasks of equal priority run
-        self._add("controller", 4, controller.PERIOD, controlling)
-        self._notify_serial = self.scheduler.add_sporadic("serial", 4, self._watched("serial", serving))
-        self._periods["serial"] = (4, None)
-        for priority, period, task in (
-            (3, controller.PERIOD, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
-            (2, 1.0, partial(mode.mode, state=state, gate=gate)),
-            (2, 0.1, partial(panel.display, state=state, hal=hal)),
-            (2, 0.05, partial(encoder.odometry, state=state, send=send)),
-            (1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
-            (1, 0.1, partial(panel.button, presses=self._presses, state=state, hal=hal, gate=gate)),
-        ):
-            self._add(task.func.__name__, priority, period, task)
+        for name, priority, period, task in self._make_tasks(self):
+            if period is None:
+                self._notify_serial = self.scheduler.add_sporadic(name, priority, self._watched(name, task))
+                self._periods[name] = (priority, None)
+            else:
+                self._add(name, priority, period, task)
         for name, sensor in made.items():
             await self.sensors.add(name, sensor, self.config.sensors[name].period)
         self.scheduler.start()
+
+    def _own_tasks(self) -> Iterable[Row]:
+        """The robot's tasks, in the order in which those of equal priority run (thesis 3.3.3)."""
+        state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
+        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry)
+        serving = partial(
+            serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
+            answered=lambda accepted: self._put(PidResponse(accepted), self.now),
+        )  # fmt: skip
+        return (
+            ("controller", 4, controller.PERIOD, controlling),
+            ("serial", 4, None, serving),
+            ("encoder", 3, controller.PERIOD, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
+            ("mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)),
+            ("display", 2, 0.1, partial(panel.display, state=state, hal=hal)),
+            ("odometry", 2, 0.05, partial(encoder.odometry, state=state, send=send)),
+            ("battery", 1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
+            ("button", 1, 0.1, partial(panel.button, presses=self.presses, state=state, hal=hal, gate=gate)),
+        )
 
     async def stop(self) -> None:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
@@ -244,15 +255,15 @@ class Runtime:
         self._put(message, time)
 
     def _put(self, message: Message, time: float) -> None:
-        if len(self._inbox) == self._inbox.maxlen:
+        if len(self.inbox) == self.inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
-        self._inbox.append((message, time, self.gate.epoch))
+        self.inbox.append((message, time, self.gate.epoch))
         self._notify_serial()
 
     def press(self, button: Button) -> None:
         """Press a button of the joystick; the button task takes it at its next tick."""
         self._begin("press", values=(float(button),))
-        self._presses.append(button)
+        self.presses.append(button)
 
     @property
     def linked(self) -> bool:

@@ -1,18 +1,37 @@
 """`txt1 board`: the simulated vehicle behind a line."""
 
 import argparse
+import asyncio
 import os
+from collections.abc import Sequence
 from functools import partial
+from typing import Final
 
-from txt1.board import Board, DevicePlace
+from txt1.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.config import Config, load
+from txt1.errors import CommandRefused
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
+from txt1.tasks.original import OUTAGE
 from txt1.ui.terminal import Terminal
+
+LOW: Final = 8.7  # V that the packs read when b was pressed: bad
+SHOWN: Final = {
+    "q": "quit",
+    "?": "help",
+    "c": "centre button",
+    "e": "ESC",
+    "b": f"{LOW} V",
+    "r": f"restart {OUTAGE} s",
+    "space": "stop",
+    "←→": "screen",
+    "↑↓": "gains",
+}
+_STATES: Final = {"off": 0.0, "on": 1.0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),
+        "--as": {
+            "dest": "habits", "choices": tuple(HABITS),
+            "help": "behave as our boards do, or as the originals of 2011 were seen to",
+        },
+        "--event": takes(
+            "T:NAME[=VALUE]", "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "
+            "without power for S s); may be repeated", board_event, action="append", default=[],
+        ),
         "--fault": takes(
             "KIND=VALUE", "put a fault on the line: drop, duplicate (shares of the frames), flip (of the bits), "
             "split=true, delay, jitter, stall, stall_every, cut (s); may be repeated", action="append", default=[],
@@ -34,10 +61,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     })  # fmt: skip
 
 
+def board_event(text: str) -> tuple[float, BoardEvent]:
+    """Return the time in s and the event that a word is; raises ArgumentTypeError."""
+    time, _, event = text.partition(":")
+    name, equals, value = event.partition("=")
+    if name not in EVENTS or bool(equals) is (name == "centre"):
+        raise argparse.ArgumentTypeError(f"'{text}' is no event, such as 12.5:centre, 20:esc=off or 30:restart=0.2")
+    number = _STATES.get(value) if name == "esc" else options.positive(value) if equals else 0.0
+    if number is None:
+        raise argparse.ArgumentTypeError(f"'{text}': the ESC is on or off")
+    return options.positive(time), BoardEvent(name, number)
+
+
+class Keys:
+    """The keys by which somebody at the board's screens lets something happen to it."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+
+    def key(self, key: str, now: float) -> None:
+        """Do what a key means."""
+        del now
+        vehicle = self._board.vehicle
+        events = {
+            "e": BoardEvent("esc", float(not vehicle.esc_on)),
+            "b": BoardEvent("battery", LOW if vehicle.faults.voltage is None else None),
+            "r": BoardEvent("restart", OUTAGE),
+        }
+        if key in events:
+            try:
+                self._board.happen(events[key])
+            except CommandRefused as refusal:
+                self._board.tell(str(refusal))
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+    def command(self, now: float) -> None:
+        """The host drives."""
+
+
+async def _let_happen(board: Board, events: Sequence[tuple[float, BoardEvent]]) -> None:
+    """Let the events happen at their times; raises CommandRefused for one that cannot happen to this board."""
+    for time, event in sorted(events):
+        await asyncio.sleep(max(0.0, time - board.now))
+        board.happen(event)
+    await asyncio.Future()  # only an error ends the run
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run a virtual board until the duration is over, the operator quits or a signal comes."""
     faults = [f"board.fault.{fault}" for fault in arguments.fault]
-    given = {} if arguments.seed is None else {"seed": arguments.seed}
+    habits = {} if arguments.habits is None else {"board.habits": arguments.habits}
+    given = habits | ({} if arguments.seed is None else {"seed": arguments.seed})
     config = load(arguments.config, [*arguments.set, *faults], os.environ, given).config
     options.warn_of_baud(config)
     app = App()
@@ -63,7 +139,12 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> Non
             await board.power_up()
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
-            await app.watch(board.runtime, partial(Terminal, board, beat=app.beat), view_of(arguments))
+            events = asyncio.ensure_future(_let_happen(board, arguments.event))
+            terminal = partial(Terminal, board, beat=app.beat, teleop=Keys(board), shown=SHOWN)
+            try:
+                await app.watch(board.runtime, terminal, view_of(arguments), events)
+            finally:
+                events.cancel()
         finally:
             await board.power_down()
             listener.close()

@@ -20,6 +20,7 @@ from txt1.plugins import Registry
 
 if TYPE_CHECKING:
     from txt1.hal.serial import Port
+    from txt1.hal.sim import SimHal
     from txt1.sim.world import World
 
 HOST_LINE: Final = 1  # marks the random values of the line at the host's end
@@ -33,7 +34,7 @@ def in_world(config: Config, world: World) -> Config:
     return config.model_copy(update={"sim": sim})
 
 
-def create_sim(config: Config, world: World | None = None) -> Hal:
+def create_sim(config: Config, world: World | None = None) -> SimHal:
     """The simulated robot as configured, in a world of its own, or in one that it shares with others."""
     from txt1.hal.sim import SimHal
     from txt1.sim.room import Room

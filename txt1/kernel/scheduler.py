@@ -46,6 +46,8 @@ PUNCTUAL_MAX: Final = 1000
 """Cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn."""
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
+Row = tuple[str, int, float | None, PeriodicTask]
+"""A task in a list of tasks: its name, its priority, its period in s (None: on arrival), and the coroutine function."""
 
 
 class _Entry:

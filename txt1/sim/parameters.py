@@ -54,6 +54,8 @@ class Faults:
     """The right encoder's counter stands still."""
     left_encoder: bool = False
     """The left encoder's counter stands still."""
+    voltage: NotNegative | None = None
+    """Each pack that is fitted reads so many volts; null: as charged."""
 
 
 @dataclass(frozen=True, slots=True)

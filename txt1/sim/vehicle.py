@@ -256,4 +256,7 @@ class Vehicle:
     def _read_batteries(self) -> None:
         """Keep the readings: they are looked at 61 times a second and change once, with voltages and noise."""
         (one, two), (noise_one, noise_two) = self.voltages, self._voltage_noise
+        broken = self.faults.voltage
+        if broken is not None:
+            one, two = (broken if one else 0.0), (broken if two else 0.0)
         self._readings = (one + noise_one if one else 0.0), (two + noise_two if two else 0.0)

@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from math import inf
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
 
 from txt1.beside import BEAT, Beside, Request
 from txt1.driver import CommandSource
@@ -24,12 +24,26 @@ if TYPE_CHECKING:
     from txt1.robot import Robot
     from txt1.ui.replay import Player
 
+
 Reason = Literal["quit", "lost"]
 
 INTERVAL: Final = 0.1  # s between snapshots
 BACKLOG: Final = 0.5  # s: keys older than that, found after this process was held up, no longer drive or arm
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "q"))
+
+
+class Driving(Protocol):
+    """Makes something of the keys that do not mean the same everywhere."""
+
+    def key(self, key: str, now: float) -> None:
+        """Take a key press at `now`, s of the run."""
+
+    def command(self, now: float) -> tuple[float, float] | None:
+        """The velocity in m/s and rad/s that the keys ask for; None: nothing."""
+
+    def release(self) -> None:
+        """Let go of every key."""
 
 
 class Terminal:
@@ -45,7 +59,7 @@ class Terminal:
         robot: Robot | Board | Player,
         keys: CommandSource | None = None,
         beat: float = BEAT,
-        teleop: Teleop | Player | None = None,
+        teleop: Driving | None = None,
         shown: Mapping[str, str] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys

@@ -1,0 +1,272 @@
+"""The original laboratory's board as it was observed to work: its framer and its tasks (thesis 3.3.3, 3.5).
+
+Hosts have to live with its habits; ours has none of them. The controller runs at 20 Hz and takes a whole outage for its
+first period; speeds read 6.3 % low and slow ones 0; no safety gate, and the link rule of 1 to 2 s is its only watch; in
+manual mode the last PWM stays for ever; a PWM test is obeyed in every mode; neither mode nor switches are reported.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from math import pi
+from typing import Final
+
+from txt1.control.limits import Outputs, clip
+from txt1.control.pid import CLEAR, Gains, Past, errors
+from txt1.control.schedule import GainSet, Schedule
+from txt1.hal.base import Button, Hal
+from txt1.kernel.scheduler import Row
+from txt1.kernel.ticks import Ticks
+from txt1.model.battery import remaining_time
+from txt1.model.odometry import Odometry, advance
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.protocol.decoder import DATA_MAX, OVERHEAD, Decoder, Event
+from txt1.protocol.layout import HEADER, Role
+from txt1.protocol.messages import (
+    BatteryLevels,
+    BoardMessage,
+    CombinedOdometry,
+    EncoderOdometry,
+    PidResponse,
+    PidSet,
+    PowerControl,
+    PwmCommand,
+    PwmTest,
+    Switch,
+    Velocity,
+)
+from txt1.tasks.battery import OLD_WEIGHT, judge
+from txt1.tasks.fields import Battery, Control, Encoders, GainTable, LinkState, Power, Source
+from txt1.tasks.panel import press
+from txt1.tasks.serial import Inbox
+from txt1.tasks.state import State
+
+CONTROL_PERIOD: Final = 0.05  # s, of the controller
+ENCODER_PERIOD: Final = 0.02  # s, of the encoder task
+TICK_SPEED: Final = 0.015  # m/s that it counts for a tick in a period; truly 16.0 mm/s, so it reads 6.3 % low
+TICKS_IGNORED: Final = 2  # ticks in a period that count as none: below 0.045 m/s it reads 0
+V_MAX: Final = 1.5  # m/s, to which set-points are clipped
+SWALLOWED: Final = 255  # bytes that a false header with an impossible length takes along
+OUTAGE: Final = 0.2  # s without power after which an original board is there again, and a host may not notice
+TRACK_WIDTH: Final = 0.25  # m between the encoder wheels
+
+
+class Framer:
+    """Its search for frames: it looks at no byte twice and has no time-out, so a stray 0xFA costs a frame."""
+
+    def __init__(self, take: Callable[[Event], None]) -> None:
+        self.take = take
+        self._frame = bytearray()
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes that have arrived; every message that it finds in them is handed on."""
+        for byte in data:
+            frame = self._frame
+            frame.append(byte)
+            size = len(frame)
+            if size <= len(HEADER):
+                if byte != HEADER[size - 1]:  # and what may begin a header here is not looked at again
+                    frame.clear()
+            elif size == (frame[2] + OVERHEAD if frame[2] <= DATA_MAX else len(HEADER) + SWALLOWED):
+                for event in Decoder(Role.BOARD).feed(bytes(frame)) if frame[2] <= DATA_MAX else ():
+                    self.take(event)
+                frame.clear()
+
+    def close(self) -> None:
+        """Nothing: what was begun stays."""
+
+
+class Original:
+    """The tasks and what they remember while the board has power."""
+
+    def __init__(
+        self, state: State, hal: Hal, inbox: Inbox, presses: deque[Button], send: Callable[[BoardMessage], None]
+    ) -> None:
+        self.state, self.hal = state, hal
+        self._inbox, self._presses, self._send = inbox, presses, send
+        self._off_until = 0.0  # s of the run
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin as at power-up; the switches are no part of the board, and stay as they are."""
+        state = self.state
+        state.gains = GainTable()
+        state.panel = state.panel._replace(manual=False)
+        state.link = LinkState()
+        state.odometry, state.odometry_time = Odometry(), 0.0
+        state.control, state.battery = Control(), Battery()
+        self._sets: tuple[GainSet, ...] = ()
+        self._command = Velocity(0.0, 0.0)
+        self._combined = Velocity(0.0, 0.0)
+        self._velocities = self._combineds = 0
+        self._outputs = Outputs()
+        self._linear: Past = CLEAR
+        self._angular: Past = CLEAR
+        self._stepped = self._off_until  # when the loops were stepped last, s of the run
+        self._counts: tuple[int, int] | None = None
+        self._volts = (0.0, 0.0)
+
+    def tasks(self) -> Iterable[Row]:
+        """The tasks by name, with priority and period."""
+        return (
+            ("controller", 4, CONTROL_PERIOD, self.controller),
+            ("serial", 4, None, self.serial),
+            ("encoder", 3, ENCODER_PERIOD, self.encoder),
+            ("mode", 2, 1.0, self.mode),
+            ("odometry", 2, 0.05, self.odometry),
+            ("battery", 1, 1.0, self.battery),
+            ("button", 1, 0.1, self.button),
+        )
+
+    def restart(self, now: float, off: float) -> None:
+        """Take its power away for `off` s: no pulses meanwhile, and then it knows nothing."""
+        self._off_until = now + off
+        self._forget()
+        self._put(now, 0, 0, 0, 0, 0)
+        self.state.tell(now, f"the board restarts, {off:g} s without power")
+
+    async def serial(self, arrivals: Ticks) -> None:
+        """Carry out every message that has arrived."""
+        state = self.state
+        async for now in arrivals:
+            while self._inbox:
+                message = self._inbox.popleft()[0]
+                if now < self._off_until:
+                    continue
+                state.received += 1
+                match message:
+                    case Velocity(v, omega):
+                        self._velocities += 1
+                        self._command = Velocity(clip(v, V_MAX), omega)
+                    case CombinedOdometry():
+                        self._combineds += 1
+                        self._combined = Velocity(message.v, message.omega)
+                    case PwmTest(motor, front, rear, pwm4, pwm5):
+                        self._put(now, motor, front, rear, pwm4, pwm5)
+                    case PwmCommand(pwm4, pwm5):
+                        self._put(now, *self._outputs[:3], pwm4, pwm5)
+                    case PowerControl(switch, on):
+                        self.hal.switch(switch, on, now)
+                        power = state.power
+                        state.power = Power(on, power.esc) if switch is Switch.ATX else Power(power.atx, on)
+                    case PidSet(linear, angular):
+                        self._sets = tuple(GainSet(v_max, Gains(*gains)) for v_max, *gains in angular)
+                        rising = sorted(self._sets, key=lambda each: each.v_max)
+                        distinct = {each.v_max: each for each in rising}.values()
+                        state.gains = GainTable(Gains(*linear), Schedule(tuple(distinct)), loaded=True)
+                        self._send(PidResponse(True))
+
+    async def controller(self, ticks: Ticks) -> None:
+        """Step both loops, unless the link is lost or the mode is manual; their period is the time since they ran."""
+        state = self.state
+        async for now in ticks:
+            if now < self._off_until or state.panel.manual or not state.link.alive:
+                continue
+            dt, self._stepped = now - self._stepped, now
+            chosen = self._combined if state.link.combined else state.odometry
+            error, yaw_error = errors(self._command.v, self._command.omega, chosen.v, chosen.omega)
+            self._linear = step(self._linear, error, state.gains.linear, dt, PWM_MAX)
+            gains = Gains()
+            if self._sets:  # else the steering stays as it is
+                gains = next((each.gains for each in self._sets if each.v_max >= chosen.v), self._sets[-1].gains)
+                self._angular = step(self._angular, yaw_error, gains, dt, STEERING_MAX)
+            motor, steering = self._linear[0], self._angular[0]
+            source = Source.COMBINED if state.link.combined else Source.ENCODER
+            self._put(now, motor, -steering, steering, *self._outputs[3:5], source=source, gains=gains)
+
+    def _put(
+        self,
+        now: float,
+        *counts: float,
+        source: Source = Source.ENCODER,
+        gains: Gains = Gains(),  # noqa: B008
+    ) -> None:
+        """Put PWM counts on the five channels; a pulse has an end, nothing else limits it."""
+        motor, front, rear, pwm4, pwm5 = (int(clip(each, PWM_MAX)) for each in counts)
+        self._outputs = Outputs(motor, front, rear, pwm4, pwm5)
+        self.hal.write(self._outputs, now)
+        self.state.servos = pwm4, pwm5
+        self.state.control = Control(self._outputs, self._command.v, self._command.omega, source, gains)
+
+    async def encoder(self, ticks: Ticks) -> None:
+        """Make wheel speeds of ticks, and the odometry of these."""
+        state = self.state
+        async for now in ticks:
+            inputs = self.hal.read(now)
+            state.pose, state.backlight = inputs.pose, inputs.backlight
+            counts, before = inputs.ticks, self._counts
+            if counts is None or now < self._off_until:
+                continue
+            self._counts = counts
+            if before is None:
+                continue
+            right, left = counts[0] - before[0], counts[1] - before[1]
+            state.encoders = Encoders(right, left)
+            v_right, v_left = (0.0 if abs(each) <= TICKS_IGNORED else TICK_SPEED * each for each in (right, left))
+            v, omega = (v_right + v_left) / 2.0, (v_right - v_left) / TRACK_WIDTH
+            state.odometry, state.odometry_time = advance(state.odometry, v, omega, ENCODER_PERIOD), now
+
+    async def odometry(self, ticks: Ticks) -> None:
+        """Send the odometry, headings from 0 to 6283 mrad, everything truncated towards zero."""
+        async for now in ticks:
+            if now >= self._off_until:
+                x, y, theta, v, omega = self.state.odometry
+                self._send(EncoderOdometry(*map(truncated, (x, y, theta % (2.0 * pi), v, omega))))
+                self.state.transmitted += 1
+
+    async def mode(self, ticks: Ticks) -> None:
+        """Judge the last second by the messages that came in it; in manual mode the link is not looked at."""
+        state = self.state
+        async for now in ticks:
+            alive = self._velocities > 1 or state.panel.manual
+            combined = self._combineds > 2
+            self._velocities = self._combineds = 0
+            if now < self._off_until:
+                continue
+            if not alive:
+                self._linear = self._angular = CLEAR
+                self._put(now, 0, 0, 0, *self._outputs[3:5])
+            if alive is not state.link.alive:
+                state.tell(now, "link alive" if alive else "link lost")
+            state.link = LinkState(alive, combined)
+
+    async def battery(self, ticks: Ticks) -> None:
+        """Smooth the voltages from zero on, and send them."""
+        async for now in ticks:
+            volts = self.hal.read(now).batteries
+            if volts is None or now < self._off_until:
+                continue
+            one, two = self._volts = smooth(self._volts[0], volts[0]), smooth(self._volts[1], volts[1])
+            self.state.battery = Battery(one, two, judge(one, two), remaining_time(max(one, two)), now)
+            self._send(BatteryLevels(one, two))
+
+    async def button(self, ticks: Ticks) -> None:
+        """Act on every press, once."""
+        state = self.state
+        async for now in ticks:
+            panel = state.panel
+            while self._presses:
+                panel = press(panel, self._presses.popleft(), rows=len(state.gains.angular.sets), has_pwm=True)
+            if panel.manual is not state.panel.manual:
+                state.tell(now, "manual mode" if panel.manual else "controller mode")
+            state.panel = panel
+
+
+def smooth(old: float, new: float) -> float:
+    """The smoothed voltage, V."""
+    return OLD_WEIGHT * old + (1.0 - OLD_WEIGHT) * new
+
+
+def truncated(value: float) -> float:
+    """A value as it goes into whole thousandths there: towards zero."""
+    return int(1000.0 * value) / 1000.0
+
+
+def step(past: Past, error: float, gains: Gains, dt: float, limit: float) -> Past:
+    """The velocity form (4.7) with a trapezoidal integral and a truncated output; dt is the time since the last step.
+
+    u(k) = u(k-1) + K_P [e(k) - e(k-1)] + K_I dt [e(k) + e(k-1)]/2 + K_D/dt [e(k) - 2 e(k-1) + e(k-2)]
+    """
+    output, e1, e2 = past
+    kp, ki, kd = gains
+    u = output + kp * (error - e1) + ki * dt * 0.5 * (error + e1) + kd / dt * (error - 2.0 * e1 + e2)
+    return float(int(clip(u, limit))), error, e1
