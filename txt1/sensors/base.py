@@ -107,7 +107,13 @@ def _status(state: SensorState) -> dict[str, Any]:
 
 
 def numbers(topic: Topic[T], value: T) -> dict[str, float]:
-    """The numbers of a value by their paths in the topic's message; none where it has no paths."""
+    """The numbers of a value for a line on a screen: its own `summary`, or those of its topic's message by their paths.
+
+    None where it has neither.
+    """
+    summary: Callable[[], dict[str, float]] | None = getattr(value, "summary", None)
+    if summary is not None:
+        return summary()
     made = topic.make(value)
     return {} if isinstance(made, Mapping) else dict(zip(topic.paths, made, strict=True))
 

@@ -25,7 +25,14 @@ DROP_OUTS: Final = 5  # marks the random values of a sensor's drop-outs
 DRIVERS: Final = Registry(
     "sensor driver",
     "txt1.sensors",
-    {"sim_light": "txt1.sensors.light:simulated", "phidgets_light": "txt1.sensors.light:phidgets"},
+    {
+        "sim_light": "txt1.sensors.light:simulated",
+        "phidgets_light": "txt1.sensors.light:phidgets",
+        "sim_imu": "txt1.sensors.sim_imu:simulated",
+        "sim_gps": "txt1.sensors.sim_gps:simulated",
+        "sim_vicon": "txt1.sensors.sim_vicon:simulated",
+        "sim_laser": "txt1.sensors.sim_laser:simulated",
+    },
     HalError,
 )
 

@@ -1,0 +1,362 @@
+"""The types of the sensors' readings, their units, and the topics that tell them.
+
+Every reading is taken at the time of its `txt1.sensors.Reading`; axes are the vehicle's: x forward, y left, z up. What
+a device does not say is None. `mount` is where the device sits on the vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import atan2, nan, pi
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.sensors.base import reading_topic
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Topic
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # x, y, z, w
+
+GRAVITY: Final = 9.80665  # m/s^2
+
+
+class Mount(NamedTuple):
+    """Where a device sits: its origin on the vehicle, whose own is on the floor below its centre; m and rad."""
+
+    x: float = 0.0  # forward, m
+    y: float = 0.0  # left, m
+    z: float = 0.0  # up, m
+    yaw: float = 0.0  # of its x axis against the vehicle's, rad
+
+
+BASE: Final = 0.14605  # height of base_link over the floor, m
+IMU_MOUNT: Final = Mount(-0.1016, 0.0, BASE + 0.3187)
+GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE + 0.3492)
+LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
+CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
+TRACKER_MOUNT: Final = Mount()
+
+
+def heading(orientation: Quaternion) -> float:
+    """The heading theta of an orientation, rad in (-pi, pi]."""
+    x, y, z, w = orientation
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+# -- IMU ---------------------------------------------------------------------------------------------------------
+
+
+class ImuReading(NamedTuple):
+    """Accelerations and rates about the vehicle's axes."""
+
+    acceleration: Vector
+    """Specific force at the device, m/s^2: at rest on level ground (0, 0, 9.81)."""
+    rates: Vector
+    """Of roll, pitch and yaw, rad/s, left turns positive."""
+    orientation: Quaternion | None = None
+    """Of the vehicle: roll and pitch against gravity; the heading has an origin of the device's own."""
+    magnetic: Vector | None = None
+    """Magnetic field, T."""
+    mount: Mount = IMU_MOUNT
+
+    def summary(self) -> dict[str, float]:
+        """Its numbers for a line on a screen."""
+        (ax, ay, az), (_, _, omega) = self.acceleration, self.rates
+        return {"ax": ax, "ay": ay, "az": az, "omega": omega}
+
+
+_XYZ: Final = ("x", "y", "z")
+_IMU: Final = define(
+    "sensor_msgs/Imu",
+    "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+    "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+    "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance",
+)
+
+
+def _imu(value: ImuReading) -> tuple[float, ...]:
+    known = value.orientation is not None  # else ROS wants -1 in the covariance
+    return *(value.orientation or (0.0, 0.0, 0.0, 1.0)), 0.0 if known else -1.0, *value.rates, *value.acceleration
+
+
+def imu_topic(name: str) -> Topic[ImuReading]:
+    """The topic ``/sensors/NAME`` of an IMU."""
+    return reading_topic(
+        name, ImuReading, "m/s^2, rad/s", "accelerations and rates", _IMU,
+        (*(f"orientation.{each}" for each in "xyzw"), "orientation_covariance.0",
+         *(f"angular_velocity.{each}" for each in _XYZ), *(f"linear_acceleration.{each}" for each in _XYZ)),
+        _imu, {"header": {"frame_id": "base_footprint"}},
+    )  # fmt: skip
+
+
+# -- GPS ---------------------------------------------------------------------------------------------------------
+
+
+class FixReading(NamedTuple):
+    """A position on the earth, and in the plane: metres east and north of a datum, on the UTM grid."""
+
+    latitude: float
+    """Degrees, north positive."""
+    longitude: float
+    """Degrees, east positive."""
+    x: float
+    """East of the datum on the grid, m."""
+    y: float
+    """North of it, m."""
+    altitude: float | None = None
+    """m."""
+    theta: float | None = None
+    """Direction of motion on the grid, rad anticlockwise from east."""
+    v: float | None = None
+    """Speed over ground, m/s, never negative."""
+    mode: int = 3
+    """2: without, 3: with a height."""
+    sigma_x: float | None = None
+    """Standard deviation of x, m."""
+    sigma_y: float | None = None
+    """Of y, m."""
+    sigma_theta: float | None = None
+    """Of theta, rad."""
+    sigma_v: float | None = None
+    """Of v, m/s."""
+    satellites: int | None = None
+    """Used."""
+    mount: Mount = GPS_MOUNT
+
+    def summary(self) -> dict[str, float]:
+        """Its numbers for a line on a screen."""
+        told = {"x": self.x, "y": self.y, "theta": self.theta, "v": self.v, "sigma": self.sigma_x}
+        return {name: value for name, value in told.items() if value is not None}
+
+
+_FIX_FIELDS: Final = (
+    "latitude", "longitude", "altitude", "x", "y", "theta", "v", "sigma_x", "sigma_y", "sigma_theta", "sigma_v",
+)  # fmt: skip
+_FIX: Final = define(
+    "txt1_msgs/Fix",
+    "std_msgs/Header header\nint32 mode\nint32 satellites\n" + "\n".join(f"float64 {each}" for each in _FIX_FIELDS),
+)
+
+
+def _fix(value: FixReading) -> tuple[float, ...]:
+    known = (getattr(value, name) for name in _FIX_FIELDS)
+    satellites = -1 if value.satellites is None else value.satellites
+    return value.mode, satellites, *(nan if each is None else each for each in known)
+
+
+def fix_topic(name: str) -> Topic[FixReading]:
+    """The topic ``/sensors/NAME`` of a GPS; numbers that are not known are NaN there, satellites -1."""
+    return reading_topic(
+        name, FixReading, "m, rad, m/s", "position on the earth and on the grid",
+        _FIX, ("mode", "satellites", *_FIX_FIELDS), _fix, {"header": {"frame_id": "grid"}},
+    )  # fmt: skip
+
+
+# -- motion capture ----------------------------------------------------------------------------------------------
+
+
+class TrackerReading(NamedTuple):
+    """A pose in the room that cameras see, and the velocities that a differentiator makes of it."""
+
+    x: float
+    """m."""
+    y: float
+    """m."""
+    z: float
+    """m."""
+    orientation: Quaternion
+    v: float | None = None
+    """Speed forward, m/s."""
+    omega: float | None = None
+    """Yaw rate, rad/s."""
+    subject: str = ""
+    """Name of the tracked body."""
+    mount: Mount = TRACKER_MOUNT
+
+    @property
+    def theta(self) -> float:
+        """Heading, rad in (-pi, pi]."""
+        return heading(self.orientation)
+
+    def summary(self) -> dict[str, float]:
+        """Its numbers for a line on a screen."""
+        told = {"x": self.x, "y": self.y, "theta": self.theta, "v": self.v, "omega": self.omega}
+        return {name: value for name, value in told.items() if value is not None}
+
+
+def _tracked(value: TrackerReading) -> tuple[float, ...]:
+    v, omega = (nan if each is None else each for each in (value.v, value.omega))
+    return value.x, value.y, value.z, *value.orientation, v, omega
+
+
+def tracker_topic(name: str) -> Topic[TrackerReading]:
+    """The topic ``/sensors/NAME`` of a motion capture system; velocities that are not known are NaN there."""
+    return reading_topic(
+        name, TrackerReading, "m, rad, m/s, rad/s", "pose seen by motion capture", "nav_msgs/Odometry",
+        (*(f"pose.pose.position.{each}" for each in _XYZ), *(f"pose.pose.orientation.{each}" for each in "xyzw"),
+         "twist.twist.linear.x", "twist.twist.angular.z"),
+        _tracked, {"header": {"frame_id": "room"}, "child_frame_id": "base_footprint"},
+    )  # fmt: skip
+
+
+# -- laser -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sweep of a laser scanner; its reading's time is that of the first beam.
+
+    Attributes:
+        angle_min: of the first beam in the device's frame, rad, anticlockwise from straight ahead.
+        angle_step: from one beam to the next, rad; negative where it sweeps clockwise.
+        time_step: from one beam to the next, s.
+        ranges: m, read-only; inf where nothing is in range, NaN where the device says that it failed.
+        range_min: shorter ones cannot be measured, m.
+        range_max: nor longer ones, m.
+        intensities: in the device's own unit, read-only; None where it has none.
+        mount: where the device sits.
+
+    """
+
+    angle_min: float
+    angle_step: float
+    time_step: float
+    ranges: NDArray[np.float32] = field(repr=False)
+    range_min: float
+    range_max: float
+    intensities: NDArray[np.float32] | None = field(default=None, repr=False)
+    mount: Mount = LASER_MOUNT
+
+    def __post_init__(self) -> None:
+        self.ranges.flags.writeable = False
+
+    @cached_property
+    def angles(self) -> NDArray[np.float64]:
+        """Of the beams in the vehicle's frame, rad."""
+        return self.mount.yaw + self.angle_min + self.angle_step * np.arange(len(self.ranges), dtype=np.float64)
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Where the beams ended, (n, 2) in m in the vehicle's frame, for those that hit something."""
+        hit = np.isfinite(self.ranges)
+        ranges, angles = self.ranges[hit].astype(float), self.angles[hit]
+        return np.column_stack((self.mount.x + ranges * np.cos(angles), self.mount.y + ranges * np.sin(angles)))
+
+    def summary(self) -> dict[str, float]:
+        """Nearest range (m), its direction (degrees) and how many beams hit something, for a line on a screen."""
+        hit = np.isfinite(self.ranges)
+        count = float(hit.sum())
+        if not count:
+            return {"hits": count}
+        nearest = int(np.nanargmin(self.ranges))
+        return {"nearest": float(self.ranges[nearest]), "at": float(self.angles[nearest]) * 180.0 / pi, "hits": count}
+
+
+_SCAN: Final = define(
+    "sensor_msgs/LaserScan",
+    "std_msgs/Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\nfloat32 time_increment\n"
+    "float32 scan_time\nfloat32 range_min\nfloat32 range_max\nfloat32[] ranges\nfloat32[] intensities",
+)
+
+
+def _scan(value: Scan) -> Mapping[str, Any]:
+    beams = len(value.ranges)
+    return {
+        "angle_min": value.angle_min,
+        "angle_max": value.angle_min + value.angle_step * (beams - 1),
+        "angle_increment": value.angle_step,
+        "time_increment": value.time_step,
+        "scan_time": value.time_step * beams,
+        "range_min": value.range_min,
+        "range_max": value.range_max,
+        "ranges": value.ranges.tolist(),
+        "intensities": () if value.intensities is None else value.intensities.tolist(),
+    }
+
+
+def scan_topic(name: str) -> Topic[Scan]:
+    """The topic ``/sensors/NAME`` of a laser scanner."""
+    return reading_topic(
+        name, Scan, "m, degrees", "ranges of a laser scanner", _SCAN, (), _scan,
+        {"header": {"frame_id": "base_laser_link"}},
+    )  # fmt: skip
+
+
+# -- cameras -----------------------------------------------------------------------------------------------------
+
+
+class Image(NamedTuple):
+    """A picture."""
+
+    width: int
+    """Pixels."""
+    height: int
+    """Pixels."""
+    data: bytes
+    """JPEG."""
+    mount: Mount = CAMERA_MOUNT
+
+    def summary(self) -> dict[str, float]:
+        """Its size for a line on a screen."""
+        return {"width": self.width, "height": self.height, "kB": len(self.data) / 1000.0}
+
+
+_COMPRESSED: Final = define("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data")
+
+
+def image_topic(name: str) -> Topic[Image]:
+    """The topic ``/sensors/NAME`` of a camera."""
+    return reading_topic(
+        name, Image, "pixels", "pictures of a camera", _COMPRESSED, (), lambda image: {"data": image.data},
+        {"header": {"frame_id": "base_camera_link"}, "format": "jpeg"},
+    )  # fmt: skip
+
+
+class DepthImage(NamedTuple):
+    """Distances along a camera's axis, and the pinhole model that makes points of them."""
+
+    width: int
+    """Pixels."""
+    height: int
+    """Pixels."""
+    data: bytes
+    """Row by row from the top left, uint16 little-endian, mm; 0 where nothing was measured."""
+    focal: float
+    """Focal length, pixels."""
+    mount: Mount = CAMERA_MOUNT
+
+    @property
+    def depths(self) -> NDArray[np.float32]:
+        """Distances, (height, width) in m; NaN where nothing was measured."""
+        values = np.frombuffer(self.data, "<u2").reshape(self.height, self.width).astype(np.float32) / 1000.0
+        values[values == 0.0] = nan
+        return values
+
+    def summary(self) -> dict[str, float]:
+        """The nearest distance (m) and the share of the pixels that have one, for a line on a screen."""
+        values = np.frombuffer(self.data, "<u2")
+        seen = values[values > 0]
+        return {"nearest": float(seen.min()) / 1000.0, "seen": len(seen) / len(values)} if len(seen) else {"seen": 0.0}
+
+
+_DEPTH: Final = define(
+    "sensor_msgs/Image",
+    "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\n"
+    "uint8[] data",
+)
+
+
+def depth_topic(name: str) -> Topic[DepthImage]:
+    """The topic ``/sensors/NAME`` of a depth camera."""
+    return reading_topic(
+        name, DepthImage, "m", "distances seen by a depth camera", _DEPTH, (),
+        lambda image: {
+            "height": image.height, "width": image.width, "step": 2 * image.width, "data": image.data,
+        },
+        {"header": {"frame_id": "base_camera_link"}, "encoding": "16UC1"},
+    )  # fmt: skip

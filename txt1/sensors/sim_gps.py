@@ -1,0 +1,103 @@
+"""The twin of a GPS: white noise, a slow error as of satellites and atmosphere, and outages; all assumed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import atan2, cos, exp, hypot, inf, sin, sqrt
+
+from numpy.random import Generator
+
+from txt1.config.sources import checked
+from txt1.model.kinematics import wrap_angle
+from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sensors.geodesy import Grid
+from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
+from txt1.sensors.twin import Absences, random_of, true_pose
+from txt1.units import NotNegative, Positive
+
+STILL = 0.1  # slower than this it has no direction, m/s
+
+
+@dataclass(frozen=True, slots=True)
+class GpsErrors:
+    """What is wrong with a GPS, and where its room is on the earth."""
+
+    noise: NotNegative = 1.0
+    """Standard deviation of x and of y, each reading, m."""
+    slow: NotNegative = 1.0
+    """Standard deviation of the slow error of x and of y, m."""
+    slow_time: Positive = 60.0
+    """Time in which that error changes, s."""
+    speed_noise: NotNegative = 0.05
+    """Standard deviation of each component of the velocity, m/s."""
+    outages: tuple[tuple[float, float], ...] = ()
+    """From and to, s of the run, without a fix."""
+    outage_every: NotNegative = 0.0
+    """Mean time between two further outages, s; 0 is never."""
+    outage_length: Positive = 5.0
+    """Their mean length, s."""
+    datum: tuple[float, float] = (35.0844, -106.6504)
+    """Latitude and longitude of the room's origin, degrees; x is east and y north on the grid."""
+
+
+class SimulatedGps:
+    """A GPS on a vehicle whose true pose is `pose`."""
+
+    period = 0.2
+    simulated = True
+
+    def __init__(
+        self,
+        name: str,
+        pose: Callable[[], Pose | None],
+        errors: GpsErrors,
+        rng: Generator,
+        mount: Mount = GPS_MOUNT,
+    ) -> None:
+        self.topic = fix_topic(name)
+        self._pose, self._errors, self._rng, self._mount = pose, errors, rng, mount
+        self._grid = Grid(*errors.datum)
+        self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
+        self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
+        self._last = (-inf, 0.0, 0.0)
+
+    async def open(self) -> None:
+        """A new run may begin."""
+        self._last = (-inf, 0.0, 0.0)
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[FixReading] | None:
+        """The fix at `now`; None in an outage."""
+        pose, errors = self._pose(), self._errors
+        last, x0, y0 = self._last
+        if pose is None or now <= last:
+            return None
+        # the antenna's place, its velocity since the last reading
+        x, y = pose[0] + self._mount.x * cos(pose[2]), pose[1] + self._mount.x * sin(pose[2])
+        self._last = now, x, y
+        dt = now - last
+        one, two, three, four, five, six = self._rng.standard_normal(6).tolist()
+        decay = exp(-dt / errors.slow_time)
+        step = errors.slow * sqrt(1.0 - decay * decay)
+        self._slow = [decay * self._slow[0] + step * one, decay * self._slow[1] + step * two]
+        if self._outages.at(now):
+            return None
+        vx, vy = (x - x0) / dt + errors.speed_noise * three, (y - y0) / dt + errors.speed_noise * four
+        x, y = x + self._slow[0] + errors.noise * five, y + self._slow[1] + errors.noise * six
+        v = hypot(vx, vy) if dt < inf else None
+        theta = wrap_angle(atan2(vy, vx)) if v is not None and v > STILL else None
+        sigma = hypot(errors.noise, errors.slow)
+        return Reading(
+            now,
+            FixReading(
+                *self._grid.earth(x, y), x, y, None, theta, v, 2, sigma, sigma,
+                None if theta is None or v is None else errors.speed_noise / v, errors.speed_noise, None, self._mount,
+            ),
+        )  # fmt: skip
+
+
+def simulated(setup: Setup) -> SimulatedGps:
+    """The driver ``sim_gps``; options: those of `GpsErrors`."""
+    errors = checked(GpsErrors, setup.options, f"sensors.{setup.name}.options")
+    return SimulatedGps(setup.name, true_pose(setup), errors, random_of(setup))

@@ -1,0 +1,157 @@
+"""The twin of an IMU: specific force with gravity and vibration, rates with bias and noise (assumed for a 3DM-GX2)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, exp, hypot, sin, sqrt
+
+from numpy.random import Generator
+
+from txt1.config.sources import checked
+from txt1.model.kinematics import wrap_angle
+from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, Vector, imu_topic
+from txt1.sensors.twin import random_of, true_pose
+from txt1.units import NotNegative, Positive
+
+JUMP = 5.0  # faster than this it was carried, m/s
+Attitude = Callable[[], tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class ImuErrors:
+    """Standard deviations of what is wrong with an IMU; all assumed."""
+
+    rate_noise: NotNegative = 0.005
+    """Of a rate, each reading, rad/s."""
+    rate_bias: NotNegative = 0.003
+    """Of the rates' bias when it is switched on, rad/s: 0.2 degrees/s."""
+    rate_walk: NotNegative = 0.0001
+    """By which the bias has moved after 1 s, rad/s."""
+    noise: NotNegative = 0.03
+    """Of an acceleration, each reading, m/s^2."""
+    bias: NotNegative = 0.05
+    """Of the accelerations' bias when it is switched on, m/s^2: 5 mg."""
+    vibration: NotNegative = 1.0
+    """Of the accelerations' further noise, m/s^2 at 1 m/s."""
+    heading: NotNegative = 0.035
+    """Of the heading in its orientation, rad: 2 degrees, by the iron around its compass."""
+    heading_time: Positive = 30.0
+    """Time in which that error changes, s."""
+    attitude: NotNegative = 0.005
+    """Of roll and pitch in its orientation, rad."""
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """The orientation (x, y, z, w) of these angles, rad: turned by roll, then pitch, then yaw about fixed axes."""
+    cr, sr, cp, sp = cos(0.5 * roll), sin(0.5 * roll), cos(0.5 * pitch), sin(0.5 * pitch)
+    cy, sy = cos(0.5 * yaw), sin(0.5 * yaw)
+    return (
+        sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy,
+    )  # fmt: skip
+
+
+def level() -> tuple[float, float]:
+    """Roll and pitch on level ground."""
+    return 0.0, 0.0
+
+
+class SimulatedImu:
+    """An IMU on a vehicle whose true pose is `pose` and whose roll and pitch (rad) are `attitude`.
+
+    Its reading is of the middle of three poses, a period before it arrives: rates and accelerations are their first
+    and second differences there, exact to the second order.
+    """
+
+    simulated = True
+
+    def __init__(
+        self,
+        name: str,
+        pose: Callable[[], Pose | None],
+        errors: ImuErrors,
+        rng: Generator,
+        period: float = 0.01,
+        mount: Mount = IMU_MOUNT,
+        attitude: Attitude = level,
+    ) -> None:
+        self.topic = imu_topic(name)
+        self.period = period
+        self._pose, self._attitude, self._errors, self._rng, self._mount = pose, attitude, errors, rng, mount
+        biases = rng.standard_normal(6).tolist()
+        self._rate_bias = [errors.rate_bias * each for each in biases[:3]]
+        self._bias = [errors.bias * each for each in biases[3:]]
+        self._heading = errors.heading * float(rng.standard_normal())
+        self._poses: list[tuple[float, float, float, float, float, float]] = []
+        self._draws: list[float] = []
+
+    async def open(self) -> None:
+        """A new run may begin."""
+        self._poses.clear()
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[ImuReading] | None:
+        """The reading of a period ago; None for the first two, and where it was carried elsewhere."""
+        pose = self._pose()
+        poses = self._poses
+        if pose is None or (poses and now <= poses[-1][0]):
+            return None
+        poses.append((now, *pose, *self._attitude()))
+        if len(poses) < 3:
+            return None
+        before, here, after = poses
+        del poses[0]
+        t0, x0, y0, theta0, roll0, pitch0 = before
+        t1, x1, y1, theta1, roll1, pitch1 = here
+        t2, x2, y2, theta2, roll2, pitch2 = after
+        first, second = t1 - t0, t2 - t1
+        vx0, vy0, w0 = (x1 - x0) / first, (y1 - y0) / first, wrap_angle(theta1 - theta0) / first
+        vx1, vy1, w1 = (x2 - x1) / second, (y2 - y1) / second, wrap_angle(theta2 - theta1) / second
+        if hypot(vx0, vy0) > JUMP or hypot(vx1, vy1) > JUMP:
+            return None
+        whole, half = t2 - t0, 0.5 * (t2 - t0)
+        ax, ay, alpha = (vx1 - vx0) / half, (vy1 - vy0) / half, (w1 - w0) / half
+        omega = (w0 * second + w1 * first) / whole
+        speed = hypot(0.5 * (vx0 + vx1), 0.5 * (vy0 + vy1))
+        rates = (roll2 - roll0) / whole, (pitch2 - pitch0) / whole, omega
+        c, s, (mx, my, _, _) = cos(theta1), sin(theta1), self._mount
+        # a device beside the vehicle's centre goes round it: alpha x r + omega x (omega x r)
+        forward = c * ax + s * ay - alpha * my - omega * omega * mx
+        left = c * ay - s * ax + alpha * mx - omega * omega * my
+        force = _tilted(forward, left, GRAVITY, roll1, pitch1)
+        return Reading(t1, self._measured(force, rates, (roll1, pitch1, theta1), speed, second))
+
+    def _measured(self, force: Vector, rates: Sequence[float], angles: Vector, speed: float, dt: float) -> ImuReading:
+        """What the device makes of the truth."""
+        errors, draws = self._errors, self._draws
+        if len(draws) < 12:
+            draws = self._draws = self._rng.standard_normal(1200).tolist()
+        shake = hypot(errors.noise, errors.vibration * speed)
+        walk = errors.rate_walk * sqrt(dt)
+        bias = self._rate_bias = [each + walk * draws.pop() for each in self._rate_bias]
+        fx, fy, fz = (f + b + shake * draws.pop() for f, b in zip(force, self._bias, strict=True))
+        wx, wy, wz = (w + b + errors.rate_noise * draws.pop() for w, b in zip(rates, bias, strict=True))
+        decay = exp(-dt / errors.heading_time)
+        self._heading = decay * self._heading + sqrt(1.0 - decay * decay) * errors.heading * draws.pop()
+        roll, pitch, yaw = angles
+        roll, pitch = roll + errors.attitude * draws.pop(), pitch + errors.attitude * draws.pop()
+        seen = quaternion(roll, pitch, yaw + self._heading)
+        return ImuReading((fx, fy, fz), (wx, wy, wz), seen, None, self._mount)
+
+
+def _tilted(forward: float, left: float, up: float, roll: float, pitch: float) -> Vector:
+    """A vector of the level frame in that of a body with this roll and pitch."""
+    if roll == 0.0 == pitch:
+        return forward, left, up
+    cr, sr, cp, sp = cos(roll), sin(roll), cos(pitch), sin(pitch)
+    x, z = forward * cp - up * sp, forward * sp + up * cp
+    return x, left * cr + z * sr, z * cr - left * sr
+
+
+def simulated(setup: Setup) -> SimulatedImu:
+    """The driver ``sim_imu``; options: those of `ImuErrors`."""
+    errors = checked(ImuErrors, setup.options, f"sensors.{setup.name}.options")
+    attitude: Attitude = getattr(setup.hal, "attitude", level)
+    return SimulatedImu(setup.name, true_pose(setup), errors, random_of(setup), attitude=attitude)

@@ -1,0 +1,136 @@
+"""The twin of a laser scanner: rays cast against walls, obstacles and other robots while the vehicle drives on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, tau
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from txt1.config.schema import Config
+from txt1.config.sources import checked
+from txt1.model.kinematics import wrap_angle
+from txt1.model.vehicle import Geometry
+from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
+from txt1.sensors.twin import random_of, true_pose
+from txt1.sim.obstacles import outline
+from txt1.sim.parameters import Box
+from txt1.sim.rays import Shapes, cast, edges_of, shapes_of, walls_of
+from txt1.sim.room import Room
+from txt1.units import NotNegative, Positive, PositiveInt, Share
+
+Others = Callable[[], Sequence[Pose]]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserParameters:
+    """A scanner that turns anticlockwise; by default a Hokuyo URG-04LX as the thesis used it."""
+
+    steps: PositiveInt = 1024
+    """Beams of a whole turn."""
+    beams: PositiveInt = 682
+    """Of these that are measured, half of them on either side: 240 degrees."""
+    turn_time: Positive = 0.1
+    """Time of a turn, s."""
+    range_min: NotNegative = 0.02
+    """Shortest range, m."""
+    range_max: Positive = 4.0
+    """Longest range, m."""
+    noise: NotNegative = 0.01
+    """Standard deviation of ranges up to 1 m, m; assumed."""
+    noise_share: Share = 0.01
+    """Standard deviation of longer ones, as a share of them; assumed."""
+
+
+def standing(config: Config) -> Shapes:
+    """All that stands in the configured room."""
+    room = config.sim.room
+    return walls_of(Room(room.length, room.width)) + shapes_of(config.sim.obstacles)
+
+
+def bodies(poses: Sequence[Pose], body: Geometry) -> Shapes:
+    """The outlines of vehicles at these poses."""
+    return edges_of(outline(Box(x, y, body.length, body.width, theta)) for x, y, theta in poses)
+
+
+class SimulatedLaser:
+    """A scanner on a vehicle whose true pose is `pose`, among fixed shapes and other vehicles at the poses `others`.
+
+    The vehicle is seen where it was when the last sweep was read and where it is now; each beam leaves from in between.
+    """
+
+    simulated = True
+
+    def __init__(
+        self,
+        name: str,
+        pose: Callable[[], Pose | None],
+        shapes: Shapes,
+        parameters: LaserParameters,
+        rng: Generator,
+        others: Others = tuple,
+        body: Geometry = Geometry(),  # noqa: B008 - immutable
+        mount: Mount = LASER_MOUNT,
+    ) -> None:
+        self.topic = scan_topic(name)
+        self.period = parameters.turn_time
+        self._pose, self._others, self._shapes, self._body = pose, others, shapes, body
+        self._parameters, self._rng, self._mount = parameters, rng, mount
+        beams = min(parameters.beams, parameters.steps)
+        self._step = tau / parameters.steps
+        self._angles = self._step * (np.arange(beams) - beams // 2)
+        self._time_step = parameters.turn_time / parameters.steps
+        self._before: tuple[float, Pose] | None = None
+
+    async def open(self) -> None:
+        """A new run may begin."""
+        self._before = None
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[Scan] | None:
+        """The sweep that ends at `now`."""
+        pose = self._pose()
+        if pose is None or (self._before is not None and now <= self._before[0]):
+            return None
+        if self._before is None:  # the first sweep begins
+            self._before = now, pose
+            return None
+        then, old = self._before
+        self._before = now, pose
+        first = max(now - self._time_step * len(self._angles), then)
+        ranges = self._measured(old, pose, then, now, first)
+        p = self._parameters
+        scan = Scan(
+            float(self._angles[0]), self._step, self._time_step, ranges, p.range_min, p.range_max, None, self._mount
+        )
+        return Reading(first, scan)
+
+    def _measured(self, old: Pose, new: Pose, then: float, now: float, first: float) -> Any:
+        """Ranges, m, with noise; inf where nothing is in range."""
+        p, mount, angles = self._parameters, self._mount, self._angles
+        shapes = self._shapes
+        if others := self._others():
+            shapes += bodies(others, self._body)
+        share = np.linspace((first - then) / (now - then), 1.0, len(angles))
+        x, y = old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1])
+        theta = old[2] + share * wrap_angle(new[2] - old[2])
+        c, s = np.cos(theta), np.sin(theta)
+        x, y = x + mount.x * c - mount.y * s, y + mount.x * s + mount.y * c
+        ranges = cast(x, y, theta + mount.yaw + angles, shapes)
+        hit = ranges < inf
+        sigma = np.maximum(p.noise, p.noise_share * ranges[hit])
+        ranges[hit] += sigma * self._rng.standard_normal(len(sigma))
+        ranges[(ranges < p.range_min) | (ranges > p.range_max)] = inf
+        return ranges.astype(np.float32)
+
+
+def simulated(setup: Setup) -> SimulatedLaser:
+    """The driver ``sim_laser``; options: those of `LaserParameters`."""
+    parameters = checked(LaserParameters, setup.options, f"sensors.{setup.name}.options")
+    others: Others = getattr(setup.hal, "others", tuple)
+    shapes, body = standing(setup.config), setup.config.geometry
+    return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, random_of(setup), others, body)

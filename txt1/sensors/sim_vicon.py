@@ -1,0 +1,84 @@
+"""The twin of a motion capture system: small noise, and occlusions during which it sees nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, inf, sin
+
+from numpy.random import Generator
+
+from txt1.config.sources import checked
+from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sensors.differentiator import Differentiator
+from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
+from txt1.sensors.twin import Absences, random_of, true_pose
+from txt1.units import NotNegative, Positive
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerErrors:
+    """What is wrong with a tracker; assumed."""
+
+    noise: NotNegative = 0.001
+    """Standard deviation of a coordinate, m."""
+    angle_noise: NotNegative = 0.002
+    """Standard deviation of the heading, rad."""
+    occlusions: tuple[tuple[float, float], ...] = ()
+    """From and to, s of the run, in which it sees nothing."""
+    occlusion_every: NotNegative = 0.0
+    """Mean time between two further ones, s; 0 is never."""
+    occlusion_length: Positive = 0.5
+    """Their mean length, s."""
+
+
+class SimulatedTracker:
+    """A tracker that sees a vehicle whose true pose is `pose`."""
+
+    period = 0.01
+    simulated = True
+
+    def __init__(
+        self,
+        name: str,
+        pose: Callable[[], Pose | None],
+        errors: TrackerErrors,
+        rng: Generator,
+        subject: str = "",
+        mount: Mount = TRACKER_MOUNT,
+    ) -> None:
+        self.topic = tracker_topic(name)
+        self._pose, self._errors, self._rng, self._subject, self._mount = pose, errors, rng, subject, mount
+        self._occlusions = Absences(errors.occlusions, errors.occlusion_every, errors.occlusion_length, rng)
+        self._differentiator = Differentiator()
+        self._draws: list[float] = []
+        self._last = -inf
+
+    async def open(self) -> None:
+        """A new run may begin."""
+        self._last = -inf
+        self._differentiator = Differentiator()
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[TrackerReading] | None:
+        """The pose at `now`; None while it is occluded."""
+        pose, errors, draws = self._pose(), self._errors, self._draws
+        if pose is None or now <= self._last:
+            return None
+        self._last = now
+        if not draws:
+            draws = self._draws = self._rng.standard_normal(400).tolist()
+        noise, mount = errors.noise, self._mount
+        x, y, z = pose[0] + noise * draws.pop(), pose[1] + noise * draws.pop(), mount.z + noise * draws.pop()
+        theta = pose[2] + errors.angle_noise * draws.pop()
+        if self._occlusions.at(now):
+            return None
+        v, omega = self._differentiator.step(now, x, y, theta)
+        seen = (0.0, 0.0, sin(0.5 * theta), cos(0.5 * theta))
+        return Reading(now, TrackerReading(x, y, z, seen, v, omega, self._subject, mount))
+
+
+def simulated(setup: Setup) -> SimulatedTracker:
+    """The driver ``sim_vicon``; options: those of `TrackerErrors`."""
+    errors = checked(TrackerErrors, setup.options, f"sensors.{setup.name}.options")
+    return SimulatedTracker(setup.name, true_pose(setup), errors, random_of(setup), setup.config.name)

@@ -1,0 +1,80 @@
+"""Rays against all that stands in a room: straight edges and round posts, as numpy arrays. No clock."""
+
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.sim.obstacles import Obstacle, Outline, outline
+from txt1.sim.parameters import Post
+from txt1.sim.room import Room
+
+Floats = NDArray[np.float64]
+
+
+class Shapes(NamedTuple):
+    """The outlines of what stands on a floor."""
+
+    edges: Floats  # (n, 4): from x, y to x, y; m
+    posts: Floats  # (m, 3): x, y and radius; m
+
+    def __add__(self, other: object) -> "Shapes":
+        """Both together."""
+        assert isinstance(other, Shapes)
+        return Shapes(np.concatenate((self.edges, other.edges)), np.concatenate((self.posts, other.posts)))
+
+
+def edges_of(outlines: Iterable[Outline]) -> Shapes:
+    """The edges of closed outlines."""
+    edges = [(*a, *b) for each in outlines for a, b in zip(each, (*each[1:], each[0]), strict=True)]
+    return Shapes(np.array(edges, float).reshape(-1, 4), np.empty((0, 3)))
+
+
+def walls_of(room: Room) -> Shapes:
+    """The four walls; those at infinity left out."""
+    x, y = 0.5 * room.length, 0.5 * room.width
+    far = 1e6  # of a wall whose ends are at infinity, m
+    wide, high = (min(each, far) for each in (x, y))
+    walls = [(side * x, -high, side * x, high) for side in (-1.0, 1.0) if isfinite(x)]
+    walls += [(-wide, side * y, wide, side * y) for side in (-1.0, 1.0) if isfinite(y)]
+    return Shapes(np.array(walls, float).reshape(-1, 4), np.empty((0, 3)))
+
+
+def shapes_of(obstacles: Sequence[Obstacle]) -> Shapes:
+    """The outlines of boxes and posts."""
+    posts = [(each.x, each.y, each.radius) for each in obstacles if isinstance(each, Post)]
+    boxes = edges_of(outline(each) for each in obstacles if not isinstance(each, Post))
+    return Shapes(boxes.edges, np.array(posts, float).reshape(-1, 3))
+
+
+def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -> Floats:
+    """Distance (m) from (x, y) along each of the angles (rad) to the first shape in the way; inf where there is none.
+
+    The origins are one for all rays, or one for each. A ray p + t u meets the edge from a to b where
+    t = (a - p) x (b - a) / (u x (b - a)) is not negative and s = (a - p) x u / (u x (b - a)) is in [0, 1]; it meets a
+    circle around c at t = u . (c - p) - sqrt(r^2 - (u x (c - p))^2).
+    """
+    ux, uy = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    px, py = (np.asarray(each, float).reshape(-1, 1) for each in (x, y))
+    nearest = np.full(len(angles), np.inf)
+    if len(shapes.edges):
+        ax, ay, bx, by = shapes.edges.T
+        dx, dy, ox, oy = bx - ax, by - ay, ax - px, ay - py
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 1.0 / (ux * dy - uy * dx)  # inf where it runs along the edge
+            t = (ox * dy - oy * dx) * share
+            s = (ox * uy - oy * ux) * share
+            t[~((t >= 0.0) & (s >= 0.0) & (s <= 1.0))] = np.inf
+        nearest = t.min(axis=1)
+    if len(shapes.posts):
+        cx, cy, radius = shapes.posts.T
+        ox, oy = cx - px, cy - py
+        along, beside = ux * ox + uy * oy, ux * oy - uy * ox
+        half = radius * radius - beside * beside
+        reach = np.sqrt(np.maximum(half, 0.0))
+        t = np.where(along - reach >= 0.0, along - reach, along + reach)  # from inside, where it leaves
+        t[(half < 0.0) | (t < 0.0)] = np.inf
+        nearest = np.minimum(nearest, t.min(axis=1))
+    return nearest
