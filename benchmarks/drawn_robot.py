@@ -1,7 +1,9 @@
 """The whole robot with its terminal, run for a while in real time: ``python -m benchmarks.drawn_robot``.
 
 `txt1 run` draws screens or prints its statistics, never both, so the punctuality benchmark starts this in a
-pseudo-terminal instead. It is what `txt1 run --hal sim` does, and at the end it writes one JSON object to a file.
+pseudo-terminal instead. It is what `txt1 run --hal sim --log FILE` does, and at the end it writes one JSON object to a
+file. What starts beside it, the drawing process above all, has `SETTLED` s to do so before cycles are counted, as the
+peer has no such beginning; misses are counted from the beginning.
 """
 
 from __future__ import annotations
@@ -9,14 +11,27 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import resource
+import os
+from contextlib import AsyncExitStack
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from txt1.beside import PERIOD, PRIORITY
+from txt1.cli.app import real_time
+from txt1.config import load
+from txt1.driver import CommandSource
 from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.record.session import recording
 from txt1.robot import Robot
+from txt1.runtime import Runtime
+from txt1.tasks import controller
+from txt1.tasks.inputs import STEP
+from txt1.telemetry.topics import Topic
 from txt1.ui.terminal import Terminal
+
+SETTLED: Final = 3.0  # s
 
 
 def main() -> None:
@@ -24,46 +39,67 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.drawn_robot", description=__doc__)
     parser.add_argument("--duration", type=float, default=10.0, help="s")
     parser.add_argument("--report", type=Path, required=True, help="file for the JSON object")
+    parser.add_argument("--log", type=Path, help="record to this file")
+    parser.add_argument("--realtime", action="store_true", help="as of txt1 run")
     arguments = parser.parse_args()
-    report = run(drawn(arguments.duration))
-    # the drawing process has been waited for by now
-    report["drawing_cpu_s"] = _cpu_s(resource.RUSAGE_CHILDREN)
+    report = run(drawn(arguments.duration, arguments.log, arguments.realtime))
     arguments.report.write_text(json.dumps(report), encoding="utf-8")
 
 
-async def drawn(duration: float) -> dict[str, Any]:
-    """The controller's statistics after `duration` seconds with the screens drawn; the robot is armed and idle."""
-    async with Robot.open(hal="sim", seed=1) as robot:
+async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[str, Any]:
+    """The controller's lateness in `duration` s with the screens drawn; the robot is armed and drives in a circle."""
+    config = load(None, ["hal=sim", "seed=1"]).config
+    steps: list[tuple[int, float]] = []  # of all tasks by their numbers: when they began, s
+
+    def take(topic: Topic[Any], value: tuple[int, float, int], time: float) -> None:
+        steps.append(value[:2])
+
+    async with recording(log, config, None, {}, print) as record, AsyncExitStack() as stack:
+
+        def attach(runtime: Runtime) -> None:
+            record(runtime)
+            runtime.bus.subscribe(take, [STEP])
+
+        robot = await stack.enter_async_context(Robot.open(config=config, attach=attach))
         await robot.load_gains()
-        ended: asyncio.Future[Any] = robot.runtime.scheduler.ended
-        robot.runtime.scheduler.end_at(robot.now + duration)
-        began, cpu_s = robot.now, _cpu_s(resource.RUSAGE_SELF)
-        async with Terminal(robot) as terminal:
-            robot.add_task("screens", PERIOD, terminal.screens, PRIORITY)
-            operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
-            await asyncio.wait({ended, operator}, return_when=asyncio.FIRST_COMPLETED)
-            lost = operator.done()
-            operator.cancel()
-            cpu_s = _cpu_s(resource.RUSAGE_SELF) - cpu_s
-            took = robot.now - began
-        if lost:
+        terminal = await stack.enter_async_context(Terminal(robot))
+        robot.add_task("screens", PERIOD, terminal.screens, PRIORITY)
+        robot.add_task("script", PERIOD, partial(circle, robot.source("script")))
+        if with_rights:
+            stack.enter_context(real_time(robot))
+        operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
+        await asyncio.wait({operator}, timeout=SETTLED)
+        began, own, drawing = len(steps), _cpu_s(os.getpid()), _drawing()
+        drawn_before = _cpu_s(drawing)
+        await asyncio.wait({operator}, timeout=duration)
+        if operator.done():
             raise SystemExit("the drawing process ended before the run did")
-        controller = robot.runtime.statistics()["controller"]
-        p50, p99, _, longest = controller.lateness.percentiles()
+        operator.cancel()
+        statistics = robot.runtime.statistics()
+        number = list(statistics).index("controller")
         return {
-            "cycles": controller.cycles,
-            "misses": controller.misses,
-            "p50_s": p50,
-            "p99_s": p99,
-            "max_s": longest,
-            "robot_cpu_share": cpu_s / took,
-            "duration_s": took,
+            "late_s": [(now + 1e-9) % controller.PERIOD for task, now in steps[began:] if task == number],
+            "misses": statistics["controller"].misses,
+            "robot_cpu_share": (_cpu_s(os.getpid()) - own) / duration,
+            "drawing_cpu_share": (_cpu_s(drawing) - drawn_before) / duration,
         }
 
 
-def _cpu_s(who: int) -> float:
-    usage = resource.getrusage(who)
-    return usage.ru_utime + usage.ru_stime
+async def circle(wheel: CommandSource, ticks: Ticks) -> None:
+    """Drive in a circle."""
+    async for _ in ticks:
+        wheel.command(0.4, 0.3)
+
+
+def _drawing() -> int:
+    """The id of the only process that this one has started."""
+    children = [Path(each, "children").read_text(encoding="ascii") for each in Path("/proc/self/task").iterdir()]
+    return int("".join(children))
+
+
+def _cpu_s(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 /* The peer of the controller task: a loop at absolute deadlines on clock_nanosleep, and nothing else.
  *
- *     nanosleep PERIOD_NS CYCLES
+ *     nanosleep PERIOD_NS CYCLES [PRIORITY]
  *
  * prints how late each cycle started, in ns, one a line. As in an RTOS, a cycle that could not start within its slot
- * is missed and never replayed; a line "missed N" tells of them at the end.
+ * is missed and never replayed; a line "missed N" tells of them at the end. With a PRIORITY it runs under SCHED_FIFO.
  */
 #define _GNU_SOURCE
 #include <errno.h>
+#include <sched.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/prctl.h>
@@ -21,8 +22,8 @@ static long long now_ns(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 3) {
-        fprintf(stderr, "usage: %s PERIOD_NS CYCLES\n", argv[0]);
+    if (argc != 3 && argc != 4) {
+        fprintf(stderr, "usage: %s PERIOD_NS CYCLES [PRIORITY]\n", argv[0]);
         return 2;
     }
     const long long period = atoll(argv[1]);
@@ -33,6 +34,13 @@ int main(int argc, char **argv)
         return 2;
     for (long i = 0; i < cycles; i++)
         late[i] = -1;
+    if (argc == 4) {
+        const struct sched_param fifo = {atoi(argv[3])};
+        if (sched_setscheduler(0, SCHED_FIFO, &fifo) != 0) {
+            perror("SCHED_FIFO");
+            return 1;
+        }
+    }
     prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); /* the same as the robot's event loop */
 
     long long deadline = now_ns() + period;

@@ -1,15 +1,19 @@
 """How late the controller task starts, in real time, beside a bare loop in C.
 
-Ours is the whole robot: every task, the simulated hardware, and the terminal drawn in a pseudo-terminal. The peer
-does nothing but `clock_nanosleep` to the same 50 Hz deadlines with the same timer slack.
+Ours is the whole robot: every task, the simulated hardware, a recording, and the terminal drawn in a pseudo-terminal.
+The peer does nothing but `clock_nanosleep` to the same 50 Hz deadlines with the same timer slack. Both run as any
+program does, and once more under SCHED_FIFO (`txt1 run --realtime`) where that is granted.
+
+    python -m benchmarks.punctuality --rounds 12 --duration 20 --busy 2    beside two busy loops
+    python -m benchmarks.punctuality --alone 3600                          an hour: are cycles missed?
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import pty
-import resource
 import shutil
 import subprocess
 import sys
@@ -24,10 +28,13 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
+from txt1.kernel.realtime import FIFO, grantable
 from txt1.tasks.controller import PERIOD
 
 LIMIT: Final = 1.5
 """Largest ratio of our lateness to the C loop's."""
+LIMIT_FIFO: Final = 1.6
+"""The same with both under SCHED_FIFO."""
 
 SOURCE: Final = Path(__file__).with_name("nanosleep.c")
 ROOT: Final = Path(__file__).parent.parent
@@ -41,107 +48,122 @@ class Round(NamedTuple):
     max: float
     cycles: int
     misses: int
-    cpu: float
+    cpu: float = 0.0
     drawing_cpu: float = 0.0
 
 
 def main(*, quick: bool) -> None:
-    """Print lateness, missed cycles and processor time of both."""
+    """Print lateness, missed cycles and processor time of both, on this machine as it is and beside two busy loops."""
     rounds, duration, long_run = (2, 3.0, None) if quick else (6, 10.0, 60.0)
+    for busy in (0, 2):
+        compare(rounds, duration, busy)
+    if long_run is not None:
+        alone(long_run)
+
+
+def compare(rounds: int, duration: float, busy: int) -> None:
+    """Print what came of interleaved rounds beside so many busy loops."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         print("\npunctuality: there is no C compiler (cc or gcc) to make the peer with; install one, e.g. gcc")
         return
-    with tempfile.TemporaryDirectory() as directory:
+    with tempfile.TemporaryDirectory() as directory, loops(busy):
         peer = Path(directory, "nanosleep")
         subprocess.run([compiler, "-O2", "-o", str(peer), str(SOURCE)], check=True)
-        report = Path(directory, "report.json")
         contestants: dict[str, Callable[[], Round]] = {
             "C loop": partial(c_loop, peer, duration),
-            "txt1": partial(robot, report, duration),
+            "txt1": partial(robot, duration),
         }
-        results = interleave(rounds, contestants)
-        show(results, duration)
-        if long_run is not None:
-            result = robot(report, long_run)
-            print(
-                f"\n{long_run:.0f} s with the terminal drawing: {result.misses} of {result.cycles + result.misses} "
-                f"controller cycles missed (limit 0: {verdict(result.misses == 0)}); "
-                f"latest start {result.max:.0f} us; processor time {100.0 * result.cpu:.1f} % of a core, "
-                f"and {100.0 * result.drawing_cpu:.1f} % for the drawing process with its start"
-            )
+        fifo = grantable().fifo
+        if fifo is not None:
+            contestants["C loop, SCHED_FIFO"] = partial(c_loop, peer, duration, str(fifo))
+            contestants["txt1 --realtime"] = partial(robot, duration, realtime=True)
+        else:
+            print(f"\npunctuality: SCHED_FIFO {FIFO} is not granted, so nothing is compared under it")
+        show(interleave(rounds, contestants), duration, busy)
 
 
-def show(results: dict[str, list[Round]], duration: float) -> None:
-    """Print the rounds of both and compare them."""
-    c, ours = results["C loop"], results["txt1"]
+def show(results: dict[str, list[Round]], duration: float, busy: int) -> None:
+    """Print the rounds and compare them."""
+    beside = f"beside {busy} busy loops" if busy else "on the machine as it is"
     table(
-        f"Start lateness of a {1.0 / PERIOD:.0f} Hz task, us, {len(c)} interleaved rounds of {duration:.0f} s",
-        ("round", "C p50", "txt1 p50", "C p99", "txt1 p99", "C max", "txt1 max", "C missed", "txt1 missed"),
+        f"p99 of the start lateness of a {1.0 / PERIOD:.0f} Hz task, us, in rounds of {duration:.0f} s, {beside}",
+        ("round", *results),
         [
-            (
-                str(number), f"{a.p50:.1f}", f"{b.p50:.1f}", f"{a.p99:.1f}", f"{b.p99:.1f}",
-                f"{a.max:.0f}", f"{b.max:.0f}", str(a.misses), str(b.misses),
-            )
-            for number, (a, b) in enumerate(zip(c, ours, strict=True), start=1)
+            (str(number), *(f"{each.p99:.1f}" for each in each_round))
+            for number, each_round in enumerate(zip(*results.values(), strict=True), start=1)
         ],
-    )  # fmt: skip
-    rows = []
-    for name, theirs, mine in (
-        ("p50", [r.p50 for r in c], [r.p50 for r in ours]),
-        ("p99", [r.p99 for r in c], [r.p99 for r in ours]),
-    ):
-        ratio = median(mine) / median(theirs)
-        rows.append((name, spread(theirs, 1), spread(mine, 1), f"{ratio:.2f}", f"{LIMIT}", verdict(ratio <= LIMIT)))
+    )
+    rows = [
+        (
+            name, *(spread([getattr(each, field) for each in rounds], 1) for field in ("p50", "p99", "max")),
+            str(sum(each.misses for each in rounds)), spread([100.0 * each.cpu for each in rounds], 1),
+            spread([100.0 * each.drawing_cpu for each in rounds], 1),
+        )
+        for name, rounds in results.items()
+    ]  # fmt: skip
     table(
-        "Median over the rounds (smallest .. largest), us",
-        ("lateness", "C loop", "txt1, terminal drawing", "ratio", "limit", ""),
-        rows,
-    )
-    missed, cycles = sum(r.misses for r in ours), sum(r.cycles + r.misses for r in ours)
+        f"Median over {len(results['C loop'])} rounds (smallest .. largest) {beside}, us",
+        ("", "p50", "p99", "latest", "missed", "processor, %", "its screens, %"), rows,
+    )  # fmt: skip
+    for theirs, ours, limit in (("C loop", "txt1", LIMIT), ("C loop, SCHED_FIFO", "txt1 --realtime", LIMIT_FIFO)):
+        if ours in results:
+            ratio = median([r.p99 for r in results[ours]]) / median([r.p99 for r in results[theirs]])
+            print(
+                f"\n  p99 of {ours}: {ratio:.2f} times that of the {theirs} (limit {limit}: {verdict(ratio <= limit)})"
+            )
+
+
+def alone(duration: float, *, realtime: bool = False) -> None:
+    """Print what came of one long run."""
+    result = robot(duration, realtime=realtime)
     print(
-        f"\n  missed: C loop {sum(r.misses for r in c)}, txt1 {missed} of {cycles}"
-        f"\n  processor time, % of a core: C loop {spread([100.0 * r.cpu for r in c])}, "
-        f"the robot {spread([100.0 * r.cpu for r in ours])}, "
-        f"its drawing process with its start {spread([100.0 * r.drawing_cpu for r in ours])}"
+        f"\n{duration:.0f} s with screens and recording: {result.misses} of {result.cycles + result.misses} controller "
+        f"cycles missed (limit 0: {verdict(result.misses == 0)}); latest start {result.max:.0f} us; processor time "
+        f"{100.0 * result.cpu:.1f} % of a core, and {100.0 * result.drawing_cpu:.1f} % for the screens"
     )
 
 
-def c_loop(program: Path, duration: float) -> Round:
+@contextmanager
+def loops(busy: int) -> Iterator[None]:
+    """So many processes that use all the processor time they get."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def c_loop(program: Path, duration: float, *priority: str) -> Round:
     """One round of the peer."""
     cycles = round(duration / PERIOD)
-    before = _children_cpu_s()
-    output = subprocess.run(
-        [str(program), str(round(PERIOD * 1e9)), str(cycles)], check=True, capture_output=True, text=True
-    ).stdout
-    cpu = (_children_cpu_s() - before) / duration
-    *lines, last = output.splitlines()
-    late = sorted(int(line) / 1e3 for line in lines)
-    return Round(
-        late[len(late) // 2], late[int(0.99 * len(late))], late[-1], len(late), int(last.removeprefix("missed ")), cpu
-    )
+    words = [str(program), str(round(PERIOD * 1e9)), str(cycles), *priority]
+    *lines, last = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()
+    return _round([int(line) / 1e3 for line in lines], int(last.removeprefix("missed ")))
 
 
-def robot(report: Path, duration: float) -> Round:
+def robot(duration: float, *, realtime: bool = False) -> Round:
     """One round of the whole robot in a pseudo-terminal."""
-    report.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "benchmarks.drawn_robot", "--duration", str(duration), "--report", str(report)]
-    with tempfile.TemporaryFile() as errors, terminal() as tty:
+    with tempfile.TemporaryDirectory() as directory, tempfile.TemporaryFile() as errors, terminal() as tty:
+        report = Path(directory, "report.json")
+        words = ["--duration", str(duration), "--report", str(report), "--log", str(Path(directory, "run.mcap"))]
+        words += ["--realtime"] if realtime else []
         # its errors go past the screens
+        command = [sys.executable, "-m", "benchmarks.drawn_robot", *words]
         code = subprocess.run(command, stdin=tty, stdout=tty, stderr=errors, cwd=ROOT).returncode
         if code != 0:
             errors.seek(0)
             raise SystemExit(f"punctuality: the robot ended with code {code}\n{errors.read().decode()}")
-    result = json.loads(report.read_text(encoding="utf-8"))
-    return Round(
-        result["p50_s"] * 1e6,
-        result["p99_s"] * 1e6,
-        result["max_s"] * 1e6,
-        result["cycles"],
-        result["misses"],
-        result["robot_cpu_share"],
-        result["drawing_cpu_s"] / result["duration_s"],
-    )
+        result = json.loads(report.read_text(encoding="utf-8"))
+    late = _round([1e6 * each for each in result["late_s"]], result["misses"])
+    return late._replace(cpu=result["robot_cpu_share"], drawing_cpu=result["drawing_cpu_share"])
+
+
+def _round(late: list[float], misses: int) -> Round:
+    late.sort()
+    return Round(late[len(late) // 2], late[int(0.99 * len(late))], late[-1], len(late), misses)
 
 
 @contextmanager
@@ -167,6 +189,20 @@ def terminal() -> Iterator[int]:
         os.close(master)
 
 
-def _children_cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+def _main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.punctuality", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=12)
+    parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="of a round")
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy loops beside it")
+    parser.add_argument("--alone", type=float, metavar="S", help="one run of so long instead, without the peer")
+    parser.add_argument("--realtime", action="store_true", help="with --alone: as txt1 run --realtime")
+    arguments = parser.parse_args()
+    if arguments.alone is not None:
+        with loops(arguments.busy):
+            alone(arguments.alone, realtime=arguments.realtime)
+    else:
+        compare(arguments.rounds, arguments.duration, arguments.busy)
+
+
+if __name__ == "__main__":
+    _main()

@@ -66,6 +66,11 @@ def test_a_status_line_tells_what_the_link_is_waiting_for(capfd: pytest.CaptureF
     assert "waiting for odometry" in capfd.readouterr().out
 
 
+def test_real_time_and_virtual_time_exclude_each_other(capsys: Capture) -> None:
+    assert execute(["run", "--realtime", "--speed", "max", "--json", "--duration", "1"]) == 2
+    assert "--realtime: in virtual time (--speed) nothing is late" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", ["nope", "pusher:distance", "pusher:=1"])
 def test_a_bridge_that_is_not_there_or_an_option_without_a_value_is_a_mistake(words: str, capsys: Capture) -> None:
     assert execute(["run", "--json", "--duration", "1", "--bridge", words]) == 2

@@ -13,8 +13,8 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
-from contextlib import asynccontextmanager, nullcontext
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -25,6 +25,8 @@ from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, TaskFault
 from txt1.kernel.loop import Speed, run
+from txt1.kernel.realtime import SWEEP, realtime
+from txt1.kernel.ticks import Ticks
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
@@ -194,6 +196,21 @@ def refusal_of_gains(robot: Robot) -> str:
     if robot.gains_rejected:
         return "the board did not accept the gains; check control.linear and control.angular"
     return "the board did not acknowledge the gains; 'txt1 doctor' looks closer"
+
+
+@contextmanager
+def real_time(robot: Robot) -> Iterator[None]:
+    """Ask for real-time scheduling as long as the block is at work, and say what was granted."""
+
+    async def keep_off(ticks: Ticks) -> None:
+        async for _ in ticks:
+            rights.sweep()
+
+    with realtime() as rights:
+        more = "; 'txt1 doctor' says how to be granted more" if rights.granted.missing else ""
+        say(f"real time: {rights.granted}{more}")
+        robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
+        yield
 
 
 async def live_view(arguments: argparse.Namespace, *, control: bool = False) -> LiveView | None:

@@ -13,6 +13,7 @@ from txt1.cli.app import App
 from txt1.cli.options import CONFIGURATION, LINE, add, loaded, positive, takes
 from txt1.hal.registry import PORTS, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
+from txt1.kernel.realtime import REMEDY, grantable
 from txt1.link.base import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
@@ -182,6 +183,12 @@ def ports() -> Iterator[Remark]:
         yield _judged("port", text, problem is None, problem or "")
 
 
+def real_time() -> Remark:
+    """What `txt1 run --realtime` would be granted, and how to be granted all of it; no fault either way."""
+    granted = grantable()
+    return Remark("real time", f"{granted}{f'; {REMEDY}' if granted.missing else ''}")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the line and the time of listening to it."""
     add(parser, CONFIGURATION | LINE | {"--duration": takes("S", "of listening; 5 by default", positive, default=5.0)})
@@ -191,6 +198,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Say in words what is wrong with the ports and the line to the board."""
     config = loaded(arguments).config
+    real_time().show()
     found: list[bool] = []
     if config.serial.port is None:
         found = [remark.show() for remark in ports()]

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Final
 
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import DISARMED, FAULT, OK, options
-from txt1.cli.app import App, conclude, live_view, refusal_of_gains, say, view_of
+from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
-from txt1.errors import HalError, TaskFault, Txt1Error
+from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
@@ -34,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` takes."""
     options.add(parser, options.ROBOT | options.LOG | options.VIEW | {
         "--duration": takes("S", "end after S seconds of the robot's time", options.positive),
+        "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
@@ -65,6 +66,8 @@ def main(arguments: argparse.Namespace) -> int:
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)  # refused before the robot is brought up
+    if arguments.realtime and arguments.speed is not None:
+        raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, agent, steer))
     return conclude(app, arguments.json)
@@ -92,6 +95,8 @@ async def _operate(
             await start.get_ready()
             await asyncio.Future()  # only an error of this ends the run
 
+        if arguments.realtime:
+            bridges.enter_context(real_time(robot))
         getting_ready = asyncio.ensure_future(prepare())
         try:
             terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop)

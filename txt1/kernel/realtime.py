@@ -1,0 +1,163 @@
+"""Real-time scheduling for the event loop's thread, as far as the system grants it, and given back at the end.
+
+Only that one thread is put before all others (SCHED_FIFO), so nothing else of the robot's can starve the computer.
+The process's other threads and its children leave its processor to it. While one of these threads holds Python's
+interpreter lock the loop has to wait for it, so they get more than an ordinary share of the others.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final, NamedTuple
+
+FIFO: Final = 50  # as good as any priority of an application's, and below the kernel's own threads
+HELPERS_NICENESS: Final = -10  # of the other threads
+SWEEP: Final = 1.0  # s after which threads and children that are new have to leave the loop's processor
+
+_LOCK_TOUCHED: Final = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages are locked once they are used
+_CAP_IPC_LOCK: Final = 1 << 14
+_CAP_SYS_NICE: Final = 1 << 23
+
+REMEDY: Final = (
+    "to be granted it, put the lines '@realtime - rtprio 50', '@realtime - memlock unlimited' and '@realtime - nice "
+    f"{HELPERS_NICENESS}' into /etc/security/limits.d/txt1.conf, join with 'sudo groupadd -f realtime && sudo usermod "
+    "-aG realtime $USER' and log in again; a systemd unit has LimitRTPRIO=50 and LimitMEMLOCK=infinity"
+)
+
+
+class Granted(NamedTuple):
+    """The system's answer: the SCHED_FIFO priority, whether memory is locked, and the processor; None: not granted."""
+
+    fifo: int | None = None
+    locked: bool = False
+    processor: int | None = None
+
+    def __str__(self) -> str:
+        fifo = "no SCHED_FIFO" if self.fifo is None else f"SCHED_FIFO {self.fifo}"
+        locked = "memory locked" if self.locked else "memory not locked"
+        alone = "no processor of its own" if self.processor is None else f"processor {self.processor} of its own"
+        return f"{fifo}, {locked}, {alone}"
+
+    @property
+    def missing(self) -> bool:
+        """Whether the system could grant more."""
+        return self.fifo is None or not self.locked
+
+
+def grantable() -> Granted:
+    """Return what would be granted; nothing is changed."""
+    if sys.platform != "linux":
+        return Granted()
+    spare = os.sched_getaffinity(0)
+    fifo = FIFO if _capable(_CAP_SYS_NICE) else min(FIFO, resource.getrlimit(resource.RLIMIT_RTPRIO)[1])
+    return Granted(fifo or None, _may_lock(), max(spare) if len(spare) > 1 else None)
+
+
+@contextmanager
+def realtime() -> Iterator[RealTime]:
+    """Ask for all of it, for the calling thread; on leaving the block, whatever the reason, everything is as before."""
+    if sys.platform != "linux":
+        yield RealTime(Granted(), set())
+        return
+    asked, before = grantable(), os.sched_getaffinity(0)
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    system = ctypes.CDLL(None, use_errno=True)
+    fifo, locked = asked.fifo, False
+    given = RealTime(asked, before)
+    try:
+        if fifo is not None:
+            try:
+                _raise_limit(resource.RLIMIT_RTPRIO)
+                os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(fifo))
+            except OSError:  # a control group without real-time share, a container's filter
+                fifo = None
+        if asked.locked:
+            _raise_limit(resource.RLIMIT_MEMLOCK)
+            locked = system.mlockall(_LOCK_TOUCHED) == 0
+        processor = asked.processor
+        if processor is not None:
+            os.sched_setaffinity(0, {processor})
+        given.granted = Granted(fifo, locked, processor)
+        given.sweep()
+        yield given
+    finally:
+        if locked:
+            system.munlockall()
+        os.sched_setaffinity(0, before)
+        given.give_back()
+        if fifo is not None:
+            try:
+                os.sched_setscheduler(0, policy, parameters)
+            except PermissionError:  # the flag may be taken back by root alone; it does nothing at ordinary priorities
+                os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+
+
+class RealTime:
+    """The rights at work: `granted` says which; `sweep` is to be called every `SWEEP` s."""
+
+    def __init__(self, granted: Granted, processors: set[int]) -> None:
+        self.granted = granted
+        self._all = processors
+        self._others = processors - {granted.processor}
+        self._swept: dict[int, int] = {}  # niceness before, of other threads by their ids
+
+    def sweep(self) -> None:
+        """Keep the process's other threads and its children off the loop's processor."""
+        if sys.platform != "linux" or not self._others:
+            return
+        loop = threading.get_native_id()
+        for thread in _ids(Path("/proc/self/task")):
+            if thread != loop and thread not in self._swept:
+                with suppress(OSError):  # it has ended
+                    self._swept[thread] = os.getpriority(os.PRIO_PROCESS, thread)
+                    os.sched_setaffinity(thread, self._others)
+                    # the flag: a process it starts has the ordinary niceness again
+                    os.sched_setscheduler(thread, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+                    os.setpriority(os.PRIO_PROCESS, thread, HELPERS_NICENESS)
+            with suppress(OSError):
+                for child in map(int, Path(f"/proc/self/task/{thread}/children").read_text().split()):
+                    self._leave(child)
+
+    def _leave(self, process: int) -> None:
+        """Have all threads of a child of ours leave the loop's processor."""
+        for thread in _ids(Path(f"/proc/{process}/task")):
+            if self.granted.processor in os.sched_getaffinity(thread):
+                os.sched_setaffinity(thread, self._others)
+
+    def give_back(self) -> None:
+        """Let the other threads be as they were."""
+        for thread, niceness in self._swept.items():
+            with suppress(OSError):
+                os.sched_setaffinity(thread, self._all)
+                os.setpriority(os.PRIO_PROCESS, thread, niceness)
+        self._swept.clear()
+
+
+def _ids(directory: Path) -> list[int]:
+    return [int(each.name) for each in directory.iterdir()]
+
+
+def _capable(capability: int) -> bool:
+    """Whether this process has a capability, as root usually does."""
+    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) & capability)
+    return False
+
+
+def _may_lock() -> bool:
+    """Whether all memory may be locked: with a limit, locking would let later requests for memory fail."""
+    return _capable(_CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[1] == resource.RLIM_INFINITY
+
+
+def _raise_limit(limit: int) -> None:
+    """Take what the hard limit allows."""
+    hard = resource.getrlimit(limit)[1]
+    resource.setrlimit(limit, (hard, hard))
