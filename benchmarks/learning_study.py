@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.table_5_3 import TABLE_5_3
 from txt1.cli.trials import on_robot
 from txt1.config import Config, load
-from txt1.config.schema import LearningConfig
+from txt1.config.schema import ThesisConfig
 from txt1.learning.agents import LEARNERS
 from txt1.learning.experiment import LEARNED, Plan, summary
 from txt1.learning.light import sector
@@ -47,7 +47,7 @@ def trial(number: int, agent: str, config: Config, seed: int, episodes: int, per
     learner: ThesisAgent | None = None
     if agent == STORED:
         learner = ThesisAgent(
-            stream(seed, number, AGENT), COMMANDS, LearningConfig(policy="greedy", training=0, learn_on=False)
+            stream(seed, number, AGENT), COMMANDS, ThesisConfig(policy="greedy", training=0, learn_on=False)
         )
         learner.q = np.array(TABLE_5_3)
     plan = Plan(agent, number, episodes, seed, config)
@@ -99,7 +99,7 @@ Noted = tuple[float, int | None, int, bool]
 class Watched(ThesisAgent):
     """The thesis's learner, and the decisions of each episode."""
 
-    def __init__(self, rng: np.random.Generator, settings: LearningConfig) -> None:
+    def __init__(self, rng: np.random.Generator, settings: ThesisConfig) -> None:
         self.logs: list[list[Noted]] = []
         super().__init__(rng, COMMANDS, settings)
 
@@ -132,7 +132,7 @@ class EveryPath(Plan):
 
 def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
     """A trial's episodes, and the decisions of those after the 7th."""
-    agent = Watched(stream(seed, number, AGENT), config.learning)
+    agent = Watched(stream(seed, number, AGENT), config.learning.thesis)
     outcome = on_robot(EveryPath("thesis", number, episodes, seed, config), number, agent=agent)
     decisions = []
     for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):

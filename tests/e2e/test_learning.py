@@ -315,8 +315,8 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "--resume carries it on" in capsys.readouterr().err
     assert learn(done, "--resume", "--seed", "9") == 2
     assert "was begun with seed=0, not 9" in capsys.readouterr().err
-    assert learn(done, "--resume", "--set", "learning.gamma=0.9") == 2
-    assert "was begun with learning.gamma=0.5, not 0.9" in capsys.readouterr().err
+    assert learn(done, "--resume", "--set", "learning.thesis.gamma=0.9") == 2
+    assert "was begun with learning.thesis.gamma=0.5, not 0.9" in capsys.readouterr().err
     (done / "experiment.json").write_text("{}")
     assert learn(done, "--resume") == 2
     assert "experiment.json is not this program's" in capsys.readouterr().err
@@ -550,8 +550,8 @@ def test_what_was_learned_before_a_fault_is_kept_and_carried_on_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Fitful(LightSensors):
-        def __init__(self, *given: object) -> None:
-            super().__init__(*given)  # type: ignore[arg-type]
+        def __init__(self, *given: object, **named: object) -> None:
+            super().__init__(*given, **named)  # type: ignore[arg-type]
             began.append(self)
 
     def fail(trial: int, one: Episode) -> None:

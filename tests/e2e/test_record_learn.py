@@ -102,7 +102,7 @@ def test_every_sample_of_the_light_and_every_decision_are_recorded(tmp_path: Pat
 
 
 def test_the_thesiss_table_can_be_followed_in_its_steps(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.mcap", "--learn", "thesis", "--set", "learning.remedy=none")
+    path = recorded(tmp_path / "run.mcap", "--learn", "thesis", "--set", "learning.thesis.remedy=none")
     done = episodes(messages(path, "/learning/step"))
     table: dict[int, list[float]] = {}
     checked = 0

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `learn` takes."""
     parser.epilog = (
         "Ctrl-C keeps all that was learned; --resume carries on. What is learned, and how: learning in the "
-        "configuration, e.g. --set learning.remedy=hold. A disarm ends it, as nobody is there to arm again: "
+        "configuration, e.g. --set learning.thesis.remedy=hold. A disarm ends it, as nobody is there to arm again: "
         f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
     add(parser, {

@@ -16,15 +16,15 @@ from typing import Any, Final
 
 from txt1.cli import SIGNALS, signals_to
 from txt1.cli.app import App, get_ready
-from txt1.errors import NotArmed, Overruled, Txt1Error
+from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan, Watch, load_results, prepare, recordings, save_result
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
     AGENT,
-    COMMANDS,
     SENSORS,
+    Commands,
     Episode,
     Trial,
     TrialResult,
@@ -142,7 +142,7 @@ def on_robot(
     *,
     agent: Agent | None = None,  # who learns, in place of the plan's
     done: Callable[[Episode], None] = lambda _: None,  # told each episode as it ends
-    commands: tuple[tuple[float, float], ...] = COMMANDS,  # (v, omega) of each action, m/s and rad/s
+    commands: Commands | None = None,  # (v, omega) of each action, m/s and rad/s, in place of the configured
     stopped: Callable[[], bool] = lambda: False,  # asked all the time; once it says yes the trial ends
     before: TrialResult | None = None,  # what came of it when it was broken off, and from which it carries on
     out: Path | None = None,  # the directory for the result; after an error, too, if an episode was completed
@@ -156,7 +156,10 @@ def on_robot(
     Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
     """
     config, seed, episodes = plan.config, plan.seed, plan.episodes
+    if config.learning.changes or config.learning.drift:
+        raise ConfigError("learning.changes, learning.drift: a running robot's world does not change; use --worlds")
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
+    commands = commands or config.learning.actions
     trial = Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, plan.keep_paths())
     if before is not None:
         trial.carry_on(before)

@@ -3,14 +3,15 @@
 from dataclasses import asdict
 from hashlib import blake2b
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from txt1.control.parameters import Limits, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
-from txt1.model.vehicle import Geometry
+from txt1.model.light import EVEN, MOUNT, SOUND, Mount, SensorFault
+from txt1.model.vehicle import SPEED, Geometry
 from txt1.protocol.messages import PidSet
 from txt1.sim.line import LineFaults
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, VehicleParameters
@@ -96,6 +97,12 @@ class LightConfig(Section):
     """The light falls as 1 / d^exponent: 2 by the thesis's words, 4 by its (5.9)."""
     noise: NotNegative | None = None
     """Of a reading, as a share of it; null: as much as makes the direction jitter by the thesis's 45 degrees."""
+    mount: Mount = MOUNT
+    """Where the four sensors sit, in the order of their readings: (forward, left) of the robot's centre each, m."""
+    gains: tuple[Positive, Positive, Positive, Positive] = EVEN
+    """Factors on their readings: a dirty sensor reads less."""
+    faults: tuple[SensorFault, SensorFault, SensorFault, SensorFault] = SOUND
+    """What is wrong with each: none, dead, nan, frozen."""
     true_bearing: bool = False
     """The learner gets the light's true bearing, as the original's simulated one did, in place of four sensors."""
 
@@ -175,23 +182,25 @@ class TeleopConfig(Section):
     """Share of the largest yaw rate that a and d ask for."""
 
 
-class LearningConfig(Section):
-    """The learning task (thesis 5), and the thesis's learner."""
+TURN: Final = SPEED / Geometry().radius_min  # sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
 
-    start_radius: Positive = 1.25
-    """Distance from the light at which an episode begins, m."""
-    goal_radius: Positive = 0.5
-    """Distance at which it has succeeded, m."""
-    boundary: Positive = 8.0
-    """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
-    time_limit: Positive = 300.0
-    """It has failed when it takes longer, s; not in the thesis."""
-    pose: Literal["truth", "odometry"] = "truth"
-    """Where the robot is, for goal and boundary: the simulation's truth, or odometry from the start pose on."""
-    sensor: Annotated[str, Field(min_length=1)] = "light"
-    """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
+Action = tuple[float, float]  # (v, omega) of one of the learner's actions, m/s and rad/s
+
+
+class ChangeConfig(Section):
+    """A change of the world in mid-trial."""
+
+    episode: PositiveInt
+    """The first episode in which it is in force."""
+    set: dict[str, Any]
+    """What is set, by dotted key, as with --set."""
+
+
+class ThesisConfig(Section):
+    """The thesis's learner (thesis 5)."""
+
     period: Positive = 0.5
-    """Time between two decisions of the agent thesis, s."""
+    """Time between two decisions, s."""
     remedy: Literal["none", "hold", "sensed"] = "sensed"
     """Its remedy for the delay: update what was commanded; hold until that is reached; update what was sensed."""
     policy: Literal["boltzmann", "greedy", "random"] = "boltzmann"
@@ -216,8 +225,39 @@ class LearningConfig(Section):
     """Episodes after which it chooses greedily; null: never."""
     learn_on: bool = True
     """Whether it goes on learning then."""
+
+
+class LearningConfig(Section):
+    """The learning task (thesis 5), and the learners' settings by their names."""
+
+    actions: Annotated[tuple[Action, ...], Field(min_length=2)] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
+    """(v, omega) of each action, m/s and rad/s; right, straight, left (table 5.2). The learners see their numbers."""
+    delay: NotNegative = 0.0
+    """Every action reaches the robot so much later, s, as over a slow link."""
+    changes: tuple[ChangeConfig, ...] = ()
+    """Changes of the simulated world in mid-trial; for trials side by side (txt1 learn --worlds)."""
+    drift: dict[str, tuple[float, float]] = {}
+    """Numbers that change slowly, by dotted key: their values in the first and in the last episode; likewise."""
+
+    start_radius: Positive = 1.25
+    """Distance from the light at which an episode begins, m."""
+    goal_radius: Positive = 0.5
+    """Distance at which it has succeeded, m."""
+    boundary: Positive = 8.0
+    """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
+    time_limit: Positive = 300.0
+    """It has failed when it takes longer, s; not in the thesis."""
+    pose: Literal["truth", "odometry"] = "truth"
+    """Where the robot is, for goal and boundary: the simulation's truth, or odometry from the start pose on."""
+    sensor: Annotated[str, Field(min_length=1)] = "light"
+    """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
+    thesis: ThesisConfig = ThesisConfig()
+    sweeps: dict[str, Any] = {}
+    """Settings of the learner sweeps, handed to it as they are."""
+    pilot: dict[str, Any] = {}
+    """The same of the learner pilot."""
     options: dict[str, Any] = {}
-    """Settings of the agent sweeps, or of one from another package, handed to it as they are."""
+    """The same of a learner from another package."""
 
 
 class SensorConfig(Section):

@@ -1,6 +1,6 @@
 """A learner that finds out how the robot turns, and sweeps over a table of what follows from it.
 
-Of the three actions it knows nothing but the index; see docs/learning.md. At every decision:
+Of its actions it knows nothing but the index; see docs/learning.md. At every decision:
 
     w    <- heading since the last decision / period
     learn c(a), k(a) from (w before, a, w)
@@ -31,12 +31,11 @@ Array = NDArray[np.float64]
 BEARINGS: Final = 72  # cells of the bearing, 5 degrees each; the first is centred on straight behind
 YAW_RATES: Final = 13  # cells of the yaw rate, from -YAW_MAX to YAW_MAX
 YAW_MAX: Final = 0.6  # rad/s; a little more than the sharpest turn
-ACTIONS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The hyper-parameters, which `learning.options` sets."""
+    """The hyper-parameters, which `learning.sweeps` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
     memory: Share = 0.97  # weight of the past in the direction's average, per sample of 16 ms: half a second
@@ -52,17 +51,17 @@ SETTINGS: Final = Settings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
     """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
-    settings = checked(Settings, config.learning.options, "learning.options")
-    return SweepsAgent(rng, settings, float(config.sim.light.exponent), table)
+    settings = checked(Settings, config.learning.sweeps, "learning.sweeps")
+    return SweepsAgent(rng, settings, float(config.sim.light.exponent), table, len(config.learning.actions))
 
 
 class TurnModel:
     """The model of turning: w' = c(a) + k(a) w, by least squares over everything seen so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, actions: int = 3) -> None:
         # per action the sums of 1, w, w^2, w', w w'; the prior pair says that nothing changes the yaw rate
-        self.sums = np.tile([0.0, 0.0, 0.01, 0.0, 0.01], (ACTIONS, 1))
-        self.count = np.zeros(ACTIONS, int)
+        self.sums = np.tile([0.0, 0.0, 0.01, 0.0, 0.01], (actions, 1))
+        self.count = np.zeros(actions, int)
 
     def learn(self, a: int, w: float, w_next: float) -> None:
         """Take one decision's outcome; yaw rates in rad/s."""
@@ -88,20 +87,21 @@ class SweepsAgent:
         settings: Settings = SETTINGS,
         exponent: float = 2.0,
         table: StoredTable | None = None,
+        actions: int = 3,
     ) -> None:
         self.settings = settings
-        self.q: Array = np.zeros((BEARINGS, YAW_RATES, ACTIONS))
-        self.model = TurnModel()
+        self.q: Array = np.zeros((BEARINGS, YAW_RATES, actions))
+        self.model = TurnModel(actions)
         self.episode = 0
         self._rng = rng
-        self._untried = [int(a) for a in rng.permutation(ACTIONS)]
+        self._untried = [int(a) for a in rng.permutation(actions)]
         self._fitted = 0
         self.converged = True
         self._cells: tuple[Any, ...] = ()
         self._watch = LightFilter(spread=spread_limit(exponent))
         self._frozen = table is not None
         if table is not None:
-            self.q = np.array(table.shaped(BEARINGS * YAW_RATES, ACTIONS)).reshape(self.q.shape)
+            self.q = np.array(table.shaped(BEARINGS * YAW_RATES, actions)).reshape(self.q.shape)
             self._untried = []
         self._before = self.memory()
         self.begin()
@@ -223,11 +223,12 @@ class SweepsAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
-        about = {"agent": self.name, "episodes": self.episode, "actions": [f"action {a}" for a in range(ACTIONS)],
+        names = [f"action {a}" for a, _ in enumerate(self.model.count)]
+        about = {"agent": self.name, "episodes": self.episode, "actions": names,
                  "axes": [["bearing of the light, degrees", BEARINGS, -180.0, 180.0],
                           ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX]],
                  "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
-        return StoredTable(self.q.reshape(-1, ACTIONS).copy(), about)
+        return StoredTable(self.q.reshape(-1, self.q.shape[2]).copy(), about)
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""

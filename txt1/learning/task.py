@@ -211,7 +211,7 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: 
         how = "reached the light" if one.success else "lost the light"
         robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
-    trial = Trial(agent, task_of(config), starts(config.own_seed, 1, episodes), done=tell)
+    trial = Trial(agent, task_of(config), starts(config.own_seed, 1, episodes), config.learning.actions, done=tell)
     task = LearningTask(robot, trial, pose)
     task.start()
     return task

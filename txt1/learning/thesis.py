@@ -11,12 +11,12 @@ from mypy_extensions import mypyc_attr
 from numpy.typing import NDArray
 
 from txt1.config import Config
-from txt1.config.schema import LearningConfig
+from txt1.config.schema import ThesisConfig
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision
 from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
-from txt1.learning.trial import COMMANDS
+from txt1.learning.trial import COMMANDS, Commands
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 
@@ -81,12 +81,13 @@ def state_learning_rate(visits: int) -> float:
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
     """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
-    settings, exponent = config.learning, float(config.sim.light.exponent)
+    settings, exponent = config.learning.thesis, float(config.sim.light.exponent)
+    commands = config.learning.actions
     if table is None:
-        return ThesisAgent(rng, COMMANDS, settings, exponent)
-    values = table.shaped(STATES, len(ACTIONS))
+        return ThesisAgent(rng, commands, settings, exponent)
+    values = table.shaped(STATES, len(commands))
     driving = settings.model_copy(update={"policy": "greedy", "training": 0, "learn_on": False})
-    driver = ThesisAgent(rng, COMMANDS, driving, exponent)
+    driver = ThesisAgent(rng, commands, driving, exponent)
     driver.q = np.array(values)
     return driver
 
@@ -103,13 +104,13 @@ class ThesisAgent:
     def __init__(
         self,
         rng: np.random.Generator,
-        commands: tuple[tuple[float, float], ...],
-        settings: LearningConfig | None = None,
+        commands: Commands,
+        settings: ThesisConfig | None = None,
         exponent: float = 2.0,
     ) -> None:
-        settings = LearningConfig() if settings is None else settings
+        settings = ThesisConfig() if settings is None else settings
         self.settings = settings
-        self.q: Table = initial(rng)
+        self.q: Table = initial(rng, actions=len(commands))
         self.episode = 0
         self.visits = np.zeros(STATES, int)
         self._rng = rng
@@ -152,7 +153,9 @@ class ThesisAgent:
             return None
 
     def sensed(self, odometry: Odometry) -> int:
-        """The action the robot is seen to carry out (figure 5.7)."""
+        """The action the robot is seen to carry out (figure 5.7); of other actions than the thesis's, the nearest."""
+        if self._commands != COMMANDS:
+            return min(range(len(self._commands)), key=lambda a: abs(self._commands[a][1] - odometry.omega))
         return 0 if odometry.omega < -SENSED else 2 if odometry.omega > SENSED else 1
 
     def waits(self, now: float, odometry: Odometry) -> bool:
@@ -228,8 +231,12 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
-        about = {"agent": self.name, "episodes": self.episode, "actions": list(ACTIONS), "states": list(SECTORS)}
+        about = {"agent": self.name, "episodes": self.episode, "actions": self._names(), "states": list(SECTORS)}
         return StoredTable(self.q.copy(), about)
+
+    def _names(self) -> list[str]:
+        count = len(self._commands)
+        return list(ACTIONS) if count == len(ACTIONS) else [f"action {a}" for a in range(count)]
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""

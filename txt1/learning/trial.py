@@ -6,27 +6,26 @@ It knows neither asyncio nor the robot: `txt1.learning.task` conducts it on the 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from math import cos, hypot, pi, sin
+from math import cos, hypot, inf, pi, sin
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from txt1.config import Config
+from txt1.config.schema import LearningConfig
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import StoredTable
 from txt1.model.odometry import Odometry
-from txt1.model.optimal import GOAL_RADIUS, SPEED, optimal_time
-from txt1.model.vehicle import Geometry
+from txt1.model.optimal import GOAL_RADIUS, optimal_time
+from txt1.model.vehicle import SPEED, Geometry
 from txt1.sensors.light import STREAM
 
 Pose = tuple[float, float, float]
 
 TICK: Final = 0.05  # the set-point is refreshed 20 times a second, s
 
-TURN: Final = SPEED / Geometry().radius_min  # sharpest yaw rate at the robot's speed, rad/s: 0.54 in table 5.2
-
 Commands = tuple[tuple[float, float], ...]  # (v, omega) of each action, m/s and rad/s
-COMMANDS: Final[Commands] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))  # right, straight, left (table 5.2)
+COMMANDS: Final[Commands] = LearningConfig().actions  # right, straight, left (table 5.2)
 
 OVER: Final = -1  # in place of an action, when an episode has ended
 
@@ -44,6 +43,9 @@ class Task(NamedTuple):
     boundary: float = 8.0  # it has failed outside the square of +-this around the room's centre, m
     time_limit: float = 300.0  # it has failed after so long, s; not in the thesis
     settle: float = 0.5  # rest before the first decision, s
+    speed: float = SPEED  # the fastest of the actions, m/s
+    radius_min: float = Geometry().radius_min  # of the sharpest turn among the actions, m
+    delay: float = 0.0  # after which an action reaches the robot, s
 
 
 class Start(NamedTuple):
@@ -60,7 +62,8 @@ class Start(NamedTuple):
     def optimal_time(self, task: Task) -> float:
         """The least time it can take from here, s."""
         x, y, theta = self.pose(task)
-        return float(optimal_time(x - task.light[0], y - task.light[1], theta, goal_radius=task.goal_radius))
+        x, y = x - task.light[0], y - task.light[1]
+        return float(optimal_time(x, y, theta, task.speed, task.radius_min, task.goal_radius))
 
 
 class Episode(NamedTuple):
@@ -109,7 +112,13 @@ def starts(seed: int, trial: int, count: int) -> list[Start]:
 def task_of(config: Config) -> Task:
     """Return the task, as configured."""
     one = config.learning
-    return Task(config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit)
+    speed = max(abs(v) for v, _ in one.actions)
+    sharpest = min((abs(v / omega) for v, omega in one.actions if omega), default=inf)
+    radius_min = max(config.geometry.radius_min, sharpest)
+    return Task(
+        config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit,
+        speed=speed, radius_min=radius_min, delay=one.delay,
+    )  # fmt: skip
 
 
 def ready_to_learn(config: Config) -> Config:
@@ -154,6 +163,8 @@ class Trial:
     def __post_init__(self) -> None:
         self._began = 0.0
         self._action = 0
+        self._under_way: list[tuple[float, tuple[float, float]]] = []  # commands, and when each reaches the robot
+        self._in_force = (0.0, 0.0)
         self.phase = Phase.DONE
         self._next()
 
@@ -179,6 +190,7 @@ class Trial:
         """The robot stands on its start pose since `now`."""
         self.phase = Phase.REST
         self._began = now
+        self._under_way, self._in_force = [], (0.0, 0.0)
         self.agent.begin()
 
     def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:
@@ -202,7 +214,16 @@ class Trial:
                 return 0.0, 0.0
             self._action = self.agent.act(now, odometry)
             self.decided(self._action)
-        return self.commands[self._action]
+        return self._delayed(now, self.commands[self._action])
+
+    def _delayed(self, now: float, command: tuple[float, float]) -> tuple[float, float]:
+        """The command that reaches the robot now."""
+        if not self.task.delay:
+            return command
+        self._under_way.append((now + self.task.delay, command))
+        while self._under_way and self._under_way[0][0] <= now + 1e-9:
+            self._in_force = self._under_way.pop(0)[1]
+        return self._in_force
 
     def void(self) -> None:
         """Do the present episode again, as if it had never begun."""

@@ -14,9 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from txt1.model.vehicle import Geometry
+from txt1.model.vehicle import SPEED, Geometry
 
-SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
 GOAL_RADIUS: Final = 0.5  # the light is reached so many metres from it (thesis 5.4)
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ from typing import Final
 from txt1.units import Positive, PositiveInt
 
 PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
+SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
 STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
 
 

@@ -49,9 +49,9 @@ def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None 
         return compass((x, y))
     exponent = float(light.exponent)
     noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
-    sensors = LightSensors(PointLight(x, y, light.intensity, exponent), noise, rng)
-    if faults is not None:
-        sensors.faults = faults
+    source = PointLight(x, y, light.intensity, exponent)
+    sensors = LightSensors(source, noise, rng, mount=light.mount, gains=light.gains)
+    sensors.faults = light.faults if faults is None else faults
     return lambda pose: sensors.read(*pose)
 
 

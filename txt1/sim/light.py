@@ -1,7 +1,6 @@
 """A point light and the four sensors that see it (thesis 3.7, 5.3, 5.4). No clock: one call, one sample."""
 
 from collections.abc import Sequence
-from enum import StrEnum
 from functools import cache
 from math import cos, erf, exp, pi, sin, sqrt, tan
 from typing import Final, NamedTuple
@@ -9,7 +8,20 @@ from typing import Final, NamedTuple
 import numpy as np
 from mypy_extensions import mypyc_attr
 
-from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.model.light import (
+    EVEN,
+    LUX_MAX,
+    LUX_MIN,
+    MOUNT,
+    SENSOR_X,
+    SENSOR_Y,
+    SENSORS,
+    SOUND,
+    Gains,
+    Mount,
+    Readings,
+    SensorFault,
+)  # fmt: skip
 
 NEAREST: Final = 0.03**2  # square of the lamp's radius, m^2: nearer than this it gets no brighter
 
@@ -35,18 +47,7 @@ class Range(NamedTuple):
     high: float = LUX_MAX
 
 
-class SensorFault(StrEnum):
-    """What is wrong with a sensor."""
-
-    NONE = "none"
-    DEAD = "dead"  # its wire is off: it reads 0
-    NAN = "nan"  # its driver gives no number
-    FROZEN = "frozen"  # it repeats the reading it had
-
-
 SENSOR_LIMITS: Final = Range()  # 1 to 1000 lux (thesis 5.3)
-
-SOUND: Final = (SensorFault.NONE, SensorFault.NONE, SensorFault.NONE, SensorFault.NONE)  # four sensors in order
 
 
 def illuminances(x: float, y: float, theta: float, light: PointLight) -> Readings:
@@ -54,18 +55,22 @@ def illuminances(x: float, y: float, theta: float, light: PointLight) -> Reading
     return Readings(*lux_at(x, y, theta, light))
 
 
-def lux_at(x: float, y: float, theta: float, light: PointLight) -> tuple[float, float, float, float]:
-    """The same as plain numbers, in the order of the sensors."""
+def lux_at(
+    x: float, y: float, theta: float, light: PointLight, mount: Mount = MOUNT
+) -> tuple[float, float, float, float]:
+    """The same as plain numbers, in the order of the sensors, which sit at `mount`."""
     c, s = cos(theta), sin(theta)
     light_x, light_y, intensity, exponent = light
     dx, dy = light_x - x, light_y - y
     # the light in the vehicle's frame
     ahead = c * dx + s * dy
     left = c * dy - s * dx
-    front, rear = (ahead - SENSOR_X) * (ahead - SENSOR_X), (ahead + SENSOR_X) * (ahead + SENSOR_X)
-    port, starboard = (left - SENSOR_Y) * (left - SENSOR_Y), (left + SENSOR_Y) * (left + SENSOR_Y)
+    (fl_x, fl_y), (fr_x, fr_y), (rl_x, rl_y), (rr_x, rr_y) = mount
     # I = I(1 m) / d^n, from the squares of the distances
-    fl, fr, rl, rr = front + port, front + starboard, rear + port, rear + starboard
+    fl = (ahead - fl_x) * (ahead - fl_x) + (left - fl_y) * (left - fl_y)
+    fr = (ahead - fr_x) * (ahead - fr_x) + (left - fr_y) * (left - fr_y)
+    rl = (ahead - rl_x) * (ahead - rl_x) + (left - rl_y) * (left - rl_y)
+    rr = (ahead - rr_x) * (ahead - rr_x) + (left - rr_y) * (left - rr_y)
     if fl < NEAREST or fr < NEAREST or rl < NEAREST or rr < NEAREST:
         fl, fr, rl, rr = max(fl, NEAREST), max(fr, NEAREST), max(rl, NEAREST), max(rr, NEAREST)
     if exponent != 2.0:
@@ -148,13 +153,18 @@ class LightSensors:
             sensor and sample; 0 switches it off. `noise_for_jitter()` is the thesis's.
         rng: repeats every random value from its seed.
         limits: of a reading.
+        mount: where they sit on the vehicle.
+        gains: factors on what they read: a dirty one reads less.
 
     """
 
     def __init__(
-        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Range = SENSOR_LIMITS
-    ) -> None:
+        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Range = SENSOR_LIMITS,
+        mount: Mount = MOUNT, gains: Gains = EVEN,
+    ) -> None:  # fmt: skip
         self.light = light
+        self.mount = mount
+        self.gains = gains
         self.noise = noise
         self.limits = limits
         self._rng = rng
@@ -178,7 +188,9 @@ class LightSensors:
     def read(self, x: float, y: float, theta: float) -> Readings:
         """The next sample, lux, of the vehicle at (x, y, theta) in the room; m and rad."""
         low, high = self.limits
-        fl, fr, rl, rr = lux_at(x, y, theta, self.light)
+        fl, fr, rl, rr = lux_at(x, y, theta, self.light, self.mount)
+        if self.gains != EVEN:
+            fl, fr, rl, rr = (gain * lux for gain, lux in zip(self.gains, (fl, fr, rl, rr), strict=True))
         noise = self.noise
         if noise:
             draws = self._draws

@@ -10,9 +10,10 @@ import pytest
 
 from txt1.cli.trials import on_robot
 from txt1.config import load
+from txt1.config.schema import TURN
 from txt1.learning.experiment import Plan, summary
 from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action
-from txt1.learning.trial import COMMANDS, TURN
+from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 from txt1.sim.light import PointLight, illuminances

@@ -10,11 +10,11 @@ import pytest
 from benchmarks.table_5_3 import TABLE_5_3
 from txt1.cli.trials import on_robot
 from txt1.config import load
-from txt1.config.schema import LearningConfig
+from txt1.config.schema import TURN, ThesisConfig
 from txt1.learning.experiment import Plan
 from txt1.learning.light import sector
 from txt1.learning.thesis import ThesisAgent
-from txt1.learning.trial import COMMANDS, TURN
+from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
 from txt1.sensors.light import compass
@@ -25,7 +25,7 @@ REAR_LEFT, FRONT_LEFT, AHEAD = radians(135.0), radians(45.0), 0.0
 
 
 def agent(**settings: object) -> ThesisAgent:
-    one = ThesisAgent(np.random.default_rng(1), COMMANDS, LearningConfig(**settings))  # type: ignore[arg-type]
+    one = ThesisAgent(np.random.default_rng(1), COMMANDS, ThesisConfig(**settings))  # type: ignore[arg-type]
     one.begin()
     return one
 
