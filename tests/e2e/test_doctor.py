@@ -114,6 +114,7 @@ def test_the_command_ends_with_0_when_all_is_well_and_with_1_when_not(capsys: Ca
     out = capsys.readouterr().out
     assert out.splitlines()[0].startswith("talking to virtual at 57600 baud")
     assert out.splitlines()[-1] == "all is well"
+    assert out.splitlines()[-2].startswith("  real time ")
     assert execute(["doctor", "--port", "virtual", "--set", "board.fault.drop=0.5"]) == 1
     out = capsys.readouterr().out
     assert any(line.startswith("! odometry") for line in out.splitlines())

@@ -198,7 +198,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Say in words what is wrong with the ports and the line to the board."""
     config = loaded(arguments).config
-    real_time().show()
     found: list[bool] = []
     if config.serial.port is None:
         found = [remark.show() for remark in ports()]
@@ -214,5 +213,6 @@ def main(arguments: argparse.Namespace) -> int:
 
     if app.run(look()) != OK:
         return app.code
+    real_time().show()
     print("all is well" if all(found) else "see the lines marked with !")
     return OK if all(found) else FAULT
