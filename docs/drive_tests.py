@@ -92,7 +92,7 @@ def main() -> None:
             parts.append("By the encoders, beside the same behind the wire protocol:\n")
             parts.append(picture(f"{name}-serial", both))
             parts.append(markdown(both))
-    parts.append(behind_the_wire(sim, [again, serial, pty]))
+    parts.append(behind_the_wire(sim, [again, serial, pty], BEHIND_THE_WIRE))
     parts.append(f"## To a pose\n\n{POSES}\n{paragraph(f'{sentence(pose_trips())}.')}")
     parts.append(TUNING)
     for title, key, settings in (("The nominal vehicle", "nominal", ()), (WEAK_TITLE, "weak", WEAK)):
@@ -109,7 +109,7 @@ def configured(*settings: str) -> Config:
 def run(profile: Profile, label: str, *settings: str, safe_end: bool = True) -> Run:
     """A profile, driven and measured."""
     print(f"{profile.title}: {label}", file=sys.stderr)
-    outcome = drive(configured(*settings), profile, "max", safe_end=safe_end).outcome
+    outcome, _ = drive(configured(*settings), profile, "max", safe_end=safe_end)
     assert outcome is not None
     return Run(label, profile, outcome.recording, measure(outcome, profile))
 
@@ -141,7 +141,7 @@ def on_ptys() -> dict[str, Run]:
         return {name: run_folder.read(Path(folder, name))._replace(label="serial, pty, real time") for name in DRIVES}
 
 
-def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]]) -> str:
+def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]], introduction: str) -> str:
     """How far runs behind the wire lie apart from those in simulation, beside two simulations."""
     head = "| test | run | v: later by | rms | largest | ω: later by | rms | largest | paths: rms | largest |"
     lines = [head, "|---" * 10 + "|"]
@@ -177,7 +177,7 @@ def behind_the_wire(sim: dict[str, Run], others: Sequence[dict[str, Run]]) -> st
         f"{1000.0 * QUANTUM[channel]:.0f} {unit}."
         for channel, name, unit in (("v", "speeds", "mm/s"), ("omega", "yaw rates", "mrad/s"))
     )
-    return "\n".join([BEHIND_THE_WIRE, *lines, "", paragraph(told)])
+    return "\n".join([introduction, *lines, "", paragraph(told)])
 
 
 def pose_trips() -> list[Trip]:
@@ -393,8 +393,8 @@ TUNING = f"""\
 `txt1 tune` sets the motor and the steering by hand for a minute, finds the vehicle in what the encoders tell, and tries
 gains on a model of it: those that settle soonest with no more overshoot and noise than the gains in force. The yaw
 rate's loop is found at one speed and scaled to every set of the schedule by the highest speed it is in force at. Then
-old and new gains drive both step tests. It needs PWM and encoder counts; the wire carries neither in controller mode,
-so gains for a board are found in simulation, with what is known of its vehicle, and loaded with `--config`.
+old and new gains drive both step tests. Behind a board, which closes the loops itself, it drives with K_P alone: the
+board's output is then K_P times the error, which set-point and odometry tell.
 
 Each table shows the mean of {REPEATS} runs with different seeds. The highest of noisy values is too high, in such a
 mean, too; so one half of the runs says when the response is highest and the other how high it is then, and the other

@@ -16,10 +16,13 @@ from txt1.cli import execute
 from txt1.cli.experiment import ENDLESS, drive
 from txt1.config import Config, load
 from txt1.experiments import figures, run_folder
+from txt1.experiments.identify import Hold, identify, try_out
 from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
+from txt1.kernel.loop import run
 from txt1.model.battery import pack_voltage
+from txt1.robot import Robot
 
 SERIAL = ("hal=serial", "serial.port=virtual")
 WEAK_AND_SLOW = (
@@ -245,9 +248,23 @@ def test_tuned_gains_settle_sooner_on_every_step_with_no_more_overshoot(
         assert (tmp_path / f"{test}-steps.svg").exists()
 
 
-@pytest.mark.parametrize("control", [(), ("--set", "serial.control=host", "--set", "serial.allow_host=true")])
-def test_tuning_behind_a_board_is_refused_with_a_way_out(capsys: Any, control: tuple[str, ...]) -> None:
-    assert execute(["tune", "--hal", "serial", "--port", "virtual", *control]) == 1
+def test_tuning_is_refused_where_neither_outputs_nor_gains_can_be_set(capsys: Any) -> None:
+    by_host = ("--set", "serial.control=host", "--set", "serial.allow_host=true")
+    assert execute(["tune", "--hal", "serial", "--port", "virtual", *by_host]) == 1
     told = capsys.readouterr().err
-    assert "counts encoder ticks" in told
+    assert "a board that takes gains" in told
     assert "--hal sim" in told
+
+
+def test_the_vehicle_behind_a_board_is_found_by_driving_with_k_p_alone() -> None:
+    async def drive_it() -> list[Hold]:
+        async with Robot.open(config=config) as robot:
+            return await try_out(robot)
+
+    config = configured(*SERIAL, "seed=1")
+    found, vehicle = identify(run(drive_it(), speed="max")), config.sim.vehicle
+    assert found.speed_gain == pytest.approx(vehicle.speed_gain, rel=0.05)
+    assert found.dead_band == pytest.approx(vehicle.dead_band, rel=0.2)  # where the line meets zero
+    assert found.time_constant == pytest.approx(vehicle.speed_time_constant, rel=0.1)
+    assert found.steering_gain == pytest.approx(9.42e-5, rel=0.05)  # as it is found by hand
+    assert 0.01 < found.steering_lag < 0.05

@@ -15,6 +15,7 @@ from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.devices.pico import Pico, PicoPort, interpreter
 from txt1.errors import MissingExtra
+from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
 from txt1.hal.registry import create_serial
 from txt1.hal.serial import SerialHal
@@ -177,3 +178,12 @@ async def test_two_minutes_of_driving_take_no_memory() -> None:
         for _ in range(20):  # the firmware ends with a MemoryError as soon as a cycle asks for memory
             await robot.drive(0.5, 0.3, 6.0)
         assert pico.state.armed
+
+
+@pytest.mark.long
+async def test_its_vehicle_is_found_by_driving_with_k_p_alone() -> None:
+    async with robot_and_pico() as (robot, _):
+        found = identify(await try_out(robot))
+    vehicle = robot.config.sim.vehicle
+    assert found.speed_gain == pytest.approx(vehicle.speed_gain, rel=0.05)
+    assert found.time_constant == pytest.approx(vehicle.speed_time_constant, rel=0.1)

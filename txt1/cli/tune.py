@@ -16,7 +16,7 @@ from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
 from txt1.experiments import figures, metrics, report, run_folder
-from txt1.experiments.identify import Plant, identify, require_pwm_and_ticks, try_out
+from txt1.experiments.identify import Plant, identify, try_out
 from txt1.experiments.profile import Profile, load_profile
 from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import Run
@@ -52,7 +52,6 @@ def main(arguments: argparse.Namespace) -> int:
     async def try_it() -> None:
         nonlocal plant
         async with app.robot(config) as robot:
-            require_pwm_and_ticks(robot.hal)
             await get_ready(robot, arguments.arm)
             plant = identify(await try_out(robot))
 

@@ -1,21 +1,34 @@
-"""A small model of the vehicle, on which tuning tries gains, found in a short drive with the PWM set by hand."""
+"""A small model of the vehicle, on which tuning tries gains, found in a short drive.
 
+Where this computer closes the velocity loops, the drive is with the PWM set by hand. Where a board closes them, it is
+with K_P alone: then the board's output is K_P times the error, which set-point and odometry tell.
+"""
+
+import asyncio
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from txt1.control.pid import CLEAR, Gains, pid
+from txt1.control.schedule import GainSet
 from txt1.errors import HalError
 from txt1.experiments.recording import Array
-from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.robot import Robot
 
 LEVELS: Final = (900, 1500, 2100, -900, -1500, -2100)  # motor counts, each held from rest
+SPEEDS: Final = (0.6, 0.9, 1.2, -0.6, -0.9, -1.2)  # m/s, set-points in their place behind a board
+TURNS: Final = (0.4, 0.0, -0.4, 0.0, 0.8, 0.0, -0.8, 0.0)  # rad/s, likewise for LOCKS
+SPEED_FEEDBACK: Final = Gains(5.0)  # about half the speed asked for is reached
+TURN_FEEDBACK: Final = Gains(10.0)  # a third of the yaw rate, at the speed below
+AT_REST: Final = 0.1  # m/s below which a hold began at rest
+CRUISE_SPEED: Final = 0.5  # m/s while the steering is tried
+DELAYS: Final = tuple(0.002 * k for k in range(101))  # s that a line may take, there and back
+LAGS: Final = tuple(0.002 * 1.02**k for k in range(320))  # s that a response with K_P alone may take
 LEVEL_TIME: Final = 4.0  # s of each: seven times the assumed lag
 REST_TIME: Final = 2.5  # s in between
 CRUISE: Final = 1800  # motor counts while the steering is tried
@@ -27,6 +40,7 @@ STEADY: Final = 0.4  # share of a step's time, at its end, that counts as steady
 # unevenness of the floor, as a share of the speed, anew at every tick; assumed, for the encoders show no patterns
 UNEVENNESS: Final = 0.03
 PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
+LOOP_DELAY: Final = 2.0 * PERIOD  # age of what the loops react to: half a period measured, one waited, half one held
 
 
 class Plant(NamedTuple):
@@ -40,25 +54,35 @@ class Plant(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """Outputs that were held, and what the encoders told meanwhile."""
+    """Outputs that were held, or that K_P alone settled to, and what the encoders told meanwhile."""
 
-    motor: int  # counts
-    steering: int  # counts, left positive
-    v: tuple[float, ...]  # at every tick, m/s
-    omega: tuple[float, ...]  # at every tick, rad/s
-
-
-def require_pwm_and_ticks(hal: Hal) -> None:
-    """Raise HalError for a HAL that takes no PWM, or gives no encoder counts to judge by."""
-    if not (hal.capabilities.pwm and hal.capabilities.ticks):
-        raise HalError(
-            f"tuning sets PWM by hand and counts encoder ticks 50 times a second, which the HAL '{hal.name}' cannot; "
-            "tune with --hal sim, what is known of the vehicle under sim.vehicle, and load the gains with --config"
-        )
+    motor: float  # counts, when steady
+    steering: float  # counts, left positive
+    v: tuple[float, ...]  # at every tick, or whenever a board told it, m/s
+    omega: tuple[float, ...]  # likewise, rad/s
+    times: tuple[float, ...] = ()  # when that was, s since the hold began; empty: at every tick
+    speed_feedback: float = 0.0  # K_P in counts per m/s; 0: set by hand
+    turn_feedback: float = 0.0  # K_P in counts per rad/s
 
 
 async def try_out(robot: Robot) -> list[Hold]:
-    """Return the motion at outputs set by hand; the vehicle needs a dozen metres of free floor."""
+    """Return the motion at different outputs; the vehicle needs a dozen metres of free floor.
+
+    Raises HalError: neither PWM and encoder counts, nor the gains of a board's loops, are there to try it with.
+    """
+    can = robot.hal.capabilities
+    if can.pwm and can.ticks:
+        return await _by_hand(robot)
+    if can.gains:
+        return await _by_feedback(robot)
+    raise HalError(
+        f"tuning needs PWM and encoder counts, or a board that takes gains, and the HAL '{robot.hal.name}' has "
+        "neither; tune with --hal sim, what is known of the vehicle under sim.vehicle, and load the gains with --config"
+    )
+
+
+async def _by_hand(robot: Robot) -> list[Hold]:
+    """Return the motion at outputs set by hand."""
     readings: list[tuple[float, float]] = []
 
     async def measure(ticks: Ticks) -> None:
@@ -88,27 +112,114 @@ async def try_out(robot: Robot) -> list[Hold]:
     return holds
 
 
+async def _by_feedback(robot: Robot) -> list[Hold]:
+    """Return the motion with a board's loops having K_P alone; they get their own gains back."""
+    readings: list[tuple[float, float, float]] = []  # s, m/s, rad/s
+
+    async def measure(ticks: Ticks) -> None:
+        async for _ in ticks:
+            arrived = robot.runtime.state.odometry_time
+            if not readings or arrived > readings[-1][0]:
+                readings.append((arrived, robot.odometry.v, robot.odometry.omega))
+
+    control = robot.config.loops()
+    linear, angular = control.linear.gains(), control.schedule().sets
+    turning = tuple(each._replace(gains=TURN_FEEDBACK) for each in angular)
+    robot.add_task("measurement", PERIOD, measure, priority=-1)
+    holds: list[Hold] = []
+
+    async def keep(v: float, omega: float, seconds: float) -> None:
+        ends = robot.now + seconds
+        while robot.now < ends:
+            robot.program.insist(v, omega)
+            await asyncio.sleep(PERIOD)
+
+    async def load(linear: Gains, angular: Sequence[GainSet]) -> None:
+        await keep(0.0, 0.0, REST_TIME)
+        if not await robot.load_gains(linear, angular):
+            raise HalError("the board does not accept the gains that it is tried with, K_P alone; tune with --hal sim")
+
+    async def hold(v: float, omega: float, seconds: float, speed: Gains, turn: Gains) -> None:
+        begin, first = robot.now, len(readings)
+        await keep(v, omega, seconds)
+        times, speeds, rates = zip(*readings[first:], strict=True)
+        motor, steering = 1000.0 * speed.kp, 1000.0 * turn.kp
+        holds.append(
+            Hold(
+                motor * (v - _steady(speeds)), steering * (omega - _steady(rates)), speeds, rates,
+                tuple(time - begin for time in times), motor, steering,
+            )
+        )  # fmt: skip
+
+    try:
+        await load(SPEED_FEEDBACK, angular)
+        for level in SPEEDS:
+            await hold(level, 0.0, LEVEL_TIME, SPEED_FEEDBACK, Gains())
+            await keep(0.0, 0.0, REST_TIME)
+        await load(linear, turning)
+        await hold(CRUISE_SPEED, 0.0, LEVEL_TIME, Gains(), Gains())
+        for turn in TURNS:
+            await hold(CRUISE_SPEED, turn, LOCK_TIME, Gains(), TURN_FEEDBACK)
+    finally:
+        robot.program.release()
+        await robot.load_gains(linear, angular)
+    return holds
+
+
 def identify(holds: Sequence[Hold], period: float = PERIOD) -> Plant:
     """The vehicle that explains a drive.
 
     Steady speeds v = K (abs(u) - d) give the gain K and the dead band d as a line. A lag T makes the area between a
     step's end value and its response T times the step, whatever the shape: that gives both lags, dead times included.
     The yaw rate is k v u, its gain k the slope through all steady values.
+
+    With K_P alone the response is that of a shorter lag (`_without_feedback`), after the time that the line takes.
     """
-    from_rest = [holds[0], *(hold for before, hold in pairwise(holds) if not before.motor)]
-    straight = [hold for hold in from_rest if hold.motor and not hold.steering]
+    straight = [hold for hold in holds if hold.motor and abs(hold.v[0]) < AT_REST]
     counts = np.array([abs(hold.motor) for hold in straight], float)
     speeds = np.array([abs(_steady(hold.v)) for hold in straight])
     gain, offset = np.polyfit(counts, speeds, 1)
-    lags = [_area(hold.v, 0.0, period) for hold in straight]
-
     turning = [(before, hold) for before, hold in pairwise(holds) if before.steering or hold.steering]
     turned = np.array([_steady(hold.omega) for _, hold in turning])
     asked = np.array([_steady(hold.v) * hold.steering for _, hold in turning])
     steering_gain = float((asked @ turned) / (asked @ asked))
-    steering_lags = [_area(hold.omega, _steady(before.omega), period) for before, hold in turning]
-    dead_band, steering_lag = max(0.0, float(-offset / gain)), max(0.0, float(np.mean(steering_lags)))
-    return Plant(float(gain), dead_band, float(np.median(lags)), steering_gain, steering_lag)
+    dead_band = max(0.0, float(-offset / gain))
+
+    if not holds[0].speed_feedback:
+        lag = float(np.median([_area(hold.v, 0.0, period) for hold in straight]))
+        steering_lags = [_area(hold.omega, _steady(before.omega), period) for before, hold in turning]
+        return Plant(float(gain), dead_band, lag, steering_gain, max(0.0, float(np.mean(steering_lags))))
+
+    delay, followed = _delay_and_lag([(hold.times, _shares(hold.v, 0.0)) for hold in straight], DELAYS)
+    turns = [(hold.times, _shares(hold.omega, _steady(before.omega))) for before, hold in turning]
+    _, turned_after = _delay_and_lag(turns, (delay,))
+    turn_feedback = float(np.mean([abs(_steady(hold.v)) * hold.turn_feedback for _, hold in turning]))
+    return Plant(
+        float(gain), dead_band, _without_feedback(followed, float(gain) * holds[0].speed_feedback),
+        steering_gain, _without_feedback(turned_after, steering_gain * turn_feedback),
+    )  # fmt: skip
+
+
+def _without_feedback(lag: float, loop_gain: float) -> float:
+    """The lag T of which feedback of gain g, D late, makes (T - g D) / (1 + g), all in s."""
+    return lag * (1.0 + loop_gain) + loop_gain * LOOP_DELAY
+
+
+def _shares(values: Sequence[float], before: float) -> Array:
+    """A response as a share of its step."""
+    return (np.array(values) - before) / (_steady(values) - before)
+
+
+def _delay_and_lag(responses: Sequence[tuple[Sequence[float], Array]], delays: Sequence[float]) -> tuple[float, float]:
+    """The delay and the lag, s, whose first-order response is nearest to all of these, by least squares."""
+    times = np.concatenate([each for each, _ in responses])
+    shares = np.concatenate([each for _, each in responses])
+
+    def distance(delay: float, lag: float) -> float:
+        left = np.exp(-np.maximum(times - delay, 0.0) / lag)
+        return float(np.square(1.0 - left - shares).sum())
+
+    return min(product(delays, LAGS), key=lambda each: distance(*each))
 
 
 def _steady(values: Sequence[float]) -> float:
