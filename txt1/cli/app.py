@@ -30,7 +30,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.tasks.fields import DRIVER
+from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
 from txt1.ui.line import SHOWN, status_line
@@ -165,7 +165,8 @@ class App:
                 return
             say("the terminal was lost and the robot disarmed; Ctrl-C ends the run")
             self.code = FAULT
-        lines = asyncio.Future() if view == "nothing" else asyncio.ensure_future(_status_lines(runtime))
+        show = _log_lines if in_journal() else _status_lines
+        lines = asyncio.Future() if view == "nothing" else asyncio.ensure_future(show(runtime))
         try:
             await _first_of(*ends, lines)
         finally:
@@ -280,7 +281,26 @@ async def _status_lines(runtime: Runtime) -> None:
     """Print one status line a second; a reader that has stopped reading misses some, it never holds up the robot."""
     sys.stdout.flush()
     while True:
-        _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
-        if writable:
-            os.write(STDOUT, f"{status_line(runtime.snapshot(SHOWN))}\n".encode())
+        _put(status_line(runtime.snapshot(SHOWN)))
         await asyncio.sleep(1.0)
+
+
+async def _log_lines(runtime: Runtime) -> None:
+    """Print the event log as it goes on: a journal keeps its own times, and a line a second would fill it."""
+    runtime.bus.subscribe(lambda topic, event, time: _put(event.text), [LOG])
+    for event in runtime.state.events:
+        _put(event.text)
+    await asyncio.Future()
+
+
+def _put(text: str) -> None:
+    """Print a line, unless its reader has stopped reading."""
+    _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
+    if writable:
+        os.write(STDOUT, f"{text}\n".encode(errors="replace"))
+
+
+def in_journal() -> bool:
+    """Whether standard output goes to systemd's journal."""
+    output = os.fstat(STDOUT)
+    return os.environ.get("JOURNAL_STREAM") == f"{output.st_dev}:{output.st_ino}"

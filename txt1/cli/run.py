@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
+from txt1.cli.notify import served
 from txt1.cli.options import flag, takes
 from txt1.config import Config
 from txt1.control.limits import Fault
@@ -98,6 +99,7 @@ async def _operate(
         if arguments.realtime:
             bridges.enter_context(real_time(robot))
         getting_ready = asyncio.ensure_future(prepare())
+        bridges.enter_context(served(robot.runtime))
         try:
             terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)

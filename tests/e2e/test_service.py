@@ -1,0 +1,181 @@
+"""A robot as a service: the unit, what the service manager is told, and no arming by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from txt1.cli import execute
+from txt1.cli.notify import served, tell
+from txt1.cli.service import quoted
+from txt1.robot import Robot
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a user's unit goes; there is no systemctl."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    return tmp_path / "systemd" / "user" / "txt1.service"
+
+
+def test_a_unit_is_written_and_taken_away(unit: Path, capsys: Capture) -> None:
+    assert execute(["service", "install", "--user", "run", "--hal", "sim", "--set", "name=big robot"]) == 0
+    lines = unit.read_text().splitlines()
+    command = f'ExecStart={sys.executable} -m txt1 run --hal sim --set "name=big robot" --headless --no-arm'
+    assert command in lines
+    assert {"Type=notify", "WatchdogSec=2", "Restart=on-failure", "StandardOutput=journal"} <= set(lines)
+    assert "systemctl --user daemon-reload && systemctl --user enable --now txt1" in capsys.readouterr().err
+    assert execute(["service", "remove", "--user"]) == 0
+    assert not unit.exists()
+    assert execute(["service", "remove", "--user"]) == 2
+
+
+def test_systemd_finds_nothing_wrong_with_the_unit(unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert execute(["service", "install", "--user", "run", "--realtime", "--set", 'name=a "b" $c 100%']) == 0
+    monkeypatch.undo()
+    analyze = shutil.which("systemd-analyze")
+    if analyze is None:
+        pytest.skip("systemd-analyze is not installed")
+    done = subprocess.run(
+        [analyze, "verify", "--man=no", "--recursive-errors=no", str(unit)], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--user", "run", "--arm"], "never arms"),
+        (["--user", "--system"], "choose one"),
+        (["--user", "run", "--nonsense"], "--nonsense"),
+        (["--user", "--name", "../x"], "no name of a unit"),
+    ],
+)
+def test_a_unit_that_would_arm_or_could_not_run_is_refused(
+    unit: Path, words: list[str], told: str, capsys: Capture
+) -> None:
+    assert execute(["service", "install", *words]) == 2
+    assert told in capsys.readouterr().err
+    assert not unit.exists()
+
+
+def test_somebody_elses_unit_is_left_alone(unit: Path, capsys: Capture) -> None:
+    unit.parent.mkdir(parents=True)
+    unit.write_text("[Service]\n")
+    assert execute(["service", "install", "--user"]) == 2
+    assert execute(["service", "remove", "--user"]) == 2
+    assert unit.read_text() == "[Service]\n"
+    assert "not of our making" in capsys.readouterr().err
+
+
+def test_words_are_quoted_as_systemd_reads_them() -> None:
+    assert quoted("--drive=0.5,0.3") == "--drive=0.5,0.3"
+    assert quoted('a "b"') == '"a \\"b\\""'
+    assert quoted("50%") == "50%%"
+    assert quoted("$HOME") == "$$HOME"
+    assert quoted("") == '""'
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """The service manager's socket."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.settimeout(60.0)
+        yield listening
+
+
+def test_the_service_manager_hears_of_readiness_of_every_quarter_of_the_watchdog_and_of_the_end(
+    manager: socket.socket, tmp_path: Path
+) -> None:
+    environment = os.environ | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
+    robot = subprocess.Popen(
+        [sys.executable, "-m", "txt1", "run", "--hal", "sim", "--headless", "--no-arm"],
+        env=environment, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        assert manager.recv(1000) == b"READY=1"
+        first = manager.recv(1000)
+        assert first == b"WATCHDOG=1\nSTATUS=disarmed: not armed yet"
+        began = time.monotonic()
+        assert {manager.recv(1000) for _ in range(6)} == {b"WATCHDOG=1"}
+        assert time.monotonic() - began > 0.4  # six times 0.1 s, the first of them maybe late
+
+        robot.send_signal(signal.SIGSTOP)  # the controller stalls
+        os.waitid(os.P_PID, robot.pid, os.WSTOPPED)
+        manager.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            while True:
+                manager.recv(1000)  # what was sent before
+        robot.send_signal(signal.SIGCONT)
+        manager.settimeout(60.0)
+        assert manager.recv(1000) == b"WATCHDOG=1"
+
+        robot.terminate()
+        while (last := manager.recv(1000)) == b"WATCHDOG=1":
+            pass
+        assert last == b"STOPPING=1"
+        assert robot.wait() == 143
+    finally:
+        robot.kill()
+        robot.communicate()
+
+
+def test_the_watchdog_of_another_process_is_not_fed(
+    manager: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    monkeypatch.setenv("WATCHDOG_PID", "1")  # of another process
+    assert execute(["run", "--hal", "sim", "--json", "--duration", "2", "--speed", "max", "--no-arm"]) == 0
+    assert manager.recv(1000) == b"READY=1"
+    assert manager.recv(1000) == b"STATUS=disarmed: not armed yet"
+    assert manager.recv(1000) == b"STOPPING=1"
+
+
+def read(manager: socket.socket) -> list[bytes]:
+    """What has been sent so far."""
+    told = []
+    manager.setblocking(False)
+    with suppress(BlockingIOError):
+        while True:
+            told.append(manager.recv(1000))
+    return told
+
+
+async def test_the_watchdog_goes_hungry_while_the_controller_makes_no_cycle(
+    manager: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    async with Robot.open("sim", seed=1) as robot:
+        with served(robot.runtime):
+            await asyncio.sleep(1.1)
+            assert read(manager)[-1] == b"WATCHDOG=1"
+            stuck = robot.runtime.statistics()["controller"].cycles
+            monkeypatch.setattr(robot.runtime, "statistics", lambda: {"controller": SimpleNamespace(cycles=stuck)})
+            await asyncio.sleep(1.1)
+            assert read(manager) == [b"WATCHDOG=1"]  # for the cycles since the one before
+            await asyncio.sleep(1.1)
+            assert read(manager) == []
+
+
+def test_a_service_manager_that_has_gone_is_no_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for address in ("", "@txt1-nobody-is-here", str(tmp_path / "nobody"), "nonsense"):
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+        tell("READY=1")

@@ -1,0 +1,168 @@
+"""`txt1 service`: have systemd start a robot at boot, watch over it, and start it again, disarmed, when it fails."""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from txt1.cli import OK, options
+from txt1.cli.app import say
+from txt1.cli.options import flag, takes
+from txt1.errors import ConfigError
+from txt1.kernel.realtime import FIFO, HELPERS_NICENESS
+
+WATCHDOG: Final = 2.0  # s without a cycle of the controller after which the robot counts as hung
+HEADER: Final = "# made by 'txt1 service install'"
+
+UNIT: Final = """\
+{header}; 'txt1 service remove' takes it away
+[Unit]
+Description=TXT-1 robot ({name})
+StartLimitIntervalSec=60
+StartLimitBurst=10
+
+[Service]
+Type=notify
+NotifyAccess=main
+WorkingDirectory={directory}
+ExecStart={command}
+{user}# a restarted robot is disarmed; a mistake in the command line or the configuration is not mended by a restart
+Restart=on-failure
+RestartSec=2
+RestartPreventExitStatus=2
+WatchdogSec={watchdog:g}
+WatchdogSignal=SIGKILL
+TimeoutStopSec=15
+KillMode=mixed
+# for --realtime
+LimitRTPRIO={fifo}
+LimitMEMLOCK=infinity
+LimitNICE={niceness}
+StandardOutput=journal
+StandardError=journal
+SyslogIdentifier={name}
+
+[Install]
+WantedBy={target}
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the actions of `service`."""
+    where = {
+        "--user": flag("a service of this user's; the default, but for root"),
+        "--system": flag("a service of the computer's; the default for root"),
+        "--name": takes("NAME", "of the unit, txt1 by default", unit_name, default="txt1"),
+    }
+    command = {"run": {"nargs": argparse.REMAINDER, "metavar": "run ...", "help": "what to run: run and its options"}}
+    options.add_actions(parser, {"install": (install, where | command), "remove": (remove, where)})
+
+
+def unit_name(text: str) -> str:
+    """Return the name of a unit that a word is; raises ArgumentTypeError."""
+    if not text or not all(character.isascii() and (character.isalnum() or character in "-_") for character in text):
+        raise argparse.ArgumentTypeError(f"'{text}' is no name of a unit: letters, digits, - and _")
+    return text
+
+
+def install(arguments: argparse.Namespace) -> int:
+    """Write the unit and have it started at boot."""
+    system = _system(arguments)
+    path = unit_path(arguments.name, system=system)
+    text = unit(arguments.name, run_options(arguments.run), system=system)
+    if path.exists() and not path.read_text(encoding="utf-8").startswith(HEADER):
+        raise ConfigError(f"{path} is not of our making; choose another --name")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    say(f"{path} is written")
+    scope = "" if system else " --user"
+    if _systemctl(system, "daemon-reload") and _systemctl(system, "enable", arguments.name):
+        lingering = "" if system else "; 'loginctl enable-linger' has it started without a log-in"
+        say(f"it starts at boot{lingering}; now: systemctl{scope} start {arguments.name}")
+    else:
+        say(f"then: systemctl{scope} daemon-reload && systemctl{scope} enable --now {arguments.name}")
+    say(f"its log: journalctl{scope} --unit {arguments.name} --follow")
+    return OK
+
+
+def remove(arguments: argparse.Namespace) -> int:
+    """Stop the service and take its unit away."""
+    system = _system(arguments)
+    path = unit_path(arguments.name, system=system)
+    if not path.exists():
+        raise ConfigError(f"there is no {path}; was it installed with {'--user' if system else '--system'}?")
+    if not path.read_text(encoding="utf-8").startswith(HEADER):
+        raise ConfigError(f"{path} is not of our making")
+    _systemctl(system, "disable", "--now", arguments.name)
+    path.unlink()
+    _systemctl(system, "daemon-reload")
+    say(f"{path} is removed")
+    return OK
+
+
+def _system(arguments: argparse.Namespace) -> bool:
+    if arguments.user and arguments.system:
+        raise ConfigError("--user, --system: choose one of them")
+    return bool(arguments.system or (os.geteuid() == 0 and not arguments.user))
+
+
+def unit_path(name: str, *, system: bool) -> Path:
+    """Return where systemd looks for the unit."""
+    if system:
+        return Path("/etc/systemd/system", f"{name}.service")
+    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    return Path(home, "systemd", "user", f"{name}.service")
+
+
+def run_options(words: Sequence[str]) -> list[str]:
+    """Return the options of `run` for a service, without screens and never armed; ConfigError for those that arm."""
+    from txt1.cli import run
+
+    given = list(words[1:] if words[:1] in (["run"], ["--"]) else words)
+    parser = argparse.ArgumentParser(prog="txt1 service install run")
+    run.add_arguments(parser)
+    told = parser.parse_args(given)
+    if told.arm:
+        raise ConfigError(
+            "--arm: a service comes up by itself, so it never arms; leave it out, and arm when you see it"
+        )
+    return [*given, *(["--headless"] * (not told.headless and not told.json)), *(["--no-arm"] * (told.arm is None))]
+
+
+def unit(name: str, words: Sequence[str], *, system: bool) -> str:
+    """Return the text of the unit that runs ``txt1 run`` with these options in the present directory."""
+    user = os.environ.get("SUDO_USER") if system else None
+    return UNIT.format(
+        header=HEADER,
+        name=name,
+        directory=Path.cwd().as_posix().replace("%", "%%"),
+        command=" ".join(map(quoted, [sys.executable, "-m", "txt1", "run", *words])),
+        user=f"User={user}\nSupplementaryGroups=dialout\n" if user else "",
+        watchdog=WATCHDOG,
+        fifo=FIFO,
+        niceness=HELPERS_NICENESS,
+        target="multi-user.target" if system else "default.target",
+    )
+
+
+def quoted(word: str) -> str:
+    """Return a word of a command line as systemd reads it; ConfigError for one with control characters."""
+    if not word.isprintable():
+        raise ConfigError(f"{word!r} cannot stand in a unit")
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    return f'"{escaped}"' if not word or set(word) & set(" '\";#\\") else escaped
+
+
+def _systemctl(system: bool, *words: str) -> bool:
+    """Whether systemd obeyed; where it does not run, or nobody is logged in, it cannot."""
+    program = shutil.which("systemctl")
+    if program is None:
+        return False
+    done = subprocess.run([program, *([] if system else ["--user"]), *words], capture_output=True, text=True)  # noqa: S603
+    if done.returncode != 0:
+        say(f"systemctl {words[0]}: {done.stderr.strip() or f'exit code {done.returncode}'}")
+    return done.returncode == 0
