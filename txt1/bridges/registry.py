@@ -33,10 +33,11 @@ from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
-BRIDGES: Final = Registry("bridge", "txt1.bridges", {})
+BRIDGES: Final = Registry("bridge", "txt1.bridges", {"web": "txt1.bridges.web.server:main"})
 
 RESTART: Final = Restart(limit=3)
 SILENCE: Final = 5.0  # s without a heartbeat after which a bridge is ended as hung, and started again
+SELDOM: Final = 1.0  # s between two pieces of telemetry with what a bridge wants seldom
 EVENTS_MAX: Final = 100  # events kept for a bridge between two pieces of telemetry; the oldest go first
 
 
@@ -82,7 +83,8 @@ class Desk:
         self._age = 0.0  # of the request that is answered, s
         self._told = ""
         self._topics: frozenset[str] | None = None
-        self._interval, self._due = 0.1, 0.0
+        self._seldom: frozenset[str] | None = frozenset()
+        self._interval, self._due, self._due_seldom = 0.1, 0.0, 0.0
         self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
         self._requests: dict[str, Callable[..., object]] = {
             "subscribe": self._subscribe,
@@ -99,11 +101,14 @@ class Desk:
 
     def telemetry(self) -> bytes | None:
         """The topics that the bridge wants, at its rate; None until they are due."""
-        robot = self._robot
-        if robot.now < self._due:
+        robot, now, topics = self._robot, self._robot.now, self._topics
+        if now < self._due:
             return None
-        self._due = robot.now + self._interval
-        line = Snapshot.take(robot.runtime.bus, robot.now, robot.runtime.name, self._topics).encode()
+        self._due = max(self._due + self._interval, now)  # in step with the task's ticks, though these come late
+        if now >= self._due_seldom and topics is not None:
+            self._due_seldom = now + SELDOM
+            topics = None if self._seldom is None else topics | self._seldom
+        line = Snapshot.take(robot.runtime.bus, now, robot.runtime.name, topics).encode()
         if self._events:
             line = line[:-2] + b',"events":' + json.dumps(list(self._events)).encode() + b"}\n"
             self._events.clear()
@@ -123,6 +128,7 @@ class Desk:
             except TypeError as error:
                 raise ValueError(f"request '{request.name}': {error}") from None
             do(**request.fields)
+            self._told = ""
         except (Txt1Error, ValueError) as error:
             if str(error) != self._told:
                 self._told = str(error)
@@ -139,17 +145,21 @@ class Desk:
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _drive(self, v: object, omega: object) -> None:
-        self._source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - self._age))
+    def _drive(self, v: object, omega: object, age: object = 0.0) -> None:
+        """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
+        old = self._age + max(0.0, _number("age", age))
+        self._source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - old))
 
-    def _subscribe(self, topics: Sequence[str] | None = None, rate: object = 10.0) -> None:
+    def _subscribe(
+        self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()
+    ) -> None:
+        """Send `topics` so many times a second and `seldom` once; None for all that there are."""
         hertz = _number("rate", rate)
         if not 0.0 < hertz <= 1.0 / PERIOD:
             raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / PERIOD:g}")
-        if topics is not None and not (isinstance(topics, list) and all(isinstance(name, str) for name in topics)):
-            raise ValueError(f"topics: {topics!r}; give a list of names, such as ['/odom']")
         self._interval = 1.0 / hertz
-        self._topics = None if topics is None else frozenset(topics)
+        self._topics, self._seldom = _names("topics", topics), _names("seldom", seldom)
+        self._due_seldom = 0.0
         self.leave()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
         self.leave = self._robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
@@ -162,6 +172,14 @@ def _number(name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name}: {value!r} is no number")
     return float(value)
+
+
+def _names(field: str, names: object) -> frozenset[str] | None:
+    if names is None:
+        return None
+    if not (isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)):
+        raise ValueError(f"{field}: {names!r}; give a list of names, such as ['/odom']")
+    return frozenset(names)
 
 
 def _button(name: object) -> Button:

@@ -71,6 +71,14 @@ def host_and_port(text: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
+def named_url(text: str) -> tuple[str, str]:
+    """Return the robot's name and its page's address that a word is; raises ArgumentTypeError."""
+    name, _, url = text.partition("=")
+    if not (name and url.startswith(("http://", "https://"))):
+        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=URL, for example txt02=https://txt02.local:8080")
+    return name, url
+
+
 def existing(text: str) -> Path:
     """Return the path of something that is there; raises ArgumentTypeError."""
     path = Path(text)
@@ -133,6 +141,20 @@ VIEW: Final = {
     ),
     "--view-token": takes(
         "FILE", "clients have to present the token in FILE, made if there is none: ws://HOST:PORT/?token=TOKEN", Path
+    ),
+}  # fmt: skip
+WEB: Final = {
+    "--web": takes(
+        "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
+        "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
+    ),
+    "--web-token": takes("FILE", "the token that pages present, made if there is no file", Path),
+    "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
+    "--web-key": takes("FILE", "... and its key, if that is another file", existing),
+    "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
+    "--web-folder": takes("FOLDER", "recordings that the page makes and plays", Path, default=Path("out/recordings")),
+    "--web-robot": takes(
+        "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Final
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
+from txt1.cli.errands import Errands
 from txt1.cli.notify import served
 from txt1.cli.options import flag, takes
+from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
@@ -39,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
+    } | options.WEB | {
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
             options.bridge_options, action="append", default=[],
@@ -69,13 +72,19 @@ def main(arguments: argparse.Namespace) -> int:
         BRIDGES.place("bridge", name)  # refused before the robot is brought up
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
+    page = web_page(arguments)
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent, steer))
+    app.run(_operate(app, arguments, config, agent, steer, page))
     return conclude(app, arguments.json)
 
 
 async def _operate(
-    app: App, arguments: argparse.Namespace, config: Config, agent: Agent | None, steer: Steer | None
+    app: App,
+    arguments: argparse.Namespace,
+    config: Config,
+    agent: Agent | None,
+    steer: Steer | None,
+    page: WebPage | None,
 ) -> None:
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
@@ -84,12 +93,15 @@ async def _operate(
         radius_min = config.geometry.radius_min
         teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min)
         if view is not None:
-            web = robot.source("web")
-            view.drive(lambda v, omega, age: web.command(v, omega, max(0.0, robot.now - age)), radius_min)
+            hand = robot.source("view")
+            view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        for name, given in arguments.bridge:
-            await bridges.enter_async_context(bridge(robot, name, given))
+        if wanted := [*([] if page is None else [page.bridge()]), *arguments.bridge]:
+            errands = Errands(robot, config, arguments.speed, arguments.web_folder)
+            bridges.push_async_callback(errands.close)
+            for name, given in wanted:
+                await bridges.enter_async_context(bridge(robot, name, given, errands.requests))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
 
         async def prepare() -> None:

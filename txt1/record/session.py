@@ -54,6 +54,11 @@ def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[s
     }
 
 
+def dated(folder: Path, name: str) -> Path:
+    """A recording's file in a folder, named by the robot and the time of day, UTC."""
+    return folder / f"{name}-{datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC):%Y%m%d-%H%M%S}.mcap"
+
+
 Attach = Callable[[Runtime], None]
 
 

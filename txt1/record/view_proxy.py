@@ -145,25 +145,26 @@ def presented(head: bytes) -> bytes:
     return b""
 
 
-def token_in(file: Path) -> str:
+def token_in(file: Path, option: str = "--view-token") -> str:
     """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
 
-    Raises ConfigError: it is no regular file, others may read it, its token is no good, or it cannot be read or made.
+    Raises ConfigError, which names the `option`: it is no regular file, others may read it, its token is no good, or it
+    cannot be read or made.
     """
     try:
         if not file.exists():
             _make(file)
         mode = file.stat().st_mode
         if not stat.S_ISREG(mode):
-            raise ConfigError(f"--view-token {file}: not a regular file; name one, or one that is to be made")
+            raise ConfigError(f"{option} {file}: not a regular file; name one, or one that is to be made")
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
-            raise ConfigError(f"--view-token {file}: others may read it; chmod 600 {file}")
+            raise ConfigError(f"{option} {file}: others may read it; chmod 600 {file}")
         token = file.read_text(encoding="latin-1").strip()
     except OSError as error:
-        raise ConfigError(f"--view-token {file}: {error.strerror}; give a file that can be read or made") from None
+        raise ConfigError(f"{option} {file}: {error.strerror}; give a file that can be read or made") from None
     if not TOKEN.fullmatch(token):
         raise ConfigError(
-            f"--view-token {file}: its token has to be a word of at least {TOKEN_MIN} characters, each a letter from A "
+            f"{option} {file}: its token has to be a word of at least {TOKEN_MIN} characters, each a letter from A "
             "to Z or a to z, a digit or one of . _ ~ -; delete the file, and a good one is made"
         )
     return token

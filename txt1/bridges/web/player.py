@@ -1,0 +1,85 @@
+"""Recordings on the page: the list of them, and one that is played in place of the robot."""
+
+import asyncio
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Self
+
+from txt1.errors import RecordingError
+from txt1.record.snapshots import Snapshots
+
+PERIOD: Final = 0.1  # s between two snapshots
+SIZE_MAX: Final = 200 << 20  # bytes of a recording that is shown: it is held in memory
+SPEED_MAX: Final = 16.0
+LISTED_MAX: Final = 200
+
+
+def recordings(folder: Path, name: re.Pattern[str]) -> list[dict[str, object]]:
+    """Name, size in bytes and time (s since 1970) of the recordings in a folder, the newest first."""
+    try:
+        found = [(each.stat(), each.name) for each in folder.iterdir() if name.fullmatch(each.name) and each.is_file()]
+    except OSError:
+        return []
+    found.sort(key=lambda each: -each[0].st_mtime)
+    return [{"name": each, "size": stat.st_size, "time": stat.st_mtime} for stat, each in found[:LISTED_MAX]]
+
+
+def strict(line: str) -> str:
+    """A line of JSON without Python's words for what is no number: null, as browsers know no other."""
+    if "NaN" not in line and "Infinity" not in line:
+        return line
+    return json.dumps(json.loads(line, parse_constant=lambda _: None), separators=(",", ":"))
+
+
+@dataclass(eq=False)
+class Player:
+    """Plays a recording for one page."""
+
+    name: str
+    recording: Snapshots
+    position: float  # s of the run
+    speed: float = 1.0  # times real time; 0: paused
+    _stopped: bool = False
+    _moved: bool = False  # there is something else to show
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Read a recording, in a thread; raises RecordingError."""
+        if path.is_symlink() or not path.is_file():
+            raise RecordingError("there is no such recording")
+        if path.stat().st_size > SIZE_MAX:
+            raise RecordingError(f"it is larger than {SIZE_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it")
+        recording = Snapshots(path)
+        return cls(path.name, recording, recording.start)
+
+    def status(self) -> dict[str, object]:
+        """Where it is."""
+        start, end = self.recording.start, self.recording.end
+        return {"name": self.name, "start": start, "end": end, "position": self.position, "speed": self.speed}
+
+    def wind(self, to: Any, speed: Any) -> None:
+        """Go to a time of the run, and play at another speed; ValueError for what is no number."""
+        if to is not None:
+            self.position = min(max(float(to), self.recording.start), self.recording.end)
+        if speed is not None:
+            self.speed = min(max(float(speed), 0.0), SPEED_MAX)
+        self._moved = True
+
+    def stop(self) -> None:
+        """End `play`."""
+        self._stopped = True
+
+    async def play(self, show: Callable[[str], None], now: Callable[[], float]) -> None:
+        """Hand out one line after the other until it is stopped; at the end it waits there."""
+        before = now()
+        while not self._stopped:
+            present = now()
+            position = min(self.position + self.speed * (present - before), self.recording.end)
+            if position != self.position or self._moved or before == present:
+                self.position, self._moved = position, False
+                show(strict(self.recording.at(position).encode().decode()))
+            before = present
+            await asyncio.sleep(PERIOD)

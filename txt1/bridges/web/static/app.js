@@ -1,0 +1,299 @@
+// The page: what comes from the robot goes to map, curves and panels; what is pressed goes to the robot.
+
+import { Chart, format } from "./chart.js"
+import { Drive } from "./drive.js"
+import { Link } from "./link.js"
+import { Map2d } from "./map.js"
+import { element, leaves, panels } from "./panels.js"
+
+const SILENT = 700  // ms without telemetry after which it is said
+const TOAST = 5000  // ms
+const NO_PLOT = ["/capabilities", "/surroundings", "/events", "/gain_table"]
+
+const $ = (id) => document.getElementById(id)
+
+const know = {
+  topics: {},  // the newest value of each
+  time: 0,  // s of the run
+  name: "",
+  page: {},  // what the server says of this page
+  files: null,
+  fps: 0,
+  learning: { steps: [], episodes: [] },
+  plot: { topic: "", field: "", fields: [], points: [], chart: null },
+  send: (request) => link.send(request),
+  choices: () => [...new Set([
+    ...Object.keys(know.topics).filter((name) => !NO_PLOT.includes(name)),
+    ...(know.topics["/sensors"] ?? []).map((sensor) => `/sensors/${sensor.name}`), "/learning/step",
+  ])].sort(),
+  choose(topic, field) {
+    if (topic !== know.plot.topic) know.plot.fields = []
+    Object.assign(know.plot, { topic, field, points: [] })
+    know.plot.chart?.clear()
+    subscribe()
+  },
+  replay: (name) => {
+    map.clear()
+    charts.forEach((chart) => chart.clear())
+    link.send(name ? { do: "replay", name } : { do: "replay" })
+  },
+  signOut: async () => {
+    await fetch("sign-out", { method: "POST" })
+    location.reload()
+  },
+}
+
+let heard = 0  // when telemetry came last, ms of the page
+let tab = "events"
+const map = new Map2d($("map"))
+const speeds = new Chart($("v-chart"), ["robot", "goal"], 0.2)
+const turns = new Chart($("w-chart"), ["robot", "goal"], 0.2)
+const charts = [speeds, turns]
+const link = new Link({ telemetry, message, change })
+const drive = new Drive(link, { stick: $("stick"), knob: $("knob"), arm: $("arm"), speed: changeSpeed }, driving)
+
+// -- from the robot
+
+function telemetry(snapshot) {
+  if (snapshot.time < know.time - 1) {
+    map.clear()
+    charts.forEach((chart) => chart.clear())
+  }
+  heard = performance.now()
+  know.time = snapshot.time
+  know.name = snapshot.name
+  if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
+  else Object.assign(know.topics, snapshot.topics)
+  for (const event of snapshot.events ?? []) occurred(event)
+  map.take(know.topics, know.topics)
+  const odometry = know.topics["/odom"], goal = know.topics["/setpoint"]
+  if (odometry) {
+    speeds.add(know.time, odometry.v, goal?.v)
+    turns.add(know.time, odometry.omega, goal?.omega)
+  }
+  const { topic } = know.plot
+  if (topic in snapshot.topics) plotted(know.time, snapshot.topics[topic])
+}
+
+function occurred({ topic, time, value }) {
+  if (topic === know.plot.topic) plotted(time, value)
+  if (topic === "/learning/step") {
+    know.learning.steps.push(value)
+    if (know.learning.steps.length > 2000) know.learning.steps.shift()
+  } else if (value && Array.isArray(value.ranges)) map.scan = points(value)
+  else if (value && (value.jpeg || value.image)) picture(value)
+}
+
+// The end points of a laser's beams in the robot's frame, m.
+function points(scan) {
+  const first = scan.angle_min ?? scan.first ?? 0, step = scan.angle_increment ?? scan.step ?? 0, [x, y] = scan.mount ?? [0.1905, 0]
+  return scan.ranges.flatMap((range, index) => {
+    if (!Number.isFinite(range) || range <= 0) return []
+    const angle = first + index * step
+    return [[x + range * Math.cos(angle), y + range * Math.sin(angle)]]
+  })
+}
+
+function picture(value) {
+  $("camera").hidden = false
+  $("camera").src = `data:image/jpeg;base64,${value.jpeg ?? value.image}`
+}
+
+function plotted(time, value) {
+  const found = leaves(value), { plot } = know
+  plot.fields = found.map(([path]) => path || "value")
+  if (!plot.fields.includes(plot.field)) plot.field = plot.fields[0] ?? ""
+  const number = found.find(([path]) => (path || "value") === plot.field)?.[1]
+  if (number === undefined) return
+  plot.points.push([time, number])
+  if (plot.points.length > 1000) plot.points.shift()
+  plot.chart?.add(time, number)
+}
+
+function message({ page, told, files }) {
+  if (page) {
+    const before = know.page
+    know.page = page
+    if (page.number !== before.number) subscribe()
+    const limit = page.limit ?? 1.5
+    $("speed").max = limit
+    if (drive.speed > limit) setSpeed(limit)
+    robots()
+  }
+  if (files) know.files = files
+  if (told) toast(told)
+}
+
+function change(open) {
+  drive.letGo()
+  if (open) link.send({ do: "files" })
+  else know.page = { ...know.page, wheel: 0 }
+}
+
+function subscribe() {
+  link.send({ do: "choose", topics: [...new Set([know.plot.topic, "/learning/step", ...sensorTopics()])].filter(Boolean).slice(0, 20) })
+}
+
+// Of the sensors those that are drawn: laser and camera.
+function sensorTopics() {
+  return (know.topics["/sensors"] ?? []).map((sensor) => `/sensors/${sensor.name}`).filter((name) => /laser|scan|camera/.test(name))
+}
+
+// -- what is shown
+
+function show() {
+  const { topics } = know, mode = topics["/mode"], silent = performance.now() - heard > SILENT
+  const replay = know.page.replay
+  const state = $("state")
+  state.className = "pill"
+  if (silent || !mode) state.textContent = link.open ? "no news" : "connecting"
+  else if (replay) state.textContent = "recording"
+  else if (mode.stopped) state.textContent = "stopped", state.classList.add("stopped")
+  else if (mode.armed) state.textContent = "armed", state.classList.add("armed")
+  else state.textContent = "disarmed", state.classList.add("closed")
+  $("lost").hidden = !silent
+  const reason = !silent && !replay && mode && !mode.armed ? mode.reason : ""
+  $("reason").hidden = !reason
+  $("reason").textContent = reason
+  const driver = topics["/driver"]?.name ?? ""
+  const holder = know.page.wheel, mine = holder && holder === know.page.number
+  $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`) : driver || "nobody"
+  $("battery").textContent = battery(topics["/battery1"])
+  $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
+    : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
+  $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
+  $("arm").firstElementChild.textContent = mode?.armed ? "disarm" : "hold to arm"
+  $("take").textContent = mine ? "give the wheel away" : holder ? `page ${holder} drives` : "take the wheel"
+  $("take").setAttribute("aria-pressed", String(Boolean(mine)))
+  $("stick").classList.toggle("off", Boolean(silent || replay || !mode?.armed || (holder && !mine)))
+  $("hint").textContent = hint(mode, holder, mine, driver, replay)
+  const pose = map.pose
+  $("where").textContent = pose ? `${map.frame}  x ${pose[0].toFixed(2)}  y ${pose[1].toFixed(2)} m  ${(pose[2] * 180 / Math.PI).toFixed(0)}°   grid ${map.step} m` : ""
+  $("v-now").textContent = `${format(round(topics["/odom"]?.v))} m/s`
+  $("w-now").textContent = `${format(round(topics["/odom"]?.omega))} rad/s`
+  charts.forEach((chart) => chart.draw())
+  panels[tab](know, $("panel"))
+  if ((know.page.replay || !(topics["/route"] ?? []).length) && drive.driving && routed) drive.arrived(), routed = false
+  routed = (topics["/route"] ?? []).length > 0
+}
+let routed = false
+
+const round = (value) => (value === undefined ? NaN : Math.round(value * 100) / 100)
+
+function battery(state) {
+  if (!state?.state) return "–"
+  if (state.state === "external power") return "external"
+  const volts = Math.max(state.battery1 ?? 0, state.battery2 ?? 0).toFixed(1)
+  return state.remaining == null ? `${volts} V` : `${volts} V, ${Math.round(state.remaining / 60)} min`
+}
+
+function hint(mode, holder, mine, driver, replay) {
+  if (replay) return "This is a recording: nothing here moves the robot, but STOP stops it."
+  if (!mode) return "Waiting for the robot."
+  if (!mode.armed) return "The robot is not armed: hold the button above for half a second."
+  if (holder && !mine) return `Page ${holder} drives. You watch; STOP works all the same.`
+  if (driver && driver !== "web" && driver !== "route") return `'${driver}' drives. It is your turn when it lets go.`
+  return "Hold the stick to drive, let go to stop. Keys: w a s d, space stops."
+}
+
+function driving(by) {
+  $("stick").dataset.by = by
+}
+
+function robots() {
+  const list = { [know.name || "robot"]: "", ...know.page.robots }
+  const select = $("robots"), text = JSON.stringify(list)
+  if (select.dataset.list === text) return
+  select.dataset.list = text
+  select.replaceChildren(...Object.entries(list).map(([name, url]) => element("option", { value: url }, name)))
+}
+
+function toast(text) {
+  const made = element("p", {}, text)
+  $("toasts").append(made)
+  while ($("toasts").childElementCount > 3) $("toasts").firstElementChild.remove()
+  setTimeout(() => made.remove(), TOAST)
+}
+
+// -- what is pressed
+
+function setSpeed(value) {
+  drive.speed = value
+  $("speed").value = value
+  $("speed-value").textContent = `${value.toFixed(1)} m/s`
+}
+
+function changeSpeed(by) {
+  setSpeed(Math.min(Number($("speed").max), Math.max(0.1, Math.round(10 * (drive.speed + by)) / 10)))
+}
+
+function marking(on) {
+  $("waypoints").setAttribute("aria-pressed", String(on))
+  if (!on) map.waypoints = []
+  tools()
+}
+
+function tools() {
+  const some = map.waypoints.length > 0
+  $("go").hidden = $("clear").hidden = !some
+}
+
+$("stop").addEventListener("pointerdown", () => drive.stop())
+$("stop").addEventListener("click", () => drive.stop())
+$("take").addEventListener("click", () => {
+  const mine = know.page.wheel === know.page.number
+  drive.letGo()
+  link.send({ do: mine ? "give" : "take" })
+})
+$("speed").addEventListener("input", () => setSpeed($("speed").valueAsNumber))
+$("robots").addEventListener("change", () => {
+  if ($("robots").value) location.href = $("robots").value
+})
+$("follow").addEventListener("click", () => {
+  map.follow = !map.follow
+  $("follow").setAttribute("aria-pressed", String(map.follow))
+})
+$("waypoints").addEventListener("click", () => marking($("waypoints").getAttribute("aria-pressed") !== "true"))
+$("clear").addEventListener("click", () => marking(false))
+$("go").addEventListener("click", () => {
+  drive.go(map.waypoints, drive.speed)
+  marking(false)
+})
+$("map").addEventListener("pointerup", (event) => {
+  if ($("waypoints").getAttribute("aria-pressed") !== "true") return
+  const box = $("map").getBoundingClientRect()
+  map.waypoints.push(map.place(event.clientX - box.left, event.clientY - box.top))
+  tools()
+})
+$("tabs").addEventListener("click", ({ target }) => {
+  if (!target.dataset.tab) return
+  tab = target.dataset.tab
+  for (const each of $("tabs").children) each.setAttribute("aria-selected", String(each === target))
+  $("panel").replaceChildren()
+  if (tab === "files") link.send({ do: "files" })
+  show()
+})
+$("theme").addEventListener("click", () => {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches
+  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light")
+  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark"
+  localStorage.setItem("theme", document.documentElement.dataset.theme)
+  repaint()
+})
+function repaint() {
+  map.repaint()
+  charts.forEach((chart) => chart.repaint())
+  know.plot.chart?.repaint()
+}
+const theme = localStorage.getItem("theme")
+if (theme) document.documentElement.dataset.theme = theme
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint)
+
+setSpeed(0.5)
+show()
+setInterval(show, 100)
+setInterval(() => {
+  know.fps = map.frames
+  map.frames = 0
+  if (sensorTopics().length !== know.drawn) know.drawn = sensorTopics().length, subscribe()
+}, 1000)

@@ -1,0 +1,58 @@
+// The socket to the robot: telemetry in, requests out. It reconnects by itself and sends nothing that was not asked for now.
+
+const PAUSES = [200, 500, 1000, 2000]  // ms before each new try; the last goes on
+
+export class Link {
+  #socket = null
+  #number = 0
+  #tries = 0
+
+  // `telemetry` takes snapshots, `message` all else, `change` whether it is open
+  constructor({ telemetry, message, change }) {
+    this.telemetry = telemetry
+    this.message = message
+    this.change = change
+    this.#open()
+  }
+
+  get open() { return this.#socket?.readyState === WebSocket.OPEN }
+
+  // A request that is as good later as it is now.
+  send(request) {
+    if (this.open) this.#socket.send(JSON.stringify(request))
+  }
+
+  // A command: with a number, and the time of its origin on this page's clock, so that a late one is seen to be late.
+  command(request, time = performance.now()) {
+    this.send({ ...request, n: ++this.#number, t: time / 1000 })
+  }
+
+  #open() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws"
+    const socket = new WebSocket(`${scheme}://${location.host}${new URL("socket", location.href).pathname}`)
+    this.#socket = socket
+    socket.onopen = () => {
+      this.#tries = 0
+      this.change(true)
+    }
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data)
+      if (message.ping !== undefined) this.send({ do: "pong", ping: message.ping, t: performance.now() / 1000 })
+      if (message.topics) this.telemetry(message)
+      else this.message(message)
+    }
+    socket.onclose = () => {
+      const pause = PAUSES[Math.min(this.#tries++, PAUSES.length - 1)]
+      this.change(false)
+      setTimeout(() => this.#again(), pause)
+    }
+  }
+
+  async #again() {
+    try {  // whoever is signed out finds the door in place of the page
+      const page = await fetch("./", { cache: "no-store" })
+      if (page.ok && (await page.text()).includes("sign-in.js")) return location.reload()
+    } catch {}
+    this.#open()
+  }
+}

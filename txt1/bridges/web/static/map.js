@@ -1,0 +1,252 @@
+// The map: room, obstacles, light, laser points, path, waypoints, and the robots; x to the right, y up, metres.
+
+const AHEAD = 0.15  // s that the pose is drawn ahead of the last telemetry, at most
+const STEP = 0.02  // m between two points of the path
+const PATH_MAX = 8000
+const VIEW_MIN = 2.0  // m, the smallest view without a room
+
+export class Map2d {
+  path = []
+  waypoints = []
+  scan = []  // laser points in the robot's frame, m
+  frames = 0
+  follow = false
+  #robot = null  // {pose, v, omega, at}
+  #zoom = 1
+  #view = { scale: 100, x: 0, y: 0, width: 1, height: 1 }
+  #colours = null
+
+  constructor(canvas) {
+    this.canvas = canvas
+    this.context = canvas.getContext("2d")
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault()
+      this.#zoom = Math.min(20, Math.max(0.3, this.#zoom * Math.exp(-event.deltaY / 400)))
+    }, { passive: false })
+    const draw = () => {
+      this.#draw()
+      this.frames++
+      requestAnimationFrame(draw)
+    }
+    requestAnimationFrame(draw)
+  }
+
+  repaint() { this.#colours = null }
+
+  clear() {
+    this.path = []
+    this.#robot = null
+  }
+
+  take(topics, about) {
+    this.about = about
+    this.others = topics["/vehicles"] ?? []
+    this.route = about["/route"] ?? []
+    const odometry = topics["/odom"]
+    const pose = topics["/pose"] ?? (odometry && [odometry.x, odometry.y, odometry.theta])
+    if (!pose || !pose.every(Number.isFinite)) {
+      this.#robot = null
+      return
+    }
+    this.frame = topics["/pose"] ? "room" : "odometry"
+    this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now(), covariance: covarianceIn(topics) }
+    const last = this.path.at(-1)
+    const gone = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity
+    if (gone > 1 && last) this.path.push(null)  // it was put down somewhere else
+    if (gone > STEP) this.path.push([pose[0], pose[1]])
+    if (this.path.length > PATH_MAX) this.path.splice(0, 1000)
+  }
+
+  get pose() {
+    if (!this.#robot) return null
+    const { pose: [x, y, theta], v, omega, at } = this.#robot
+    const dt = Math.min(AHEAD, (performance.now() - at) / 1000)
+    return [x + v * dt * Math.cos(theta + omega * dt / 2), y + v * dt * Math.sin(theta + omega * dt / 2), theta + omega * dt]
+  }
+
+  // The place of a pixel of the canvas, m.
+  place(px, py) {
+    const { scale, x, y, width, height } = this.#view
+    return [x + (px - width / 2) / scale, y - (py - height / 2) / scale]
+  }
+
+  // The pixel of a place.
+  pixel([wx, wy]) {
+    const { scale, x, y, width, height } = this.#view
+    return [(wx - x) * scale + width / 2, height / 2 - (wy - y) * scale]
+  }
+
+  #frame(width, height) {
+    const { room, light } = this.about?.["/surroundings"] ?? {}
+    let left = -VIEW_MIN / 2, right = VIEW_MIN / 2, low = -VIEW_MIN / 2, high = VIEW_MIN / 2
+    if (room) [left, right, low, high] = [-room[0] / 2, room[0] / 2, -room[1] / 2, room[1] / 2]
+    else for (const point of [...this.path, ...this.waypoints, this.pose, light]) {
+      if (!point) continue
+      left = Math.min(left, point[0] - 0.5)
+      right = Math.max(right, point[0] + 0.5)
+      low = Math.min(low, point[1] - 0.5)
+      high = Math.max(high, point[1] + 0.5)
+    }
+    const pose = this.follow ? this.pose : null
+    const fits = Math.min((width - 24) / (right - left), (height - 24) / (high - low))
+    const scale = (pose ? Math.max(fits, Math.min(width, height) / 4) : fits) * this.#zoom
+    this.#view = { scale, x: pose ? pose[0] : (left + right) / 2, y: pose ? pose[1] : (low + high) / 2, width, height }
+  }
+
+  #draw() {
+    const { canvas, context: c } = this
+    const density = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight
+    if (!width || !height) return
+    if (canvas.width !== Math.round(width * density) || canvas.height !== Math.round(height * density)) {
+      canvas.width = Math.round(width * density)
+      canvas.height = Math.round(height * density)
+    }
+    this.#colours ??= colours(canvas)
+    const colour = this.#colours
+    this.#frame(width, height)
+    const { scale, x, y } = this.#view
+    c.setTransform(density, 0, 0, density, 0, 0)
+    c.clearRect(0, 0, width, height)
+    // from here on in metres
+    c.setTransform(density * scale, 0, 0, -density * scale, density * (width / 2 - x * scale), density * (height / 2 + y * scale))
+    const pixel = 1 / scale
+    c.lineJoin = c.lineCap = "round"
+    this.#grid(c, colour, pixel)
+    const { room, light, body = [0.51, 0.385], obstacles = [] } = this.about?.["/surroundings"] ?? {}
+    c.strokeStyle = colour.wall
+    c.lineWidth = 2.5 * pixel
+    if (room) c.strokeRect(-room[0] / 2, -room[1] / 2, room[0], room[1])
+    c.fillStyle = colour.line
+    for (const corners of obstacles) {
+      trace(c, corners)
+      c.closePath()
+      c.fill()
+      c.stroke()
+    }
+    if (light) this.#light(c, colour, light, pixel)
+    c.strokeStyle = colour.path
+    c.lineWidth = 2 * pixel
+    c.beginPath()
+    let pen = false
+    for (const point of this.path) {
+      if (!point) pen = false
+      else if (pen) c.lineTo(point[0], point[1])
+      else c.moveTo(point[0], point[1]), pen = true
+    }
+    const pose = this.pose
+    if (pose && pen) c.lineTo(pose[0], pose[1])
+    c.stroke()
+    this.#points(c, colour, pixel)
+    for (const other of this.others ?? []) this.#body(c, other, body, colour.other, pixel)
+    if (!pose) return
+    this.#uncertainty(c, colour, pose, pixel)
+    c.fillStyle = colour.scan
+    const cos = Math.cos(pose[2]), sin = Math.sin(pose[2]), dot = 2.5 * pixel
+    for (const [ahead, left] of this.scan) {
+      c.fillRect(pose[0] + ahead * cos - left * sin - dot / 2, pose[1] + ahead * sin + left * cos - dot / 2, dot, dot)
+    }
+    this.#body(c, pose, body, colour.robot, pixel)
+  }
+
+  #grid(c, colour, pixel) {
+    const { x, y, width, height } = this.#view
+    const step = [0.1, 0.2, 0.5, 1, 2, 5, 10].find((each) => each >= 40 * pixel) ?? 20
+    const left = x - width / 2 * pixel, right = x + width / 2 * pixel, low = y - height / 2 * pixel, high = y + height / 2 * pixel
+    c.strokeStyle = colour.grid
+    c.lineWidth = pixel
+    c.beginPath()
+    for (let at = Math.ceil(left / step) * step; at <= right; at += step) c.moveTo(at, low), c.lineTo(at, high)
+    for (let at = Math.ceil(low / step) * step; at <= high; at += step) c.moveTo(left, at), c.lineTo(right, at)
+    c.stroke()
+    this.step = step
+  }
+
+  #light(c, colour, [x, y], pixel) {
+    const size = Math.max(0.07, 9 * pixel)
+    c.strokeStyle = c.fillStyle = colour.light
+    c.lineWidth = 2 * pixel
+    c.beginPath()
+    c.arc(x, y, size / 2, 0, 2 * Math.PI)
+    c.fill()
+    for (let k = 0; k < 8; k++) {
+      const [cos, sin] = [Math.cos(k * Math.PI / 4), Math.sin(k * Math.PI / 4)]
+      c.beginPath()
+      c.moveTo(x + 0.75 * size * cos, y + 0.75 * size * sin)
+      c.lineTo(x + 1.2 * size * cos, y + 1.2 * size * sin)
+      c.stroke()
+    }
+  }
+
+  #points(c, colour, pixel) {
+    const points = this.waypoints.length ? this.waypoints : this.route ?? []
+    if (!points.length) return
+    c.strokeStyle = c.fillStyle = colour.goal
+    c.lineWidth = 2 * pixel
+    c.setLineDash([8 * pixel, 6 * pixel])
+    trace(c, this.pose ? [this.pose, ...points] : points)
+    c.stroke()
+    c.setLineDash([])
+    for (const [x, y] of points) {
+      c.beginPath()
+      c.arc(x, y, 6 * pixel, 0, 2 * Math.PI)
+      c.fill()
+    }
+  }
+
+  #uncertainty(c, colour, [x, y, theta], pixel) {
+    const covariance = this.#robot.covariance
+    if (!covariance) return
+    const [xx, xy, yy] = covariance
+    const mean = (xx + yy) / 2, apart = Math.hypot((xx - yy) / 2, xy)
+    const long = 2 * Math.sqrt(Math.max(0, mean + apart)), short = 2 * Math.sqrt(Math.max(0, mean - apart))
+    c.strokeStyle = colour.path
+    c.lineWidth = 1.5 * pixel
+    c.beginPath()
+    c.ellipse(x, y, long, short, Math.atan2(2 * xy, xx - yy) / 2, 0, 2 * Math.PI)
+    c.stroke()
+  }
+
+  #body(c, [x, y, theta], [length, width], fill, pixel) {
+    c.save()
+    c.translate(x, y)
+    c.rotate(theta)
+    const larger = Math.max(1, 26 * pixel / length), l = length * larger / 2, w = width * larger / 2
+    c.fillStyle = this.#colours.wall
+    for (const [ax, ay] of [[0.55, 0.78], [0.55, -0.78], [-0.55, 0.78], [-0.55, -0.78]]) {
+      c.fillRect(ax * l - 0.3 * l, ay * w - 0.22 * w, 0.6 * l, 0.44 * w)
+    }
+    c.fillStyle = fill
+    c.beginPath()
+    c.roundRect(-0.92 * l, -0.66 * w, 1.84 * l, 1.32 * w, 0.25 * w)
+    c.fill()
+    c.fillStyle = this.#colours.card
+    c.beginPath()
+    c.moveTo(0.82 * l, 0)
+    c.lineTo(-0.1 * l, 0.36 * w)
+    c.lineTo(-0.1 * l, -0.36 * w)
+    c.fill()
+    c.restore()
+  }
+}
+
+function trace(c, points) {
+  c.beginPath()
+  points.forEach(([x, y], index) => (index ? c.lineTo(x, y) : c.moveTo(x, y)))
+}
+
+// Variances of x and y and their covariance, m², of the pose, where something tells them.
+function covarianceIn(topics) {
+  for (const value of Object.values(topics)) {
+    const found = value?.covariance
+    if (Array.isArray(found) && Array.isArray(found[0])) return [found[0][0], found[0][1], found[1][1]]
+    if (Array.isArray(found) && found.length === 9) return [found[0], found[1], found[4]]
+    if (Array.isArray(found) && found.length === 36) return [found[0], found[1], found[7]]
+  }
+  return null
+}
+
+export function colours(element) {
+  const style = getComputedStyle(element)
+  const names = ["grid", "wall", "line", "path", "robot", "other", "light", "goal", "scan", "card", "text", "dim"]
+  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]))
+}

@@ -1,0 +1,181 @@
+// What stands on the tabs: each is a function of all that the page knows, which fills the panel.
+
+import { Chart, format } from "./chart.js"
+
+export function element(name, properties = {}, ...children) {
+  const made = document.createElement(name)
+  for (const [key, value] of Object.entries(properties)) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value)
+    else if (key in made) made[key] = value
+    else made.setAttribute(key, value)
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined))
+  return made
+}
+
+export function table(head, rows, numbers = []) {
+  const kind = (index) => (numbers.includes(index) ? "n" : "")
+  const cell = (value, index) => (value instanceof Node && value.nodeName === "TD" ? value : element("td", { className: kind(index) }, value))
+  return element("table", {},
+    head ? element("thead", {}, element("tr", {}, ...head.map((text, index) => element("th", { className: kind(index) }, text)))) : null,
+    element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map(cell)))))
+}
+
+const span = (text, className = "") => element("span", { className }, text)
+const title = (text) => element("h3", {}, text)
+const quiet = (text) => element("p", { className: "dim" }, text)
+const milliseconds = (seconds) => (Number.isFinite(seconds) ? (1000 * seconds).toFixed(seconds < 0.01 ? 2 : 1) : "–")
+
+// Leaves of a value that are numbers, with their paths.
+export function leaves(value, path = "", found = []) {
+  if (typeof value === "number") found.push([path, value])
+  else if (typeof value === "boolean") found.push([path, Number(value)])
+  else if (value && typeof value === "object" && found.length < 200) {
+    for (const [name, each] of Object.entries(value)) leaves(each, path ? `${path}.${name}` : name, found)
+  }
+  return found
+}
+
+const events = (know, panel) => {
+  const faults = Object.entries(know.topics["/faults"] ?? {})
+  const said = (know.topics["/events"] ?? []).slice(-60).reverse()
+  panel.replaceChildren(
+    ...(faults.length ? [title("faults"), table(null, faults.map(([name, count]) => [name, span(count, "warn")]), [1]), title("events")] : []),
+    said.length ? table(null, said.map(({ time, text }) => [element("td", { className: "t" }, `${time.toFixed(1)} s`), text])) : quiet("nothing yet"))
+}
+
+const sensors = (know, panel) => {
+  const all = know.topics["/sensors"] ?? []
+  if (!all.length) return panel.replaceChildren(quiet("no sensors beside the encoders"))
+  panel.replaceChildren(...all.flatMap((sensor) => [
+    title(sensor.name),
+    span(sensor.healthy ? "healthy" : sensor.reason || "not healthy", sensor.healthy ? "good" : "bad"),
+    span(`  ${sensor.readings} readings${sensor.failures ? `, ${sensor.failures} failures` : ""}`, "dim"),
+    table(null, Object.entries(sensor.values).slice(0, 24).map(([name, value]) => [name, format(value), sensor.units]), [1]),
+  ]))
+}
+
+const tasks = (know, panel) => {
+  const all = know.topics["/tasks"] ?? []
+  panel.replaceChildren(table(["task", "Hz", "cycles", "missed", "late p99", "runs p99"], all.map((task) => [
+    task.name, task.rate ? format(task.rate) : "–", task.cycles, span(task.misses, task.misses ? "warn" : ""),
+    milliseconds(task.lateness.p99), milliseconds(task.run_time.p99),
+  ]), [1, 2, 3, 4, 5]), quiet("times in ms"))
+}
+
+const learner = (know, panel) => {
+  const { steps, episodes } = know.learning
+  if (!steps.length) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
+  const last = steps.at(-1)
+  const rewards = steps.map((step) => step.reward).filter(Number.isFinite)
+  panel.replaceChildren(
+    table(null, [
+      ["episode", last.episode], ["state", last.state < 0 ? "–" : last.state], ["decisions seen", steps.length],
+      ["mean reward of the last 50", format(mean(rewards.slice(-50)))],
+      ["values", last.values.map((value) => value.toFixed(2)).join("  ")],
+    ], [1]),
+    title("episodes"),
+    episodes.length ? table(null, episodes.slice(-30).reverse().map((text) => [text])) : quiet("none is over yet"))
+}
+
+const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length
+
+const plot = (know, panel) => {
+  if (!panel.querySelector("#plot-chart")) {
+    const topic = element("select", { id: "plot-topic", ariaLabel: "topic", onchange: () => know.choose(topic.value, "") })
+    const field = element("select", { id: "plot-field", ariaLabel: "value", onchange: () => know.choose(know.plot.topic, field.value) })
+    panel.replaceChildren(topic, element("div", { className: "row" }, field), element("canvas", { id: "plot-chart" }), element("p", { id: "plot-now" }))
+    know.plot.chart = new Chart(panel.querySelector("#plot-chart"), ["robot"])
+    for (const [time, value] of know.plot.points) know.plot.chart.add(time, value)
+  }
+  options(panel.querySelector("#plot-topic"), ["", ...know.choices()], know.plot.topic, "choose a topic")
+  options(panel.querySelector("#plot-field"), know.plot.fields, know.plot.field, "no numbers yet")
+  know.plot.chart.draw()
+  panel.querySelector("#plot-now").textContent = know.plot.points.length ? `${format(know.plot.points.at(-1)[1])} ${know.plot.field}` : ""
+}
+
+function options(select, names, chosen, none) {
+  const wanted = names.length ? names : [""]
+  if (select.dataset.names !== wanted.join("\n") && document.activeElement !== select) {
+    select.replaceChildren(...wanted.map((name) => element("option", { value: name }, name || none)))
+    select.dataset.names = wanted.join("\n")
+  }
+  if (document.activeElement !== select) select.value = chosen
+}
+
+const gains = (know, panel) => {
+  const inForce = know.topics["/gain_table"]
+  const text = JSON.stringify(inForce ?? null)
+  if (!inForce) return panel.replaceChildren(quiet("no gains are known"))
+  if (panel.dataset.gains === text && panel.querySelector("form")) return
+  panel.dataset.gains = text
+  const box = (value, name) => element("input", { type: "number", step: "any", required: true, value, ariaLabel: name })
+  const linear = ["kp", "ki", "kd"].map((name) => box(inForce.linear[name], `linear ${name}`))
+  const angular = inForce.angular.map((set) => [box(set.v_max, "up to"), ...["kp", "ki", "kd"].map((name) => box(set.gains[name], `angular ${name}`))])
+  const values = (boxes) => boxes.map((each) => each.valueAsNumber)
+  panel.replaceChildren(element("form", {
+    onsubmit: (event) => {
+      event.preventDefault()
+      know.send({ do: "gains", linear: values(linear), angular: angular.map(values) })
+    },
+  },
+  title("speed loop"), table(["Kp", "Ki", "Kd"], [linear]),
+  title("yaw-rate loop, by speed"), table(["up to m/s", "Kp", "Ki", "Kd"], angular),
+  element("div", { className: "row" }, element("button", { className: "primary" }, "load these gains"), inForce.loaded ? span("in force", "good") : span("not loaded", "warn"))))
+}
+
+const files = (know, panel) => {
+  const replay = know.page.replay, text = JSON.stringify([know.files, replay, know.topics["/recording"]])
+  if (panel.dataset.files === text && panel.childElementCount) return
+  panel.dataset.files = text
+  const now = know.topics["/recording"]
+  const parts = [element("div", { className: "row" },
+    element("button", { id: "record", className: now ? "" : "primary", onclick: () => know.send({ do: "record", on: !now }) }, now ? "stop recording" : "record"),
+    element("button", { onclick: () => know.send({ do: "files" }) }, "look again"),
+    now ? span(now, "dim") : null)]
+  if (replay) {
+    parts.push(title(`showing ${replay.name}`), element("div", { className: "row" },
+      element("button", { id: "live", className: "primary", onclick: () => know.replay() }, "back to the robot"),
+      element("button", { onclick: () => know.send({ do: "wind", speed: replay.speed ? 0 : 1 }) }, replay.speed ? "pause" : "play"),
+      element("button", { onclick: () => know.send({ do: "wind", speed: 4 }) }, "4 ×")),
+    element("input", {
+      type: "range", min: replay.start, max: replay.end, step: 0.1, value: replay.position, style: "width:100%", ariaLabel: "position",
+      oninput: (event) => know.send({ do: "wind", to: event.target.valueAsNumber }),
+    }))
+  }
+  const all = know.files ?? []
+  parts.push(title("recordings"), all.length ? table(null, all.map((file) => [
+    element("td", {}, element("a", { href: `recordings/${file.name}`, download: file.name }, file.name),
+      element("div", { className: "dim" }, `${new Date(1000 * file.time).toLocaleString()}, ${(file.size / 1e6).toFixed(1)} MB`)),
+    element("td", { className: "n" }, element("button", { onclick: () => know.replay(file.name) }, "show")),
+  ])) : quiet("none yet"))
+  panel.replaceChildren(...parts)
+}
+
+const page = (know, panel) => {
+  const about = know.page, visitors = about.visitors
+  const rows = [
+    ["this page", `number ${about.number}, ${about.role}`], ["pages", about.pages],
+    ["to the robot and back", about.round_trip == null ? "–" : `${milliseconds(about.round_trip)} ms`],
+    ["frames a second", know.fps], ["commands late", about.counts?.late ?? 0],
+    ["set-point", `${format(know.topics["/setpoint"]?.v)} m/s  ${format(know.topics["/setpoint"]?.omega)} rad/s`],
+  ]
+  const text = JSON.stringify(rows) + visitors
+  if (panel.dataset.page === text && panel.childElementCount) return
+  panel.dataset.page = text
+  const parts = [table(null, rows, [1])]
+  if (about.role === "operator") {
+    const out = element("output", {}, `${visitors} m/s`)
+    parts.push(title("visitors drive at most"), element("div", { className: "row" }, element("input", {
+      id: "visitors", type: "range", min: 0.1, max: 1.5, step: 0.1, value: visitors, ariaLabel: "visitors' speed",
+      onchange: (event) => know.send({ do: "limit", speed: event.target.valueAsNumber }),
+    }), out))
+    if (about.invites) parts.push(element("img", { id: "invitation", src: "visitors.svg", alt: "code for visitors", width: 180, height: 180 }))
+  }
+  if (about.invites !== undefined && location.protocol === "https:") {
+    parts.push(element("div", { className: "row" }, element("button", { onclick: () => know.signOut() }, "sign out")))
+  }
+  panel.replaceChildren(...parts)
+}
+
+export const panels = { events, sensors, tasks, learner, plot, gains, files, page }

@@ -1,0 +1,86 @@
+"""The web page's way in: its token, its certificate, and the address and QR code that the terminal shows."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from txt1.cli.app import say
+from txt1.errors import ConfigError
+from txt1.record.session import need
+from txt1.record.view_proxy import token_in
+
+FILE: Final = "web-token"  # where the token is, unless told otherwise
+
+
+class WebPage(NamedTuple):
+    """Where the page is, and the files that keep it safe."""
+
+    host: str
+    port: int
+    token: Path | None
+    certificate: Path | None
+    key: Path | None
+    folder: Path
+    speed: float
+    robots: dict[str, str]
+
+    def bridge(self) -> tuple[str, dict[str, object]]:
+        """Return the bridge's name, and its options: of the files their names, which anybody may see in a list."""
+        options = {name: str(value) if isinstance(value, Path) else value for name, value in self._asdict().items()}
+        return "web", options
+
+
+def web_page(arguments: argparse.Namespace) -> WebPage | None:
+    """Return the page that was asked for, if any was, its files made, and tell where it is; raises ConfigError."""
+    if arguments.web is None:
+        if arguments.web_token or arguments.web_cert or arguments.web_key:
+            raise ConfigError("--web-token, --web-cert, --web-key: there is no page; add --web")
+        return None
+    need("--web", "web", "aiohttp", "cryptography", "segno")
+    from txt1.bridges.web.certificate import addresses, fingerprint, own_certificate, tls
+    from txt1.bridges.web.door import is_loopback
+
+    host, port = arguments.web
+    token, certificate, key = arguments.web_token, arguments.web_cert, arguments.web_key
+    inside = is_loopback(host)
+    port = _free(host, port)
+    if not inside:
+        folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "txt1"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        token = token or folder / FILE
+        if certificate is None:
+            certificate, key = own_certificate(folder, host)
+    if certificate is not None:
+        tls(certificate, key)  # refused before the robot is brought up
+    scheme = "http" if certificate is None else "https"
+    word = "" if token is None else token_in(token, "--web-token")
+    places = [host] if inside else addresses(host)
+    named = [f"[{place}]" if ":" in place else place for place in places]
+    say(f"the page is at {'  '.join(f'{scheme}://{place}:{port}/' for place in named)}")
+    if token is not None:
+        import segno
+
+        say(f"its token is in {token}; with this code a phone needs not type it")
+        segno.make(f"{scheme}://{named[0]}:{port}/#token={word}", error="l").terminal(out=sys.stderr, compact=True)
+    if certificate is not None and arguments.web_cert is None:
+        say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
+    robots = dict(arguments.web_robot)
+    return WebPage(host, port, token, certificate, key, arguments.web_folder, arguments.web_speed, robots)
+
+
+def _free(host: str, port: int) -> int:
+    """Return the port, any that is free for 0; raises ConfigError where the address cannot be listened on."""
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            return int(probe.getsockname()[1])
+    except (OSError, UnicodeError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ConfigError(f"--web {host}:{port}: cannot listen there: {why}; choose another address") from None
