@@ -1,0 +1,91 @@
+"""``python -m benchmarks.before OLD [NEW]``: how much faster or slower a run has become, in turns.
+
+OLD and NEW are each a source tree, or the Python of an environment that has txt1 installed, such as the compiled
+wheel; NEW is this tree if it is left out. A ratio above 1 means that NEW is faster.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Final, NamedTuple
+
+from benchmarks.rounds import interleave, spread, table, verdict
+
+LIMIT: Final = 0.95
+"""Old over new, at least."""
+
+CIRCLE: Final = ("--drive", "0.5,0.5", "--set", "sim.room.length=.inf", "--set", "sim.room.width=.inf")
+CASES: Final[dict[str, tuple[str, ...]]] = {"idle": (), "driving": CIRCLE, "recorded": CIRCLE}
+
+
+class Cost(NamedTuple):
+    """Wall time of the simulation as the run tells it, and processor time of the whole process, s."""
+
+    wall: float
+    processor: float
+
+
+def main() -> None:
+    """Run both in turns and print the ratios."""
+    parser = argparse.ArgumentParser(prog="benchmarks.before", description=__doc__)
+    parser.add_argument("old", type=Path, metavar="OLD")
+    parser.add_argument("new", type=Path, metavar="NEW", nargs="?", default=Path(__file__).parents[1])
+    parser.add_argument("--rounds", type=int, default=15, metavar="N")
+    parser.add_argument("--duration", type=float, default=60.0, metavar="S", help="simulated seconds in a run")
+    parser.add_argument("--cases", default=",".join(CASES), metavar="NAMES", help="default %(default)s")
+    given = parser.parse_args()
+    print(f"{given.rounds} interleaved rounds of {given.duration:.0f} simulated s, load {os.getloadavg()[0]:.2f}")
+    rows = []
+    for case in given.cases.split(","):
+        contestants: dict[str, Callable[[], Cost]] = {
+            name: partial(drive, form, case, given.duration) for name, form in (("old", given.old), ("new", given.new))
+        }
+        costs = interleave(given.rounds, contestants)
+        pairs = list(zip(costs["old"], costs["new"], strict=True))
+        ratio = median(old.wall / new.wall for old, new in pairs)
+        rows.append((
+            case,
+            *(spread([cost.wall for cost in costs[name]]) for name in contestants),
+            f"{ratio:.3f}",
+            f"{min(cost.wall for cost in costs['old']) / min(cost.wall for cost in costs['new']):.3f}",
+            f"{median(old.processor / new.processor for old, new in pairs):.3f}",
+            verdict(ratio >= LIMIT),
+        ))  # fmt: skip
+    table(
+        f"Wall time of the simulation, s, and old / new (at least {LIMIT})",
+        ("", "old", "new", "median ratio", "of the fastest", "processor, with start", ""),
+        rows,
+    )
+
+
+def drive(form: Path, case: str, simulated: float) -> Cost:
+    """What a run of a source tree or an installed package costs."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment.pop("PYTHONPATH", None)
+    python = str(form.absolute())
+    if form.is_dir():
+        python, environment["PYTHONPATH"] = sys.executable, python
+    with tempfile.TemporaryDirectory() as scratch:
+        command = [python, "-m", "txt1", "run", "--headless", "--speed", "max", "--seed", "1", "--json"]
+        command += ["--duration", str(simulated), *CASES[case]]
+        if case == "recorded":
+            command += ["--log", "recording"]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(command, cwd=scratch, env=environment, check=True, stdout=subprocess.PIPE)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Cost(float(json.loads(done.stdout)["wall_time_s"]), processor)
+
+
+if __name__ == "__main__":
+    main()
