@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, isfinite
+from math import floor, isfinite, nan
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,6 +23,8 @@ NOISE_RATE: Final = 50  # the floor's drag changes so many times a second
 SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
 
 BATTERY_NOISE_PERIOD: Final = 1.0  # A voltage reading is good for so many seconds
+
+INSTANT: Final = 1e-9  # what has not moved in longer than this, s, stands
 
 
 class Vehicle:
@@ -88,7 +90,7 @@ class Vehicle:
         """Of the floor just now, as a share of the speed."""
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
-        self._rest: tuple[Motion, float, float, float] | None = None  # in which nothing moves it, with these outputs
+        self._rest = (0.0, 0.0, 0.0, nan, nan)  # outputs and steering angles with which it stands and nothing moves it
         self._voltage_noise = (0.0, 0.0)
         self._readings = (0.0, 0.0)
         self._voltage_noise_ends = 0.0
@@ -171,10 +173,9 @@ class Vehicle:
                 self._settle_batteries()
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
-            if after is not self.motion or self.crowded:
-                x_min, x_max, y_min, y_max = self.free
-                if not (x_min < after[0] < x_max and y_min < after[1] < y_max):
-                    after = self.world.contact(self, after, until)
+            x_min, x_max, y_min, y_max = self.free
+            if not (x_min < after[0] < x_max and y_min < after[1] < y_max) and (self.crowded or after != self.motion):
+                after = self.world.contact(self, after, until)
             self.arrive(after, until)
 
     def finish_piece(self) -> None:
@@ -187,27 +188,27 @@ class Vehicle:
         motor, front, rear = self._outputs
         if self.cut_off or not self.esc_on:
             motor = 0.0
-        before = self.motion
-        if before[3] == 0.0 and (before, motor, front, rear) == self._rest:  # 5 % of an idle simulation is saved here
+        before, dt = self.motion, time - self.time
+        stands = before[3] == 0.0
+        if stands and (motor, front, rear, before[4], before[5]) == self._rest:  # 5 % of an idle simulation is saved
             return before
-        after = move(before, motor, front, rear, time - self.time, self.drag, self.dynamics)
-        if after is before:
-            self._rest = before, motor, front, rear
+        after = move(before, motor, front, rear, dt, self.drag, self.dynamics)
+        if stands and dt > INSTANT and after == before:
+            self._rest = motor, front, rear, before[4], before[5]
         return after
 
     def arrive(self, after: Motion, until: float) -> None:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
         before, dt, powered = self.motion, until - self.time, not self.cut_off
-        self.time = until
-        if after is not before:
-            self.motion = after
-            if powered and self.atx_on:  # the encoders need the ATX supply's 5 V
-                # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
-                faults, counts_per_m = self.faults, self._counts_per_m
-                if not faults.right_encoder:
-                    self._right_counts += (after[6] - before[6]) * counts_per_m
-                if not faults.left_encoder:
-                    self._left_counts += (after[7] - before[7]) * counts_per_m
+        self.time, self.motion = until, after
+        # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
+        right, left = after[6] - before[6], after[7] - before[7]
+        if (right or left) and powered and self.atx_on:  # the encoders need the ATX supply's 5 V
+            faults, counts_per_m = self.faults, self._counts_per_m
+            if not faults.right_encoder:
+                self._right_counts += right * counts_per_m
+            if not faults.left_encoder:
+                self._left_counts += left * counts_per_m
         if powered and self.esc_on and abs(self._outputs[0]) > self.dynamics[DEAD_BAND]:
             self._drawn += dt
         else:
