@@ -75,15 +75,15 @@ class Snapshot:
 
     def encode(self) -> bytes:
         """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
-        texts = {name: f"{_JSON.encode(name)}:{_JSON.encode(value)}" for name, value in self._plain.items()}
+        topics = dict(self._plain)
         for name, value in self._values.items():
-            known, text = _LAST.get(name, (None, ""))
-            if known is not value or not text:
-                text = f"{_JSON.encode(name)}:{_JSON.encode(plain(value))}"
-                _LAST[name] = value, text  # many are the same as a second before
-            texts[name] = text
-        head = _JSON.encode({"version": VERSION, "time": self.time, "name": self.name})
-        return f'{head[:-1]},"topics":{{{",".join(texts.values())}}}}}\n'.encode("ascii")
+            known, told = _LAST.get(name, (None, None))
+            if known is not value:
+                told = plain(value)
+                _LAST[name] = value, told  # many are the same as a second before
+            topics[name] = told
+        whole = {"version": VERSION, "time": self.time, "name": self.name, "topics": topics}
+        return f"{_JSON.encode(whole)}\n".encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
@@ -104,7 +104,7 @@ SNAPSHOT: Final = declare(Topic(
     make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
 ))  # fmt: skip
 
-_LAST: Final[dict[str, tuple[Any, str]]] = {}  # of each topic the value that was encoded last, and as what
+_LAST: Final[dict[str, tuple[Any, Any]]] = {}  # of each topic the value that was encoded last, and as what
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
