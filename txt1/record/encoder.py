@@ -92,7 +92,7 @@ class Encoder:
         times = [round(time * NS_PER_S) + self._epoch_ns for time, _, _ in samples]
         stamps = [times[0], times[-1]] if times else []
         runs = list(self._runs(samples, times))
-        data = memoryview(b"".join(run.data for run in runs))
+        data = runs[0].data if len(runs) == 1 else memoryview(b"".join(run.data for run in runs))
         bounds = [0, *accumulate(chain.from_iterable(repeat(run.row.width, len(run.times)) for run in runs))]
         pieces: list[bytes | memoryview] = []
         lengths: list[int] = []
@@ -268,7 +268,7 @@ class _Run(NamedTuple):
     """Samples with the same topics as rows, and their log times."""
 
     row: _Row
-    data: bytes
+    data: memoryview
     times: NDArray[np.uint64]
 
 
@@ -297,10 +297,10 @@ class _Row:
             {"names": names, "formats": list(kinds), "offsets": list(offsets), "itemsize": self.width}
         )
 
-    def fill(self, samples: Sequence[Sequence[Any]], times: NDArray[np.uint64], sequences: list[int]) -> bytes:
+    def fill(self, samples: Sequence[Sequence[Any]], times: NDArray[np.uint64], sequences: list[int]) -> memoryview:
         """The rows of these samples' values; counts them in the channels' `sequences`."""
         if not self._topics:
-            return b""
+            return memoryview(b"")
         count = len(samples)
         rows = np.tile(self._template, count).view(self._type)
         sec, nanosec = np.divmod(times, np.uint64(NS_PER_S))
@@ -319,4 +319,4 @@ class _Row:
             columns = (np.arange(sequence, sequence + count), times, times, sec, nanosec)[:told]
             for name, column in zip(names, (*columns, *numbers[: len(topic.paths)]), strict=True):
                 rows[name] = column
-        return rows.tobytes()
+        return rows.view(np.uint8).data
