@@ -6,7 +6,7 @@ BENCH := .venv-bench
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 
-.PHONY: run test test-long lint wheel bench clean
+.PHONY: run test test-long test-web lint wheel bench clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -16,6 +16,11 @@ test: $(VENV)/.dev  ## the tests, two at a time; four minutes
 
 test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m "long or not long"
+
+test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
+	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'
+	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
+	$(BIN)/python -m pytest -m browser -rs tests/browser
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .

@@ -7,12 +7,15 @@ one that is missing is None or has its default. So no new field makes an older l
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Final, TypeVar, Union, cast, get_args, get_origin, get_type_hints, overload
+
+from numpy import ndarray
 
 from txt1.control.schedule import GainSet, Schedule
 from txt1.telemetry.bus import Bus
@@ -113,7 +116,7 @@ _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
 
 def plain(value: Any) -> Any:
-    """A value in JSON's words, fields by name; TypeError where JSON has no word for it."""
+    """A value in JSON's words, fields by name, bytes in base64; TypeError where JSON has no word for it."""
     kind: Any = type(value)
     if kind in _WORDS:
         return value
@@ -127,6 +130,10 @@ def plain(value: Any) -> Any:
         return value.value
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, bytes):
+        return b64encode(value).decode("ascii")
+    if isinstance(value, ndarray):
+        return value.tolist()
     raise TypeError(f"{kind.__name__} has no place in a snapshot")
 
 

@@ -80,23 +80,22 @@ function occurred({ topic, time, value }) {
   if (topic === "/learning/step") {
     know.learning.steps.push(value)
     if (know.learning.steps.length > 2000) know.learning.steps.shift()
-  } else if (value && Array.isArray(value.ranges)) map.scan = points(value)
-  else if (value && (value.jpeg || value.image)) picture(value)
+  } else if (Array.isArray(value?.ranges)) map.scan = points(value)
+  else if (typeof value?.data === "string" && value.width && !("focal" in value)) picture(value)
 }
 
 // The end points of a laser's beams in the robot's frame, m.
-function points(scan) {
-  const first = scan.angle_min ?? scan.first ?? 0, step = scan.angle_increment ?? scan.step ?? 0, [x, y] = scan.mount ?? [0.1905, 0]
-  return scan.ranges.flatMap((range, index) => {
-    if (!Number.isFinite(range) || range <= 0) return []
-    const angle = first + index * step
-    return [[x + range * Math.cos(angle), y + range * Math.sin(angle)]]
+function points({ ranges, angle_min: first, angle_step: step, mount }) {
+  return ranges.flatMap((range, index) => {
+    if (range === null || !Number.isFinite(range)) return []
+    const angle = mount.yaw + first + index * step
+    return [[mount.x + range * Math.cos(angle), mount.y + range * Math.sin(angle)]]
   })
 }
 
-function picture(value) {
+function picture({ data }) {
+  $("camera").src = `data:image/jpeg;base64,${data}`
   $("camera").hidden = false
-  $("camera").src = `data:image/jpeg;base64,${value.jpeg ?? value.image}`
 }
 
 function plotted(time, value) {
@@ -134,9 +133,10 @@ function subscribe() {
   link.send({ do: "choose", topics: [...new Set([know.plot.topic, "/learning/step", ...sensorTopics()])].filter(Boolean).slice(0, 20) })
 }
 
-// Of the sensors those that are drawn: laser and camera.
+// Of the sensors those that are drawn: lasers, which count their hits, and cameras, which tell the size of a picture.
 function sensorTopics() {
-  return (know.topics["/sensors"] ?? []).map((sensor) => `/sensors/${sensor.name}`).filter((name) => /laser|scan|camera/.test(name))
+  const drawn = (know.topics["/sensors"] ?? []).filter(({ values }) => "hits" in values || "kB" in values)
+  return drawn.map((sensor) => `/sensors/${sensor.name}`)
 }
 
 // -- what is shown

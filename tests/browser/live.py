@@ -1,0 +1,134 @@
+"""A robot with its web page, in real time, in a thread of its own: browsers are driven from the main one."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any, NamedTuple, TypeVar
+
+from txt1.bridges.registry import bridge
+from txt1.cli.errands import Errands
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.robot import Robot
+
+T = TypeVar("T")
+
+CHROMIUM = next((path for path in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if os.path.exists(path)), None)
+"""A distribution's browser."""
+FLAGS = (
+    "--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update", "--no-first-run",
+)  # fmt: skip
+PATIENT = ("safety.missed_ticks_max=100000",)
+"""The robot does not stop because a busy computer lets its controller miss cycles, as it should."""
+
+
+class Sample(NamedTuple):
+    """One tick of the controller: when, on the monotonic clock, and the set-point behind the gate."""
+
+    time: float
+    v: float
+    omega: float
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+class Live:
+    """The robot, its set-points tick by tick, and the page's address."""
+
+    def __init__(self, robot: Robot, loop: asyncio.AbstractEventLoop, port: int) -> None:
+        self.robot, self.loop, self.port = robot, loop, port
+        self.samples: list[Sample] = []
+        self.pid = 0
+        """Of the page's server."""
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def call(self, do: Callable[[Robot], T]) -> T:
+        """What `do` returns, called in the robot's loop."""
+        answer: Future[T] = Future()
+        self.loop.call_soon_threadsafe(lambda: answer.set_result(do(self.robot)))
+        return answer.result(10.0)
+
+    def until(self, condition: Callable[[Robot], object], limit: float = 20.0) -> None:
+        """Wait until something is true of the robot."""
+        ends = monotonic() + limit
+        while not self.call(condition):
+            assert monotonic() < ends, f"not within {limit:g} s"
+            sleep(0.01)
+
+    async def watch(self, ticks: Ticks) -> None:
+        async for _ in ticks:
+            control = self.robot.runtime.state.control
+            self.samples.append(Sample(monotonic(), control.v, control.omega))
+
+    def misses(self) -> int:
+        return self.call(lambda robot: robot.runtime.statistics()["controller"].misses)
+
+
+@contextmanager
+def live(
+    settings: Sequence[str] = (),
+    *,
+    hal: str = "sim",
+    folder: Path = Path("out/recordings"),
+    speed: float = 0.5,
+    **options: Any,
+) -> Iterator[Live]:
+    """A robot, armed, its gains loaded, and its page; `options` are the server's."""
+    port = free_port()
+    started: Future[Live] = Future()
+    given = {"port": port, "folder": str(folder), "speed": speed, **options}
+    main = partial(_main, started, hal, settings, given, folder)
+    thread = threading.Thread(target=run, args=(main(),), name="robot")
+    thread.start()
+    try:
+        here = started.result(30.0)
+        yield here
+    finally:
+        if started.done() and started.exception() is None:
+            here.loop.call_soon_threadsafe(here.ended.set)  # type: ignore[attr-defined]
+        thread.join(30.0)
+
+
+async def _main(started: Future[Live], hal: str, settings: Sequence[str], given: dict[str, Any], folder: Path) -> None:
+    try:
+        async with Robot.open(hal=hal, seed=1, settings=(*PATIENT, *settings)) as robot:
+            await robot.load_gains()
+            if not robot.armed:
+                robot.arm()
+            here = Live(robot, asyncio.get_running_loop(), given["port"])
+            here.ended = asyncio.Event()  # type: ignore[attr-defined]
+            robot.add_task("watch", 0.02, here.watch, -10)
+            errands = Errands(robot, robot.config, None, folder)
+            async with bridge(robot, "web", given, errands.requests) as beside:
+                while True:
+                    try:
+                        _, writer = await asyncio.open_connection("127.0.0.1", given["port"])
+                        writer.close()
+                        break
+                    except OSError:
+                        await asyncio.sleep(0.05)
+                here.pid = beside.pid or 0
+                started.set_result(here)
+                await here.ended.wait()  # type: ignore[attr-defined]
+            await errands.close()
+    except BaseException as error:
+        if not started.done():
+            started.set_exception(error)
+        raise

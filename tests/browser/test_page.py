@@ -1,0 +1,326 @@
+"""The page in a real browser: what a hand does to it, and what the robot does then."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.conftest import opened
+from tests.browser.live import Live, live
+
+pytestmark = pytest.mark.browser
+
+SIZES = {"wide": (1280, 800), "tall": (390, 844), "flat": (844, 390)}
+COUNTED = ("#stop", "#state", "#take", "#arm", "#stick", "#speed", "#map", "#theme", "#robots", "#tabs button")
+
+
+def script(name: str) -> str:
+    """JavaScript that looks at the page, from the file beside this one."""
+    return (Path(__file__).parent / f"{name}.js").read_text()
+
+
+def centre(page: Any, selector: str) -> tuple[float, float]:
+    box = page.locator(selector).bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def push(page: Any, dx: float, dy: float) -> None:
+    """Take hold of the stick with the mouse and move it by so many pixels."""
+    x, y = centre(page, "#stick")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + dx, y + dy, steps=3)
+
+
+def setpoint(car: Live) -> tuple[float, float]:
+    return car.call(lambda robot: (robot.runtime.state.control.v, robot.runtime.state.control.omega))
+
+
+def stands(car: Live) -> None:
+    car.until(lambda robot: robot.runtime.state.control.v == 0.0 and robot.runtime.state.control.omega == 0.0, 1.0)
+
+
+def test_the_stick_drives_while_it_is_held(page: Any, car: Live) -> None:
+    push(page, 0, -70)
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    assert car.call(lambda robot: robot.driver.name) == "web"
+    page.mouse.up()
+    stands(car)
+
+
+def test_left_on_the_stick_is_left_on_the_floor(page: Any, car: Live) -> None:
+    push(page, -40, -55)
+    car.until(lambda robot: robot.runtime.state.control.v > 0.2 and robot.runtime.state.control.omega > 0.1)
+    page.mouse.up()
+    stands(car)
+
+
+def test_keys_drive_while_they_are_down(page: Any, car: Live) -> None:
+    page.keyboard.down("w")
+    page.keyboard.down("d")
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4 and robot.runtime.state.control.omega < -0.1)
+    page.keyboard.up("d")
+    car.until(lambda robot: robot.runtime.state.control.omega == 0.0)
+    page.keyboard.up("w")
+    stands(car)
+
+
+def test_space_stops_and_arming_wants_half_a_second(page: Any, car: Live) -> None:
+    page.keyboard.press("Space")
+    car.until(lambda robot: robot.runtime.gate.stopped)
+    page.wait_for_function("() => document.getElementById('state').textContent === 'stopped'")
+    x, y = centre(page, "#arm")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.wait_for_timeout(200)
+    page.mouse.up()
+    page.wait_for_timeout(500)
+    assert not car.call(lambda robot: robot.armed), "a short press does not arm"
+    page.mouse.down()
+    car.until(lambda robot: robot.armed)
+    page.mouse.up()
+
+
+def test_stop_is_always_in_sight_and_needs_no_wheel(browser: Any, page: Any, car: Live) -> None:
+    push(page, 0, -60)
+    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
+    for other in opened_beside(browser, car):
+        assert other.locator("#driver").inner_text().startswith("page ")
+        other.locator("#stop").click()
+        car.until(lambda robot: robot.runtime.gate.stopped)
+    page.mouse.up()
+
+
+def opened_beside(browser: Any, car: Live) -> Iterator[Any]:
+    """Another page, while the first one goes on."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    other = context.new_page()
+    other.goto(car.url)
+    other.wait_for_function("() => document.getElementById('driver').textContent.startsWith('page')")
+    yield other
+    context.close()
+
+
+def test_one_page_drives_and_the_other_watches_until_the_wheel_is_given(browser: Any, page: Any, car: Live) -> None:
+    push(page, 0, -60)
+    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
+    for other in opened_beside(browser, car):
+        push(other, 0, 60)
+        other.wait_for_timeout(300)
+        assert setpoint(car)[0] > 0.0, "the other page does not drive"
+        other.mouse.up()
+        page.mouse.up()
+        stands(car)
+        page.locator("#take").click()
+        other.wait_for_function("() => document.getElementById('take').textContent === 'take the wheel'")
+        push(other, 0, 60)
+        car.until(lambda robot: robot.runtime.state.control.v < -0.2)
+        other.mouse.up()
+        stands(car)
+
+
+def test_the_operator_at_the_robot_outranks_the_page(page: Any, car: Live) -> None:
+    keys = car.call(lambda robot: car.keys if hasattr(car, "keys") else robot.source("keys"))  # type: ignore[attr-defined]
+    car.keys = keys  # type: ignore[attr-defined]
+    push(page, 0, -60)
+    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
+    for _ in range(10):
+        car.call(lambda robot: keys.command(-0.2, 0.0))
+        page.wait_for_timeout(50)
+    assert car.call(lambda robot: robot.driver.name) == "keys"
+    car.call(lambda robot: keys.release())
+    page.wait_for_timeout(200)
+    assert setpoint(car)[0] == 0.0, "letting go of the keys does not set the page off again"
+    page.mouse.up()
+
+
+@pytest.mark.parametrize("how", ["blur", "hidden", "pagehide"])
+def test_a_page_that_is_not_looked_at_lets_go(page: Any, car: Live, how: str) -> None:
+    page.keyboard.down("w")
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    if how == "hidden":
+        page.evaluate(
+            "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+            "document.dispatchEvent(new Event('visibilitychange')); delete document.hidden"
+        )
+    else:
+        page.evaluate(f"dispatchEvent(new Event('{how}'))")
+    stands(car)
+    page.wait_for_timeout(400)
+    assert setpoint(car) == (0.0, 0.0), "it goes on only when the key is pressed anew"
+    page.keyboard.up("w")
+    page.keyboard.down("w")
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    page.keyboard.up("w")
+
+
+PAD = """
+window.pad = {connected: true, mapping: 'standard', axes: [0, 0, 0, 0], index: 0, id: 'fake', timestamp: 0,
+              buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))};
+navigator.getGamepads = () => [window.pad, null, null, null];
+window.press = (button, value) => window.pad.buttons[button] = {pressed: value > 0, value};
+"""
+
+
+def test_a_gamepad_drives_while_its_dead_man_is_held(page: Any, car: Live) -> None:
+    page.evaluate(PAD)
+    page.evaluate("pad.axes = [-0.5, -1, 0, 0]")
+    page.wait_for_timeout(300)
+    assert setpoint(car) == (0.0, 0.0), "without the dead-man nothing moves"
+    page.evaluate("press(0, 1)")
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4 and robot.runtime.state.control.omega > 0.1)
+    page.evaluate("pad.connected = false")
+    stands(car)
+    page.evaluate("pad.connected = true")
+    page.wait_for_timeout(300)
+    assert setpoint(car) == (0.0, 0.0), "a pad that comes back has to let go of the dead-man first"
+    page.evaluate("press(0, 0)")
+    page.wait_for_timeout(100)
+    page.evaluate("press(0, 1)")
+    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    page.evaluate("press(1, 1)")
+    car.until(lambda robot: robot.runtime.gate.stopped)
+    page.evaluate("press(0, 0); press(1, 0); press(9, 1)")
+    car.until(lambda robot: robot.armed)
+    page.evaluate("press(9, 0)")
+
+
+def test_a_tap_on_the_map_is_a_waypoint(page: Any, car: Live) -> None:
+    page.locator("#waypoints").click()
+    x, y = centre(page, "#map")
+    page.mouse.click(x + 120, y)
+    page.locator("#go").click()
+    car.until(lambda robot: robot.driver.name == "route" and robot.runtime.state.control.v > 0.1)
+    car.until(lambda robot: robot.pose is not None and robot.pose[0] > 0.3)
+    page.evaluate("dispatchEvent(new Event('blur'))")
+    stands(car)
+    assert car.call(lambda robot: robot.driver.name) != "route"
+
+
+def test_touch_drives_and_the_page_does_not_scroll_under_it(browser: Any, car: Live) -> None:
+    for page in opened(browser, car, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True):
+        x, y = centre(page, "#stick")
+        touch = page.context.new_cdp_session(page)
+
+        def send(kind: str, *points: tuple[float, float], touch: Any = touch) -> None:
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b} for a, b in points]})
+
+        send("touchStart", (x, y))
+        for step in range(1, 8):
+            send("touchMove", (x, y - 10 * step))
+        car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+        assert page.evaluate("scrollY") == 0
+        send("touchEnd")
+        stands(car)
+
+
+def test_gains_are_loaded_from_the_page(page: Any, car: Live) -> None:
+    page.locator("[data-tab=gains]").click()
+    box = page.locator("[aria-label='linear kp']")
+    before = car.call(lambda robot: robot.runtime.state.gains.linear.kp)
+    box.fill(str(before + 1.0))
+    page.get_by_role("button", name="load these gains").click()
+    car.until(lambda robot: robot.runtime.state.gains.linear.kp == before + 1.0)
+
+
+def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:
+    page.locator("[data-tab=files]").click()
+    page.locator("#record").click()
+    page.wait_for_function("() => document.getElementById('record').textContent === 'stop recording'")
+    page.wait_for_timeout(1500)
+    page.locator("#record").click()
+    page.wait_for_function("() => document.getElementById('record').textContent === 'record'")
+    page.get_by_role("button", name="look again").click()
+    link = page.locator("#panel a[download]").first
+    with page.expect_download() as fetched:
+        link.click()
+    assert fetched.value.path().read_bytes().startswith(b"\x89MCAP")
+    page.get_by_role("button", name="show").first.click()
+    page.wait_for_function("() => document.getElementById('state').textContent === 'recording'")
+    push(page, 0, -60)
+    page.wait_for_timeout(300)
+    assert setpoint(car) == (0.0, 0.0), "a page that shows a recording does not drive"
+    page.mouse.up()
+    page.locator("#live").click()
+    page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
+
+
+def test_any_topic_can_be_plotted(page: Any, car: Live) -> None:
+    page.locator("[data-tab=plot]").click()
+    page.locator("#plot-topic").select_option("/setpoint")
+    page.wait_for_function(
+        "() => [...document.getElementById('plot-field').options].some((each) => each.value === 'outputs.motor')"
+    )
+    page.locator("#plot-field").select_option("outputs.motor")
+    page.wait_for_function("() => document.getElementById('plot-now').textContent.includes('outputs.motor')")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_overlaps_and_no_text_is_cut(browser: Any, car: Live, size: str, scheme: str) -> None:
+    width, height = SIZES[size]
+    for page in opened(browser, car, viewport={"width": width, "height": height}, color_scheme=scheme):
+        for tab in ("events", "sensors", "tasks", "learner", "plot", "gains", "files", "page"):
+            page.locator(f"[data-tab={tab}]").click()
+            page.wait_for_timeout(60)
+            assert overlaps(page) == [], tab
+            assert cut(page) == [], tab
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (
+            "the page is no wider than the screen"
+        )
+        page.evaluate("scrollTo(0, 1e6)")
+        box = page.locator("#stop").bounding_box()
+        assert box["y"] >= 0 and box["y"] + box["height"] <= height, "STOP stays in sight"
+        assert box["x"] + box["width"] <= width
+
+
+def overlaps(page: Any) -> list[str]:
+    """Pairs of controls whose boxes share a pixel, and controls outside the page."""
+    found: list[str] = page.evaluate(script("overlaps"))
+    return found
+
+
+def cut(page: Any) -> list[str]:
+    """Texts that do not fit their boxes."""
+    found: list[str] = page.evaluate(script("cut"))
+    return found
+
+
+def test_the_first_paint_comes_within_a_second_and_little_goes_over_the_wire(browser: Any, car: Live) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    page = context.new_page()
+    session = context.new_cdp_session(page)
+    session.send("Network.enable")
+    received: list[float] = []
+    session.on("Network.loadingFinished", lambda event: received.append(event["encodedDataLength"]))
+    page.goto(car.url)
+    page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    assert paint < 1000.0
+    assert sum(received) < 300_000
+    print(json.dumps({"paint_ms": paint, "bytes": sum(received)}))
+    context.close()
+
+
+def test_the_map_is_drawn_thirty_times_a_second(page: Any, car: Live) -> None:
+    page.locator("[data-tab=page]").click()
+    push(page, 0, -40)
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('#panel tr')].some((row) => row.cells[0].textContent.startsWith('frames')"
+        " && Number(row.cells[1].textContent) >= 30)",
+        timeout=10_000,
+    )
+    page.mouse.up()
+
+
+def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:
+    with live(("serial.port=virtual",), hal="serial") as board:
+        for page in opened(browser, board):
+            push(page, 0, -70)
+            board.until(lambda robot: robot.odometry.v > 0.3)
+            page.mouse.up()
+            board.until(lambda robot: robot.odometry.v == 0.0)
