@@ -98,6 +98,7 @@ class Desk:
             "tell": lambda text: self.say(f": {text}"),
             **requests,
         }
+        self._signatures = {name: inspect.signature(do) for name, do in self._requests.items()}
 
     def telemetry(self) -> bytes | None:
         """The topics that the bridge wants, at its rate; None until they are due."""
@@ -124,7 +125,7 @@ class Desk:
             if do is None:
                 raise ValueError(f"there is no request '{request.name}'; there are {', '.join(self._requests)}")
             try:
-                inspect.signature(do).bind(**request.fields)
+                self._signatures[request.name].bind(**request.fields)
             except TypeError as error:
                 raise ValueError(f"request '{request.name}': {error}") from None
             do(**request.fields)

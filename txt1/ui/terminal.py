@@ -12,7 +12,7 @@ from math import inf
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
 
-from txt1.beside import BEAT, Beside, Request
+from txt1.beside import BEAT, PERIOD, Beside, Request
 from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
@@ -108,7 +108,7 @@ class Terminal:
     def telemetry(self) -> bytes | None:
         """A snapshot, ten a second."""
         now = self._robot.now
-        if now < self._sent + INTERVAL - 1e-6:
+        if now < self._sent + INTERVAL - 0.5 * PERIOD:  # the nearest of the ticks
             return None
         self._sent = now
         return self._robot.snapshot.encode()
