@@ -16,6 +16,7 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.driver import REFRESH, CommandSource, Wheel, finite
 from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
+from txt1.estimation.fusion import Estimate
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
 from txt1.kernel.ticks import Ticks
@@ -190,6 +191,12 @@ class Robot:
     def pose(self) -> tuple[float, float, float] | None:
         """True pose (x, y, theta) in the room, m and rad, where the HAL knows it: in simulation."""
         return self.runtime.state.pose
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """Pose and velocities by all sensors together, with covariance; None where ``estimation`` is off."""
+        estimator = self.runtime.estimator
+        return None if estimator is None else estimator.estimate
 
     @property
     def battery(self) -> Battery:

@@ -6,13 +6,16 @@ from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, NotArmed
+from txt1.estimation.fusion import Estimate
+from txt1.estimation.readings import fusable
+from txt1.estimation.task import ENCODERS, FILTERED, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
 from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
@@ -22,7 +25,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
-from txt1.protocol.messages import BoardMessage, Message, PidResponse, Velocity
+from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
@@ -33,6 +36,9 @@ from txt1.tasks.fields import TaskReport
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
+
+TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
+"""Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
 
 OnFault = Callable[[str, BaseException], None]
 
@@ -76,6 +82,8 @@ class Runtime:
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
+        self.estimator: Estimator | None = None
+        """The filter that makes one odometry of all sensors, where there is one."""
         self._source = ""  # the user's or the driver's task that is at work
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._sensing = sensing
@@ -178,7 +186,8 @@ class Runtime:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
         if self._virtual and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
-        made = {name: self.make_sensor(name) for name in self.config.sensors} if self._sensing else {}
+        configured = self._configured_sensors() if self._sensing else {}
+        made = {name: self.make_sensor(name, given) for name, given in configured.items()}
         for name, sensor in made.items():
             if self._virtual and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
@@ -192,7 +201,9 @@ class Runtime:
             else:
                 self._add(name, priority, period, task)
         for name, sensor in made.items():
-            await self.sensors.add(name, sensor, self.config.sensors[name].period)
+            await self.sensors.add(name, sensor, configured[name].period)
+        if self._sensing and self.config.estimation.names:
+            self._begin_estimation()
         self.scheduler.start()
 
     def _own_tasks(self) -> Iterable[Row]:
@@ -238,6 +249,45 @@ class Runtime:
         given = self.config.sensors[name] if options is None else options
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
+
+    def _configured_sensors(self) -> dict[str, SensorConfig]:
+        """The configured sensors, and simulated ones for those to be fused that are not among them."""
+        sensors = dict(self.config.sensors)
+        for name in missing(self.config.estimation.names, sensors):
+            if not self.hal.capabilities.pose or name not in TWINS:
+                raise ConfigError(
+                    f"estimation: there is no sensor '{name}' to be fused; configure sensors.{name}.driver, or choose "
+                    "others in estimation.sensors"
+                )
+            sensors[name] = SensorConfig(driver=TWINS[name])
+        return sensors
+
+    def _begin_estimation(self) -> None:
+        """Start the filter, and have it told what its sensors read."""
+        config, state = self.config.estimation, self.state
+        kinds = {name: self.sensors[name].sensor.topic.type for name in config.names if name != ENCODERS}
+        for name, kind in kinds.items():
+            if not fusable(kind):
+                raise ConfigError(f"estimation: '{name}' tells {kind.__name__}, which cannot be fused")
+        estimator = self.estimator = Estimator(config, kinds, self.config.geometry)
+        for name in kinds:
+            self.sensors[name].listeners.append(partial(estimator.take, name))
+
+        def wheels() -> Wheels:
+            control = state.control
+            steering = float(control.outputs.rear) if self.hal.capabilities.pwm else None
+            return Wheels(state.odometry, state.odometry_time, steering, control.v != 0.0)
+
+        def offer(estimate: Estimate) -> None:
+            x, y, theta, v, omega = estimate[:5]
+            self.post(CombinedOdometry(x, y, theta, v, omega), self.now)
+
+        task = partial(
+            estimation, estimator=estimator, wheels=wheels, offer=offer if config.loops else None, tell=self.tell
+        )
+        self.bus.offer(FILTERED, lambda: estimator.estimate)
+        self.bus.offer(TRUSTS, estimator.fusion.trusts)
+        self.add_task("estimation", PRIORITY, controller.PERIOD, task)
 
     @property
     def now(self) -> float:

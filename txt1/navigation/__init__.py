@@ -10,7 +10,18 @@
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation.goto import Arrival, go_to
 from txt1.navigation.plan import NoPath, plan
-from txt1.navigation.source import PoseSource, true_pose, wheel_pose
+from txt1.navigation.source import PoseSource, fused_pose, true_pose, wheel_pose
 from txt1.navigation.waypoints import follow
 
-__all__ = ["Arrival", "NoPath", "Pose", "PoseSource", "follow", "go_to", "plan", "true_pose", "wheel_pose"]
+__all__ = [
+    "Arrival",
+    "NoPath",
+    "Pose",
+    "PoseSource",
+    "follow",
+    "fused_pose",
+    "go_to",
+    "plan",
+    "true_pose",
+    "wheel_pose",
+]

@@ -32,6 +32,18 @@ def true_pose(robot: Robot) -> PoseSource:
     return PoseSource("true pose", lambda: robot.pose)
 
 
+def fused_pose(robot: Robot) -> PoseSource:
+    """The pose by all sensors together, in the frame of those that tell one; NotCapable: ``estimation`` is off."""
+    if robot.runtime.estimator is None:
+        raise NotCapable("nothing is fused: set estimation.preset or estimation.sensors")
+
+    def read() -> Pose | None:
+        estimate = robot.estimate
+        return estimate[:3] if estimate is not None and estimate.located else None
+
+    return PoseSource("fused pose", read)
+
+
 def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:
     """The pose from the encoders, corrected for where these sit; it must be read often, at least 5 times a second.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Generic, TypeVar
 
@@ -36,6 +36,7 @@ class Polled(Generic[T]):
     reason: str = ""  # why it is not healthy; empty when it is
     readings: int = 0
     failures: int = 0
+    listeners: list[Callable[[Reading[T]], None]] = field(default_factory=list)  # told of every reading
 
     def state(self) -> SensorState:
         """How it is."""
@@ -69,6 +70,8 @@ class Polled(Generic[T]):
                 self.reason = ""
                 tell(now, f"sensor '{self.name}' is healthy again")
             bus.publish(self.sensor.topic, reading.value, reading.time)
+            for listener in self.listeners:
+                listener(reading)
 
     def _ails(self, reason: str, now: float, tell: Tell) -> None:
         """Note why it is not healthy, and tell it once."""

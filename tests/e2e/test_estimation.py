@@ -1,0 +1,92 @@
+"""One odometry of all sensors on the running robot: told, offered to the loops, and a source of poses."""
+
+import asyncio
+from math import hypot
+
+import pytest
+from blockbuster import BlockBuster
+
+from tests.e2e.conftest import ENDLESS
+from txt1.errors import ConfigError, NotCapable
+from txt1.estimation.task import FILTERED, TRUSTS
+from txt1.navigation import follow, fused_pose
+from txt1.robot import Robot
+from txt1.tasks.fields import Source
+from txt1.telemetry.snapshot import Snapshot
+
+SLIPPING = (*ENDLESS, "sim.vehicle.slip=0.05", "sim.vehicle.understeer=0.1")
+
+
+@pytest.fixture(autouse=True)
+def drivers_are_imported_when_they_are_asked_for(blocking_calls_fail: BlockBuster) -> None:
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/sensors/registry.py", {"create"})
+        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
+        function.can_block_in("txt1/sensors/geodesy.py", {"__init__"})
+
+
+async def test_it_is_told_with_covariance_and_with_how_much_each_sensor_is_believed() -> None:
+    async with Robot.open("sim", seed=1, settings=(*SLIPPING, "estimation.preset=vicon")) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.3, 5.0)
+        estimate, pose = robot.estimate, robot.pose
+        assert estimate is not None
+        assert pose is not None
+        assert hypot(estimate.x - pose[0], estimate.y - pose[1]) < 0.01
+        snapshot: Snapshot = robot.snapshot
+        assert snapshot[FILTERED] == estimate
+        assert [trust.name for trust in snapshot[TRUSTS]] == ["encoders", "imu", "vicon"]
+        assert all(trust.believed for trust in snapshot[TRUSTS])
+        assert estimate.slip == pytest.approx(1.0 - 1.0 / 1.05, abs=0.01)
+
+
+async def test_the_loops_go_by_it_so_a_circle_has_its_radius() -> None:
+    settings = (*ENDLESS, "estimation.preset=gyro", "estimation.loops=true")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.5, 4.0)
+        assert robot.runtime.state.control.source is Source.COMBINED
+        robot.program.insist(0.5, 0.5)
+        places = []
+        for _ in range(140):
+            robot.program.insist(0.5, 0.5)
+            await asyncio.sleep(0.1)
+            assert robot.pose is not None
+            places.append(robot.pose[:2])
+        xs, ys = zip(*places, strict=True)
+        radius = 0.25 * (max(xs) - min(xs) + max(ys) - min(ys))
+        assert radius == pytest.approx(1.0, rel=0.01)
+
+
+async def test_a_silent_sensor_is_told_in_the_log_and_driving_goes_on() -> None:
+    settings = (*SLIPPING, "estimation.preset=vicon", "estimation.loops=true", "sensors.vicon.driver=sim_vicon")
+    settings = (*settings, "sensors.vicon.options.occlusions=[[3.0, 6.0]]")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.3, 8.0)
+        told = [event.text for event in robot.runtime.state.events]
+        assert "estimation: 'vicon' is not believed any more: silent" in told
+        assert "estimation: 'vicon' is believed again" in told
+        assert robot.armed
+
+
+async def test_waypoints_are_followed_by_the_fused_pose() -> None:
+    async with Robot.open("sim", seed=1, settings=(*SLIPPING, "estimation.preset=vicon")) as robot:
+        await robot.load_gains()
+        await follow(robot, [(2.0, 0.0), (2.0, 2.0)], closed=False, pose_source=fused_pose(robot))
+        assert robot.pose is not None
+        assert hypot(robot.pose[0] - 2.0, robot.pose[1] - 2.0) < 0.35
+
+
+async def test_without_a_filter_there_is_no_fused_pose_and_nothing_is_told() -> None:
+    async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+        assert robot.estimate is None
+        assert robot.snapshot.get(FILTERED) is None
+        with pytest.raises(NotCapable, match=r"estimation\.preset"):
+            fused_pose(robot)
+
+
+async def test_a_sensor_that_nobody_has_configured_is_named() -> None:
+    with pytest.raises(ConfigError, match="no sensor 'sonar'"):
+        async with Robot.open("sim", settings=("estimation.sensors=[encoders, sonar]",)):
+            pass

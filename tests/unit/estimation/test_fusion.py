@@ -1,0 +1,195 @@
+"""The fusion: readings at their own times in any order, and sensors that are believed no longer, and again."""
+
+from collections.abc import Callable
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from txt1.estimation.fusion import HORIZON, Belonging, Estimate, Fusion, Kind, Measurement
+from txt1.model.kinematics import wrap_angle
+
+V, OMEGA, RADIUS = 0.5, 0.25, 2.0  # the car goes round in a circle
+START = (1.0, 2.0, 0.7)
+SENSORS = {"encoders": Belonging(), "imu": Belonging(), "vicon": Belonging(tells_pose=True)}
+
+
+def truth(time: float) -> tuple[float, float, float]:
+    x, y, theta = START
+    now = theta + OMEGA * time
+    return x + RADIUS * (sin(now) - sin(theta)), y - RADIUS * (cos(now) - cos(theta)), now
+
+
+class Drive:
+    """The circle with sensors whose readings are told exactly but for noise, and a fusion that hears them."""
+
+    def __init__(self, names: tuple[str, ...] = ("encoders", "imu", "vicon"), seed: int = 1) -> None:
+        self.fusion = Fusion({name: SENSORS.get(name, Belonging(tells_pose=True)) for name in names}, 0.34)
+        self.rng = np.random.default_rng(seed)
+        self.names = names
+        self.cycle = 0
+        self.estimate: Estimate
+
+    def readings(self, time: float) -> list[Measurement]:
+        noise = self.rng.normal(size=8)
+        stretch = 1.0 / cos(np.arctan(0.5 * 0.34 * OMEGA / V))
+        x, y, theta = truth(time)
+        made = {
+            "encoders": (Kind.ENCODERS, (V * stretch, OMEGA / stretch), (0.006, 0.04)),
+            "imu": (Kind.GYRO, (OMEGA + 0.01,), (0.006,)),
+            "vicon": (Kind.POSE, (x, y, wrap_angle(theta)), (0.002, 0.002, 0.003)),
+            "gps": (Kind.POSE, (x, y), (0.3, 0.3)),
+        }
+        found = []
+        for name in self.names:
+            kind, values, sigmas = made[name]
+            if name == "gps" and self.cycle % 10:
+                continue
+            told = tuple(float(v + s * n) for v, s, n in zip(values, sigmas, noise, strict=False))
+            found.append(Measurement(time, name, kind, tuple(range(len(values))), told, sigmas))
+            noise = np.roll(noise, 3)
+        return found
+
+    def go(
+        self,
+        seconds: float,
+        change: Callable[[Measurement], Measurement | None] = lambda each: each,
+    ) -> None:
+        for _ in range(round(seconds / 0.02)):
+            self.cycle += 1
+            for each in self.readings(self.cycle * 0.02):
+                changed = change(each)
+                if changed is not None:
+                    self.fusion.take(changed)
+            self.estimate = self.fusion.step(self.cycle * 0.02)
+
+    def error(self) -> tuple[float, float]:
+        x, y, theta = truth(self.cycle * 0.02)
+        found = self.estimate
+        return float(np.hypot(found.x - x, found.y - y)), abs(wrap_angle(found.theta - theta))
+
+    def trust(self, name: str) -> tuple[bool, str]:
+        (found,) = (each for each in self.fusion.trusts() if each.name == name)
+        return found.believed, found.reason
+
+
+def test_it_finds_pose_velocities_and_the_gyros_bias() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    assert drive.estimate.located
+    assert drive.error()[0] < 0.003
+    assert drive.estimate.v == pytest.approx(V, abs=0.02)
+    assert drive.estimate.omega == pytest.approx(OMEGA, abs=0.02)
+    assert drive.estimate.bias == pytest.approx(0.01, abs=0.002)
+    assert all(each.believed for each in drive.fusion.trusts())
+
+
+def test_positions_alone_tell_the_heading_when_it_has_driven_some_way() -> None:
+    drive = Drive(("encoders", "imu", "gps"))
+    drive.go(1.0)
+    assert not drive.estimate.located
+    drive.go(29.0)
+    assert drive.estimate.located
+    assert drive.error()[0] < 0.3
+    assert drive.error()[1] < 0.1
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_the_order_in_which_readings_arrive_makes_no_difference(random: object) -> None:
+    one, two = Drive(), Drive()
+    one.go(3.0)
+    two.go(3.0)
+    waiting: list[Measurement] = []
+    for _ in range(20):
+        one.cycle += 1
+        two.cycle += 1
+        for each, same in zip(one.readings(one.cycle * 0.02), two.readings(two.cycle * 0.02), strict=True):
+            one.fusion.take(each)
+            waiting.append(same)
+        one.estimate = one.fusion.step(one.cycle * 0.02)
+        random.shuffle(waiting)  # type: ignore[attr-defined]
+        for _ in range(random.randrange(len(waiting) + 1)):  # type: ignore[attr-defined]
+            two.fusion.take(waiting.pop())
+        two.estimate = two.fusion.step(two.cycle * 0.02)
+    for each in waiting:
+        two.fusion.take(each)
+    two.estimate = two.fusion.step(two.cycle * 0.02)
+    assert two.estimate[:5] == pytest.approx(one.estimate[:5], abs=1e-6)
+    assert two.estimate.covariance == pytest.approx(one.estimate.covariance, abs=1e-8)
+
+
+def test_a_reading_older_than_the_horizon_is_counted_and_left_out() -> None:
+    drive = Drive()
+    drive.go(2.0)
+    before = drive.estimate
+    drive.fusion.take(Measurement(2.0 - HORIZON - 0.1, "vicon", Kind.POSE, (0, 1, 2), (9.0, 9.0, 0.0), (1.0, 1.0, 1.0)))
+    assert drive.fusion.step(2.0)[:5] == pytest.approx(before[:5], abs=1e-12)
+    assert {each.name: each.late for each in drive.fusion.trusts()}["vicon"] == 1
+
+
+def test_late_by_0_3_s_it_is_as_good_as_in_time() -> None:
+    drive, late = Drive(), list[Measurement]()
+    drive.go(2.0)
+
+    def behind(each: Measurement) -> Measurement | None:
+        if each.sensor != "vicon":
+            return each
+        late.append(each)
+        return late.pop(0) if len(late) > 15 else None
+
+    drive.go(8.0, behind)
+    assert drive.error()[0] < 0.006
+    assert drive.trust("vicon") == (True, "")
+
+
+FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
+    "jumps": (lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])), "disagrees"),
+    "is no number": (lambda m: m._replace(values=(float("nan"), *m.values[1:])), "no number"),
+    "is silent": (lambda m: None, "silent"),
+    "stands still": (lambda m: m._replace(values=(*truth(10.0)[:2], 0.5)[: len(m.values)]), ""),
+}
+
+
+@pytest.mark.parametrize("sensor", ["encoders", "imu", "vicon"])
+@pytest.mark.parametrize("failure", FAILURES)
+def test_a_sensor_that_fails_is_found_out_and_believed_again(sensor: str, failure: str) -> None:
+    drive = Drive()
+    drive.go(10.0)
+    change, reason = FAILURES[failure]
+    drive.go(4.0, lambda m: change(m) if m.sensor == sensor else m)
+    believed, why = drive.trust(sensor)
+    assert not believed
+    assert reason in why
+    assert drive.error()[0] < (0.1 if sensor == "vicon" else 0.006)
+    drive.go(4.0)
+    assert drive.trust(sensor) == (True, "")
+    assert drive.error()[0] < 0.006
+    told = " ".join(drive.fusion.changes)
+    assert f"'{sensor}' is not believed any more" in told
+    assert f"'{sensor}' is believed again" in told
+
+
+def test_a_drift_of_2_cm_a_second_is_found_out_before_it_has_moved_the_pose_by_a_centimetre() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    begun = drive.cycle * 0.02
+
+    def drifting(m: Measurement) -> Measurement:
+        return m._replace(values=(m.values[0] + 0.02 * (m.time - begun), *m.values[1:])) if m.sensor == "vicon" else m
+
+    worst = 0.0
+    for _ in range(200):
+        drive.go(0.02, drifting)
+        worst = max(worst, drive.error()[0])
+    assert drive.trust("vicon")[1] == "drifts away from the others"
+    assert worst < 0.02
+
+
+def test_the_heading_goes_round_and_round() -> None:
+    drive = Drive()
+    drive.go(2.5 * 2.0 * pi / OMEGA)
+    assert -pi < drive.estimate.theta <= pi
+    assert drive.error()[1] < 0.01

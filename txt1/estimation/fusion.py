@@ -1,0 +1,490 @@
+"""Fuses what sensors measured, each reading at its own time, and judges the sensors meanwhile.
+
+A reading may be up to `HORIZON` late: it is put in its place among the others, and everything since is taken in again.
+So the order in which readings arrive makes no difference. A sensor is believed no longer when its readings lie beyond
+the gate, are no numbers, stand still, stay away, or miss on one side all the time; and again when its readings have
+fitted for a while. On losing belief its readings of the last `HORIZON` are taken out.
+"""
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from math import atan2, cos, isfinite, sin, sqrt
+from operator import attrgetter
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.estimation.ekf import (
+    BIAS,
+    OMEGA,
+    ROLLED,
+    SIZE,
+    SLIP,
+    THETA,
+    Array,
+    Belief,
+    Drift,
+    X,
+    Y,
+    antenna,
+    encoders,
+    picked,
+    predict,
+    turned,
+    update,
+    velocities,
+)
+from txt1.model.kinematics import wrap_angle
+
+HORIZON: Final = 0.5  # s that a reading may be late
+STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
+REJECTED_MAX: Final = 3  # readings in a row beyond the gate that cost a sensor its belief
+REJECTED_TIME: Final = 0.03  # and at least so many s of them
+FITS: Final = 0.5  # s for which readings fit before a sensor is believed again,
+FITTING: Final = 3  # and at least so many of them
+SAME_MAX: Final = 5  # equal readings in a row of a sensor that stands still
+MOVING: Final = 0.1  # m/s from which a position that stays the same stands still
+MEMORY: Final = 25  # readings over which a sensor's misses are averaged
+ONE_SIDED: Final = 0.8  # mean miss, in standard deviations of one, beyond which it is no chance: 5.6 times its own
+REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
+REST_YAW: Final = 0.001  # rad/s, likewise
+ALIGNED: Final = 0.15  # rad, the standard deviation at which a heading found from positions is good enough
+PAIRS_MAX: Final = 600  # positions that are kept to find it
+
+
+_TOLD: Final = picked(X, Y, THETA, ROLLED, OMEGA)
+
+
+class Kind(Enum):
+    """The quantities that a measurement is of."""
+
+    STEERING = "the change of the steering's curvature since the last one, 1/m"
+    ENCODERS = "v and omega, by the encoders"
+    GYRO = "omega and the gyro's bias"
+    POSE = "x, y and theta"
+    VELOCITY = "v and omega"
+
+
+class Measurement(NamedTuple):
+    """A reading as the filter takes it."""
+
+    time: float  # when it was taken, s of the run
+    sensor: str
+    kind: Kind
+    rows: tuple[int, ...]  # those of the kind's quantities that it has
+    values: tuple[float, ...]  # m, rad, m/s, rad/s
+    sigmas: tuple[float, ...]  # their standard deviations
+    at: tuple[float, float] = (0.0, 0.0)  # where on the robot a pose is measured, x forward, y left, m
+
+
+class Estimate(NamedTuple):
+    """The robot's pose and velocities, by all sensors together."""
+
+    x: float  # m
+    y: float  # m
+    theta: float  # rad in (-pi, pi]
+    v: float  # m/s
+    omega: float  # rad/s
+    covariance: tuple[float, ...]  # of these five, row by row
+    bias: float  # of the gyro, rad/s
+    slip: float  # share of the wheels' way that the ground does not see
+    located: bool  # whether the pose is in the frame of the sensors that tell one; else it is from where it began
+
+    def sigma(self, place: int) -> float:
+        """The standard deviation of one of the five."""
+        return sqrt(max(self.covariance[6 * place], 0.0))
+
+
+class Trust(NamedTuple):
+    """How much a sensor is believed, and why."""
+
+    name: str
+    believed: bool
+    reason: str  # why not; empty while it is
+    used: int  # readings that were taken in
+    rejected: int  # readings that were not
+    late: int  # readings that were older than the horizon
+    surprise: float  # mean of NIS over the number of values: about 1 when its covariance is right
+    time: float | None  # of the last reading, s of the run
+
+
+@dataclass(frozen=True, slots=True)
+class Belonging:
+    """A sensor's settings."""
+
+    gate: float = 5.0  # Mahalanobis distance beyond which a reading is not believed
+    timeout: float = 1.0  # s without a reading after which it is silent
+    tells_pose: bool = False  # whether it tells x and y: then the pose is in its frame
+
+
+@dataclass(slots=True)
+class _Judge:
+    """The evidence on one sensor."""
+
+    name: str
+    settings: Belonging
+    believed: bool = True
+    reason: str = ""
+    used: int = 0
+    rejected: int = 0
+    late: int = 0
+    surprise: float = 1.0
+    time: float | None = None
+    since: float = 0.0  # when it was heard last, or began to be waited for
+    beyond: int = 0  # readings in a row beyond the gate
+    beyond_since: float = 0.0
+    same: int = 0  # readings in a row that were equal
+    last: tuple[float, ...] = ()
+    misses: Array = field(default_factory=lambda: np.zeros(3))  # mean of the misses, in standard deviations
+    fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
+    fitting_since: float = 0.0
+
+    def trust(self) -> Trust:
+        return Trust(
+            self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
+        )  # fmt: skip
+
+
+@dataclass(slots=True)
+class _Entry:
+    """A measurement in its place, and the belief after it."""
+
+    measurement: Measurement
+    belief: Belief
+    time: float
+    key: tuple[float, str]
+    new: bool = True
+    used: bool = True
+
+
+class Fusion:
+    """The filter of one robot.
+
+    Args:
+        sensors: by name.
+        wheelbase: m.
+        drift: of the state by itself.
+        slip_sigma: standard deviation of the wheels' slip before anything is known of it.
+
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, Belonging],
+        wheelbase: float,
+        drift: Drift = Drift(),  # noqa: B008 - immutable
+        slip_sigma: float = 0.03,
+    ) -> None:
+        self.changes: list[str] = []
+        """What is to be told: a sensor is believed no longer, or again; whoever tells it empties the list."""
+        self._wheelbase = wheelbase
+        self._density = drift.density()
+        self._judges = {name: _Judge(name, settings) for name, settings in sensors.items()}
+        sigmas = np.array([0.0, 0.0, 0.0, 0.01, 0.01, 0.02, slip_sigma])
+        self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), 0.0
+        self._entries: list[_Entry] = []
+        self._arrived: list[Measurement] = []
+        self._rows: dict[tuple[Kind, tuple[int, ...]], Array] = {}
+        self._noises: dict[tuple[float, ...], Array] = {}
+        self._located = not any(settings.tells_pose for settings in sensors.values())
+        self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
+        self._now = 0.0
+        self._alone = False  # one sensor only is believed
+
+    def take(self, measurement: Measurement) -> None:
+        """Take in a measurement with the next step."""
+        self._arrived.append(measurement)
+
+    def rest(self, time: float) -> None:
+        """Take in that the robot stands."""
+        self.take(Measurement(time, "", Kind.VELOCITY, (0, 1), (0.0, 0.0), (REST_SPEED, REST_YAW)))
+
+    def trusts(self) -> tuple[Trust, ...]:
+        """How much each sensor is believed."""
+        return tuple(judge.trust() for judge in self._judges.values())
+
+    def step(self, now: float) -> Estimate:
+        """The estimate at `now`, s of the run, with all that has arrived since the last step."""
+        self._now = now
+        self._alone = sum(judge.believed for judge in self._judges.values()) < 2
+        first = len(self._entries)
+        for measurement in self._arrived:
+            first = min(first, self._insert(measurement))
+        self._arrived.clear()
+        redo: int | None = first
+        while redo is not None:
+            redo = self._apply(redo)
+        self._forget(now - HORIZON)
+        for judge in self._judges.values():
+            if now - judge.since > judge.settings.timeout and judge.reason != "silent":
+                self._doubt(judge, "silent")
+        belief, time = (self._entries[-1].belief, self._entries[-1].time) if self._entries else self._began()
+        return self._estimate(self._predicted(belief, now - time))
+
+    # -- readings in their places ----------------------------------------------------------------------------------
+
+    def _insert(self, measurement: Measurement) -> int:
+        """Put a measurement in its place; returns the place, or the end when it is not put anywhere."""
+        entries, time = self._entries, measurement.time
+        judge = self._judges.get(measurement.sensor)
+        if judge is not None:
+            judge.since = self._now
+            if judge.time is None or time > judge.time:
+                judge.time = time
+            if not isfinite(sum(measurement.values)):
+                judge.rejected += 1
+                self._doubt(judge, "no number")
+                return len(entries)
+        if time < self._base_time or time < self._now - HORIZON or not time <= self._now + 1e-6:
+            if judge is not None:
+                judge.late += 1
+            return len(entries)
+        key = time, measurement.sensor  # of the same instant, too, there is one order
+        last = not entries or entries[-1].key <= key
+        place = len(entries) if last else bisect_right(entries, key, key=attrgetter("key"))
+        entries.insert(place, _Entry(measurement, self._base, time, key))
+        return place
+
+    def _began(self) -> tuple[Belief, float]:
+        return self._base, self._base_time
+
+    def _forget(self, before: float) -> None:
+        """Drop what is older than the horizon; the belief there is the new beginning."""
+        entries = self._entries
+        old = 0
+        while old < len(entries) and entries[old].time < before:
+            old += 1
+        if old:
+            self._base, self._base_time = entries[old - 1].belief, entries[old - 1].time
+            del entries[:old]
+
+    def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
+        while dt > STEP_MAX:
+            belief, dt = predict(belief, STEP_MAX, self._density), dt - STEP_MAX
+        return predict(belief, max(dt, 0.0), self._density, bend)
+
+    def _apply(self, first: int) -> int | None:
+        """Take in the entries from `first` on; returns where to begin again, if a sensor was found out meanwhile."""
+        entries = self._entries
+        belief, time = (entries[first - 1].belief, entries[first - 1].time) if first else self._began()
+        for place in range(first, len(entries)):
+            entry = entries[place]
+            measurement = entry.measurement
+            steering = measurement.kind is Kind.STEERING
+            bend = measurement.values[0] if steering else 0.0
+            if bend != 0.0 or entry.time > time:
+                belief = self._predicted(belief, entry.time - time, bend)
+            time = entry.time
+            if not steering:
+                new = entry.new
+                belief = self._measure(belief, entry)
+                if new:
+                    judge = self._judges.get(measurement.sensor)
+                    if judge is not None and not judge.believed and entry.used:
+                        entry.belief = belief
+                        return self._take_out(judge.name)
+            entry.belief = belief
+        return None
+
+    def _take_out(self, sensor: str) -> int | None:
+        """Leave a sensor's readings out; returns the place of the first."""
+        first: int | None = None
+        for place, entry in enumerate(self._entries):
+            if entry.measurement.sensor == sensor and entry.used:
+                entry.used, entry.new = False, False
+                first = place if first is None else first
+        return first
+
+    # -- one reading -----------------------------------------------------------------------------------------------
+
+    def _measure(self, belief: Belief, entry: _Entry) -> Belief:
+        measurement = entry.measurement
+        judge = self._judges.get(measurement.sensor)
+        residual, h = self._expect(belief.mean, measurement)
+        noise = self._noise(measurement.sigmas)
+        if judge is None:  # a robot at rest
+            return update(belief, residual, h, noise)[0]
+        gate = judge.settings.gate**2
+        if not entry.new:
+            return update(belief, residual, h, noise, gate)[0] if entry.used else belief
+        if judge.settings.tells_pose and not self._located:
+            entry.new = False
+            judge.used += 1
+            return self._locate(belief, measurement)
+        after, nis, s = update(belief, residual, h, noise, gate if judge.believed else -1.0)
+        entry.new, entry.used = False, judge.believed
+        self._judge(judge, measurement, belief, nis, residual / np.sqrt(s.diagonal()), gate)
+        return after
+
+    def _expect(self, mean: Array, measurement: Measurement) -> tuple[Array, Array]:
+        """The measurement less its expectation, and the Jacobian."""
+        kind, rows = measurement.kind, measurement.rows
+        if kind is Kind.ENCODERS:
+            expected, h = encoders(mean, self._wheelbase)
+            if self._alone:
+                h[:, SLIP] = 0.0  # what looks like slip then is none
+            if len(rows) < 2:
+                return np.array(measurement.values) - expected[list(rows)], h[list(rows)]
+            return measurement.values - expected, h
+        if kind is Kind.VELOCITY:
+            expected, h = velocities(mean)
+            return np.array(measurement.values) - expected[list(rows)], h[list(rows)]
+        if kind is Kind.POSE and measurement.at != (0.0, 0.0):
+            position, at = antenna(mean, measurement.at)
+            expected, h = np.array((*position, mean[THETA])), np.vstack((at, picked(THETA)))
+            residual = np.array(measurement.values) - expected[list(rows)]
+            h = h[list(rows)]
+        else:
+            h = self._jacobian(kind, rows)
+            residual = measurement.values - h.dot(mean)
+        if kind is Kind.POSE and rows[-1] == 2:
+            residual[-1] = wrap_angle(float(residual[-1]))
+        return residual, h
+
+    def _jacobian(self, kind: Kind, rows: tuple[int, ...]) -> Array:
+        known = self._rows.get((kind, rows))
+        if known is None:
+            whole = picked(OMEGA) + picked(BIAS) if kind is Kind.GYRO else picked(X, Y, THETA)
+            known = self._rows[kind, rows] = whole[list(rows)]
+        return known
+
+    def _noise(self, sigmas: tuple[float, ...]) -> Array:
+        known = self._noises.get(sigmas)
+        if known is None:
+            if len(self._noises) > 100:  # a receiver that tells another one each time
+                self._noises.clear()
+            known = self._noises[sigmas] = np.diag(np.square(sigmas))
+        return known
+
+    # -- belief ----------------------------------------------------------------------------------------------------
+
+    def _judge(
+        self, judge: _Judge, measurement: Measurement, belief: Belief, nis: float, misses: Array, gate: float
+    ) -> None:
+        count = len(misses)
+        fits = nis <= gate
+        judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
+        still = measurement.values == judge.last and measurement.kind is not Kind.ENCODERS
+        judge.same = judge.same + 1 if still else 0
+        judge.last = measurement.values
+        frozen = judge.same >= SAME_MAX and (
+            measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
+        )
+        time = measurement.time
+        if not judge.believed:
+            judge.rejected += 1
+            if not fits or frozen:
+                judge.fitting = 0
+                return
+            if judge.fitting == 0:
+                judge.fitting_since = time
+            judge.fitting += 1
+            if judge.fitting >= FITTING and time - judge.fitting_since >= FITS:
+                self._restore(judge)
+            return
+        if frozen:
+            self._doubt(judge, "stands still")
+            return
+        if not fits:
+            judge.rejected += 1
+            if judge.beyond == 0:
+                judge.beyond_since = time
+            judge.beyond += 1
+            if judge.beyond >= REJECTED_MAX and time - judge.beyond_since >= REJECTED_TIME:
+                self._doubt(judge, "disagrees with the others")
+            return
+        judge.used += 1
+        judge.beyond = 0
+        mean = judge.misses[:count]
+        mean += (misses - mean) / MEMORY
+        if abs(mean).max() > ONE_SIDED:
+            self._doubt(judge, "drifts away from the others")
+
+    def _doubt(self, judge: _Judge, reason: str) -> None:
+        judge.fitting = judge.beyond = 0
+        judge.misses[:] = 0.0
+        if judge.believed:
+            self.changes.append(f"'{judge.name}' is not believed any more: {reason}")
+        judge.believed, judge.reason = False, reason
+
+    def _restore(self, judge: _Judge) -> None:
+        judge.believed, judge.reason, judge.fitting, judge.surprise = True, "", 0, 1.0
+        self.changes.append(f"'{judge.name}' is believed again")
+
+    # -- start-up without a pose -----------------------------------------------------------------------------------
+
+    def _locate(self, belief: Belief, measurement: Measurement) -> Belief:
+        """Find the pose in the frame of a sensor: at once with a heading, from several positions without one."""
+        mean, values, sigmas = belief.mean, measurement.values, measurement.sigmas
+        if measurement.rows == (0, 1, 2):
+            turn = values[2] - float(mean[THETA])
+            spread = np.diag(np.square(sigmas))
+            (px, py), _ = antenna(mean, measurement.at)
+            c, s = cos(turn), sin(turn)
+            x, y = values[0] - c * px + s * py, values[1] - s * px - c * py
+        elif measurement.rows == (0, 1):
+            (px, py), _ = antenna(mean, measurement.at)
+            self._pairs.append((float(px), float(py), *values, sigmas[0]))
+            found = aligned(self._pairs)
+            if found is None:
+                return belief
+            turn, x, y, spread = found
+            spread = about(spread, mean, turn, self._pairs)
+        else:
+            return belief
+        self._base = turned(self._base, turn, x, y, spread)
+        for entry in self._entries:
+            entry.belief = turned(entry.belief, turn, x, y, spread)
+        self._located = True
+        self._pairs.clear()
+        self.changes.append(f"the pose is known, by '{measurement.sensor}'")
+        return turned(belief, turn, x, y, spread)
+
+    # -- the estimate ----------------------------------------------------------------------------------------------
+
+    def _estimate(self, belief: Belief) -> Estimate:
+        x, y, theta, rolled, omega, bias, slip = belief.mean.tolist()
+        j = _TOLD.copy()
+        j[3, ROLLED], j[3, SLIP] = 1.0 - slip, -rolled
+        covariance = tuple(j.dot(belief.covariance).dot(j.T).ravel().tolist())
+        v = rolled * (1.0 - slip)
+        return Estimate(x, y, wrap_angle(theta), v, omega, covariance, bias, slip, self._located)
+
+
+def aligned(pairs: deque[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:
+    """The turn (rad) and move (m) that bring positions p onto measured ones z, and their covariance; None: too vague.
+
+    Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
+    turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
+    is p, z, and sigma, m.
+    """
+    if len(pairs) < 5:
+        return None
+    px, py, zx, zy, sigma = np.array(pairs).T
+    cx, cy, dx, dy = px.mean(), py.mean(), zx.mean(), zy.mean()
+    px, py, zx, zy = px - cx, py - cy, zx - dx, zy - dy
+    spread, variance = float(px @ px + py @ py), float(np.mean(sigma**2))
+    if spread * ALIGNED**2 < variance:
+        return None
+    turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
+    c, s = cos(turn), sin(turn)
+    return (
+        turn,
+        float(dx - c * cx + s * cy),
+        float(dy - s * cx - c * cy),
+        np.diag((variance / len(pairs), variance / len(pairs), variance / spread)),
+    )
+
+
+def about(spread: Array, mean: Array, turn: float, pairs: deque[tuple[float, ...]]) -> Array:
+    """The covariance of a frame (x, y, turn) at the centre of the pairs, at where the robot is instead."""
+    px, py = np.mean([pair[:2] for pair in pairs], axis=0)
+    dx, dy = float(mean[X] - px), float(mean[Y] - py)
+    c, s = cos(turn), sin(turn)
+    j = np.eye(3)
+    j[0, 2], j[1, 2] = -(s * dx + c * dy), c * dx - s * dy
+    moved: Array = j @ spread @ j.T
+    return moved

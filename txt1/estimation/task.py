@@ -1,0 +1,176 @@
+"""The estimation task: every 20 ms one estimate of all that the sensors have told."""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import hypot, sqrt, tan
+from typing import Any, Final, NamedTuple
+
+from txt1.config.schema import EstimationConfig, FusedConfig
+from txt1.estimation.fusion import Belonging, Estimate, Fusion, Kind, Measurement, Trust
+from txt1.estimation.readings import measurements, tells_pose
+from txt1.kernel.ticks import Ticks
+from txt1.model.odometry import Odometry
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.sensors.base import Reading
+from txt1.telemetry.topics import Rule, Topic, declare
+
+PERIOD: Final = 0.02
+PRIORITY: Final = -1  # behind the sensors in the same instant
+ENCODERS: Final = "encoders"
+REST: Final = 0.5  # s for which the encoders are silent and nothing is asked of a robot that stands
+SERVO_RATE: Final = 7.0  # rad/s of the steering; assumed
+SPEED_MODEL: Final = 0.004  # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
+YAW_MODEL: Final = 0.015  # rad/s, likewise
+V_USABLE: Final = 0.15  # m/s, the standard deviation up to which the loops are given a speed
+OMEGA_USABLE: Final = 0.3  # rad/s, likewise
+
+_COVARIANCES: Final = [  # of a planar robot in ROS's 6 x 6: x, y, theta; v, omega
+    (block, 6 * row + column, 5 * own_row + own_column)
+    for block, places in (("pose", ((0, 0), (1, 1), (5, 2))), ("twist", ((0, 3), (5, 4))))
+    for row, own_row in places
+    for column, own_column in places
+]
+
+
+def _message(estimate: Estimate) -> tuple[float, ...]:
+    from math import cos, sin
+
+    x, y, theta, v, omega, covariance = estimate[:6]
+    return x, y, sin(0.5 * theta), cos(0.5 * theta), v, omega, *(covariance[own] for _, _, own in _COVARIANCES)
+
+
+FILTERED: Final = declare(Topic(
+    "/odometry/filtered", Estimate, "m, rad, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
+    "pose and velocities by all sensors together, with covariance",
+    {"header": {"frame_id": "map"}, "child_frame_id": "base_footprint"},
+    ("pose.pose.position.x", "pose.pose.position.y", "pose.pose.orientation.z", "pose.pose.orientation.w",
+     "twist.twist.linear.x", "twist.twist.angular.z",
+     *(f"{block}.covariance.{place}" for block, place, _ in _COVARIANCES)),
+    _message,
+))  # fmt: skip
+
+
+def _status(trust: Trust) -> dict[str, Any]:
+    return {
+        "level": 0 if trust.believed else 1,
+        "name": trust.name,
+        "message": "believed" if trust.believed else trust.reason,
+        "values": [{"key": key, "value": str(value)} for key, value in trust._asdict().items() if value is not None],
+    }
+
+
+TRUSTS: Final = declare(Topic[tuple[Trust, ...]](
+    "/estimation", tuple[Trust, ...], "", "diagnostic_msgs/DiagnosticArray", Rule.SECOND,
+    "the sensors that are fused: whether each is believed, and why not",
+    make=lambda trusts: {"status": [_status(trust) for trust in trusts]},
+))  # fmt: skip
+
+
+class Wheels(NamedTuple):
+    """The robot's own part of a cycle."""
+
+    odometry: Odometry
+    time: float  # when the odometry was read, s of the run
+    steering: float | None  # counts on the rear servo since the last cycle, left positive; None where nobody knows
+    commanded: bool  # whether a speed is asked for
+
+
+class Estimator:
+    """The filter with its settings: takes readings as they come, and the robot's own part every cycle.
+
+    `kinds` are the types of the sensors' values by name; `geometry` is the vehicle's.
+    """
+
+    def __init__(self, config: EstimationConfig, kinds: Mapping[str, type], geometry: Geometry) -> None:
+        self.estimate: Estimate | None = None
+        """The newest one."""
+        self.settings = {name: config.settings.get(name, FusedConfig()) for name in config.names}
+        belongings = {
+            name: Belonging(each.gate, each.timeout, name in kinds and tells_pose(kinds[name], each))
+            for name, each in self.settings.items()
+        }
+        self.fusion = Fusion(belongings, geometry.wheelbase, slip_sigma=config.slip)
+        self._geometry = geometry
+        self._read = 0.0
+        self._angle = 0.0  # of the steering as it should be, rad, left positive
+        self._steering: float | None = None
+        self._curvature = 0.0
+        self._still = 0.0  # s for which it has stood
+
+    def take(self, name: str, reading: Reading[Any]) -> None:
+        """Take a sensor's reading."""
+        for measurement in measurements(name, reading, self.settings[name]):
+            self.fusion.take(measurement)
+
+    def step(self, now: float, wheels: Wheels) -> Estimate:
+        """Return the estimate at `now`."""
+        dt = wheels.time - self._read
+        if dt > 0.0:
+            if self._read > 0.0:
+                self._take_wheels(wheels, dt)
+            self._read = wheels.time
+        self.estimate = self.fusion.step(now)
+        return self.estimate
+
+    def _take_wheels(self, wheels: Wheels, dt: float) -> None:
+        """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
+        _, _, _, v, omega = wheels.odometry
+        middle = wheels.time - 0.5 * dt
+        self._steer(wheels.steering, wheels.time - dt, dt)
+        settings = self.settings.get(ENCODERS)
+        if settings is None:
+            return
+        fields = ("v", "omega") if settings.fields is None else settings.fields
+        # a count more or less at both ends of the time: a difference of two uniform errors
+        count = self._geometry.count_length / dt / sqrt(6.0)
+        own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / self._geometry.track_width, YAW_MODEL)
+        rows = tuple(row for row, name in enumerate(("v", "omega")) if name in fields)
+        given = settings.sigma.get("v") or own[0], settings.sigma.get("omega") or own[1]
+        values, sigmas = tuple((v, omega)[row] for row in rows), tuple(given[row] for row in rows)
+        self.fusion.take(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, values, sigmas))
+        self._still = self._still + dt if v == 0.0 == omega and not wheels.commanded else 0.0
+        if self._still >= REST:
+            self.fusion.rest(middle)
+
+    def _steer(self, steering: float | None, begin: float, dt: float) -> None:
+        """Take in the change of curvature that the servos have made in dt seconds since `begin`, (2.12)."""
+        before, self._steering = self._steering, steering
+        if before is None:
+            return
+        body = self._geometry
+        aimed = body.steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
+        turned = max(-SERVO_RATE * dt, min(SERVO_RATE * dt, aimed - self._angle))
+        self._angle += turned
+        curvature = 2.0 * tan(self._angle) / body.wheelbase
+        bend, self._curvature = curvature - self._curvature, curvature
+        if bend:
+            middle = begin + 0.5 * abs(turned) / SERVO_RATE
+            self.fusion.take(Measurement(middle, "", Kind.STEERING, (0,), (bend,), (1.0,)))
+
+
+def usable(estimate: Estimate) -> bool:
+    """Whether the velocity loops may go by this."""
+    return estimate.sigma(3) <= V_USABLE and estimate.sigma(4) <= OMEGA_USABLE
+
+
+async def estimation(
+    ticks: Ticks,
+    estimator: Estimator,
+    wheels: Callable[[], Wheels],
+    offer: Callable[[Estimate], None] | None,
+    tell: Callable[[str], None],
+) -> None:
+    """Make an estimate every tick, and offer its velocities to the loops where they are good enough."""
+    changes = estimator.fusion.changes
+    async for now in ticks:
+        estimate = estimator.step(now, wheels())
+        if changes:
+            for change in changes:
+                tell(f"estimation: {change}")
+            changes.clear()
+        if offer is not None and usable(estimate):
+            offer(estimate)
+
+
+def missing(names: Sequence[str], configured: Mapping[str, object]) -> list[str]:
+    """The names of sensors to be fused that are not configured."""
+    return [name for name in names if name != ENCODERS and name not in configured]
