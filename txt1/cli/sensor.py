@@ -1,17 +1,26 @@
-"""`txt1 sensor`: list or check sensors."""
+"""`txt1 sensor`: list or check sensors, or be one."""
 
 import argparse
 import os
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping
+from importlib.metadata import EntryPoint
+from typing import Any, Final, NamedTuple
 
 from txt1.cli import FAULT, OK
-from txt1.cli.options import CONFIGURATION, add_actions, takes
-from txt1.config import load
+from txt1.cli.app import App, get_ready, say
+from txt1.cli.options import CONFIGURATION, add_actions, host_and_port, positive, takes, velocity
+from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import BROKEN, verdicts
+from txt1.devices.station import Device
+from txt1.driver import REFRESH
+from txt1.errors import ConfigError
 from txt1.hal.registry import create as create_hal
-from txt1.sensors.base import Sensor, Setup
+from txt1.kernel.ticks import Ticks
+from txt1.link.base import Listener
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import listen_tcp
+from txt1.sensors.base import Reading, Sensor, Setup
 from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.registry import DRIVERS, create
 
@@ -19,7 +28,19 @@ from txt1.sensors.registry import DRIVERS, create
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     name = {"name": takes("NAME", "a configured sensor, or a driver that needs no options")}
-    add_actions(parser, {"list": (list_sensors, CONFIGURATION), "check": (check_sensor, name | CONFIGURATION)})
+    kind = {
+        "kind": {"choices": tuple(FAKES), "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
+                 "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19"},
+        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
+        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", host_and_port),
+        "--drive": takes("V,OMEGA", "how the simulated robot drives meanwhile: m/s, rad/s", velocity),
+        "--duration": takes("S", "end after S seconds", positive),
+    }  # fmt: skip
+    add_actions(parser, {
+        "list": (list_sensors, CONFIGURATION),
+        "check": (check_sensor, name | CONFIGURATION),
+        "fake": (fake_sensor, kind | CONFIGURATION),
+    })  # fmt: skip
 
 
 def list_sensors(arguments: argparse.Namespace) -> int:
@@ -43,6 +64,68 @@ def check_sensor(arguments: argparse.Namespace) -> int:
         return create(given, Setup(name, given.options, config, pose, hal))
 
     return print_verdicts(verdicts(SensorConformance, make, speed="max" if make().simulated else None))
+
+
+class Fake(NamedTuple):
+    """A device on the desk: the driver of its simulated readings with its options, and the class of its far end."""
+
+    driver: str
+    options: Mapping[str, Any]
+    at_tcp: str
+    at_pty: str
+
+
+FAKES: Final = {
+    "imu": Fake("sim_imu", {}, "imu:FakeImu", "imu:FakeImu"),
+    "gps": Fake("sim_gps", {}, "gps:FakeGpsd", "gps:FakeReceiver"),
+    "vicon": Fake("sim_vicon", {}, "vicon:FakeVicon", "vicon:FakeVicon"),
+    "laser": Fake("sim_laser", {"range_max": 5.6}, "laser:FakeScip", "laser:FakeScip"),
+    "ld19": Fake("sim_laser", {"steps": 450, "beams": 450, "range_max": 12.0}, "laser:FakeLd19", "laser:FakeLd19"),
+}
+WALK: Final = (0.3, 0.3)  # m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
+
+
+def fake_sensor(arguments: argparse.Namespace) -> int:
+    """Be a device: the far end of its protocol, fed by a simulated robot that drives in its world."""
+    if (arguments.pty is None) == (arguments.tcp is None):
+        raise ConfigError("sensor fake: say where, with one of --pty PATH and --tcp PORT")
+    chosen = FAKES[arguments.kind]
+    config = load(arguments.config, arguments.set, os.environ).config
+    if config.hal != "sim":
+        raise ConfigError(f"hal: '{config.hal}' is no simulation, which feeds the devices on the desk; use sim")
+    given = config.sensors.get(arguments.kind, SensorConfig(driver=chosen.driver, options=dict(chosen.options)))
+    config = config.model_copy(update={"sensors": {arguments.kind: given}})
+    app = App()
+    return app.run(_serve(app, config, arguments, chosen))
+
+
+async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen: Fake) -> None:
+    where = chosen.at_tcp if arguments.pty is None else chosen.at_pty
+    device: Device = EntryPoint(arguments.kind, f"txt1.devices.{where}", "").load()()
+    v, omega = arguments.drive or WALK
+    async with app.robot(config) as robot:
+        if arguments.duration is not None:
+            robot.runtime.scheduler.end_at(arguments.duration)
+        await get_ready(robot, True)
+        listener: Listener
+        if arguments.pty is not None:
+            listener = listen_pty(arguments.pty, device)
+        else:
+            host, port = arguments.tcp
+            listener = await listen_tcp(host, port, device)
+        try:
+            say(f"a {arguments.kind} on the desk is at {listener.address}")
+
+            async def drive(ticks: Ticks) -> None:
+                async for _ in ticks:
+                    robot.command(v, omega)
+
+            robot.add_task("drive", REFRESH, drive)
+            topic = robot.sensors[arguments.kind].sensor.topic
+            robot.runtime.bus.subscribe(lambda _, value, time: device.show(Reading(time, value)), [topic])
+            await robot.runtime.scheduler.ended
+        finally:
+            listener.close()
 
 
 def print_verdicts(found: Iterable[tuple[str, str]]) -> int:

@@ -15,7 +15,7 @@ from serial_asyncio import SerialTransport
 from txt1.errors import HalError
 from txt1.link.base import End, Link, StreamLink
 from txt1.link.ports import access_problem, candidates
-from txt1.link.tcp import open_socket
+from txt1.link.tcp import BOARD, open_socket
 
 STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 _Opened = tuple["_Device", Callable[[str, Exception | None], str]]  # the port, and how to explain its loss
@@ -77,16 +77,18 @@ class _DeviceTransport(SerialTransport):  # type: ignore[misc]
         self._abort(exc)
 
 
-async def open_link(address: str, end: End, baud: int = 57600, secret: bytes | None = None) -> Link:
+async def open_link(
+    address: str, end: End, baud: int = 57600, secret: bytes | None = None, behind: str = BOARD
+) -> Link:
     """The link to a serial device (8N1, ours alone) or to `socket://host:port`; `end` is connected when this returns.
 
     A secret is proved to a board on a network before anything else is sent. When it cannot be opened a HalError names
-    the address, the cause and what to do.
+    the address, the cause and what to do; `behind` is the command that serves such an address.
     """
     if "://" in address:
-        return await open_socket(address, end, secret)
+        return await open_socket(address, end, secret, behind)
     loop = asyncio.get_running_loop()
-    opening = loop.run_in_executor(None, open_port, address, baud)
+    opening = loop.run_in_executor(None, open_port, address, baud, behind)
     try:
         device, explain = await asyncio.shield(opening)
     except asyncio.CancelledError:
@@ -111,7 +113,7 @@ def baud_warning(baud: int) -> str | None:
     return f"{baud} baud is unusual (the nearest usual rate is {near}, the board's 57600): the adapter may not know it"
 
 
-def open_port(address: str, baud: int) -> _Opened:
+def open_port(address: str, baud: int, behind: str = BOARD) -> _Opened:
     """The open port, and how to explain its loss. Opening may block: a modem's wait for carrier, a slow USB stack."""
     try:
         if baud <= 0:
@@ -120,11 +122,12 @@ def open_port(address: str, baud: int) -> _Opened:
             raise HalError(f"{address} is no serial port but a file or directory: {_found()}")
         device = _Device(address, baud, exclusive=True, timeout=0, write_timeout=0)
     except (ValueError, OverflowError) as error:
-        raise HalError(f"{address} does not work at {baud} baud: the board's rate is 57600") from error
+        usual = "the board's rate is 57600" if behind == BOARD else "check the rate"
+        raise HalError(f"{address} does not work at {baud} baud: {usual}") from error
     except OSError as error:  # SerialException is one
-        raise HalError(_why_not_open(address, error)) from error
+        raise HalError(_why_not_open(address, error, behind)) from error
     except termios.error as error:  # and this is none: the device has gone in the middle of it
-        raise HalError(_why_not_open(address, OSError(*error.args))) from error
+        raise HalError(_why_not_open(address, OSError(*error.args), behind)) from error
     if os.path.realpath(address).startswith("/dev/pts/"):
         return device, lambda address, _: f"{address} is gone: the program behind it has ended or closed it"
     return device, unplugged
@@ -135,13 +138,13 @@ def _close_port(opening: asyncio.Future[_Opened]) -> None:
         opening.result()[0].close()
 
 
-def _why_not_open(address: str, error: OSError) -> str:
+def _why_not_open(address: str, error: OSError, behind: str) -> str:
     """What is wrong with a device that cannot be opened, and what to do."""
     match error.errno:
         case errno.ENOENT | errno.ENOTDIR | errno.ELOOP:
             if address.startswith("/dev/") and not address.startswith("/dev/pts/"):
                 return f"{address} does not exist: is the adapter plugged in? {_found()}"
-            return f"{address} does not exist: is `txt1 board --pty {address}` running? {_found()}"
+            return f"{address} does not exist: is `{behind} --pty {address}` running? {_found()}"
         case errno.EACCES | errno.EPERM:
             return access_problem(address) or f"no permission to use {address}: {error.strerror}"
         case errno.EBUSY | errno.EAGAIN:

@@ -17,6 +17,7 @@ SILENT: Final = 1.0  # s: a host that has sent nothing for so long makes room fo
 VANISHED_MS: Final = 3000  # a peer that has not acknowledged a byte for so many milliseconds is gone
 CHALLENGE_MAX: Final = 80  # bytes
 ANSWER: Final = 3.0  # s that a peer has to accept a connection
+BOARD: Final = "txt1 board"  # the command that serves a board's address
 
 _NO_PORT: Final = {
     errno.EADDRINUSE: "it is in use, perhaps by another board; choose another port, or 0 for any that is free",
@@ -25,7 +26,7 @@ _NO_PORT: Final = {
 }
 
 
-async def open_socket(address: str, end: End, secret: bytes | None = None) -> Link:
+async def open_socket(address: str, end: End, secret: bytes | None = None, behind: str = BOARD) -> Link:
     """The link to `socket://host:port`, to which a secret is proved first, if there is one.
 
     A HalError when the address is none, nobody takes the connection, or no proof is asked for.
@@ -49,7 +50,7 @@ async def open_socket(address: str, end: End, secret: bytes | None = None) -> Li
     except TimeoutError as error:
         raise HalError(f"{address} does not answer: is the computer on, and no firewall in between?") from error
     except ConnectionRefusedError as error:
-        remedy = f"is `txt1 board --tcp {address.removeprefix('socket://')}` running there?"
+        remedy = f"is `{behind} --tcp {address.removeprefix('socket://')}` running there?"
         raise HalError(f"{address} refuses the connection: {remedy}") from error
     except OSError as error:
         raise HalError(f"{address} cannot be reached: {error.strerror or error}") from error

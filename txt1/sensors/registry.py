@@ -28,6 +28,11 @@ DRIVERS: Final = Registry(
     {
         "sim_light": "txt1.sensors.light:simulated",
         "phidgets_light": "txt1.sensors.light:phidgets",
+        "imu_3dmgx2": "txt1.sensors.imu_3dmgx2:create",
+        "gps_gpsd": "txt1.sensors.gps_gpsd:create",
+        "mocap_vrpn": "txt1.sensors.mocap_vrpn:create",
+        "laser_scip": "txt1.sensors.laser_scip:create",
+        "laser_ld19": "txt1.sensors.laser_ld19:create",
         "sim_imu": "txt1.sensors.sim_imu:simulated",
         "sim_gps": "txt1.sensors.sim_gps:simulated",
         "sim_vicon": "txt1.sensors.sim_vicon:simulated",

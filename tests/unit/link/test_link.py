@@ -594,9 +594,9 @@ def test_opening_that_nobody_waits_for_any_more_leaves_nothing_open(monkeypatch:
 
     ports: list[Any] = []
 
-    def slow(address: str, baud: int) -> Any:
+    def slow(*given: Any) -> Any:
         go.wait(30.0)
-        port, explain = really_open(address, baud)
+        port, explain = really_open(*given)
         ports.append(port)
         opened.set()
         return port, explain

@@ -1,0 +1,43 @@
+"""The part that all devices on the desk have in common: a link that comes and goes, and what is sent over it."""
+
+from typing import Any, Protocol
+
+from txt1.link.base import Link
+from txt1.sensors.base import Reading
+
+
+class Station:
+    """Holds the link of a device on the desk; sends into the void while there is none."""
+
+    def __init__(self) -> None:
+        self._link: Link | None = None
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self._link = link
+
+    def lost(self, reason: str) -> None:
+        """Go on without one."""
+        del reason
+        self._link = None
+
+    def send(self, data: bytes) -> None:
+        """Send, if somebody is there."""
+        if data and self._link is not None and self._link.up:
+            self._link.write(data)
+
+
+class Device(Protocol):
+    """A device on the desk: an end of a link that is shown the readings of a simulated sensor."""
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+
+    def received(self, data: bytes) -> None:
+        """Take bytes of the host."""
+
+    def lost(self, reason: str) -> None:
+        """The host has gone."""
+
+    def show(self, reading: Reading[Any]) -> None:
+        """Tell the host of a reading, as the device would."""

@@ -1,0 +1,151 @@
+"""GPS through gpsd: its JSON lines over TCP to fixes, in metres on the UTM grid."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, radians
+from typing import Annotated, Any, Final
+
+from annotated_types import MinLen
+
+from txt1.config.sources import checked
+from txt1.model.kinematics import wrap_angle
+from txt1.sensors.base import Setup
+from txt1.sensors.geodesy import Grid
+from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
+from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.units import NotNegative
+
+WATCH: Final = b'?WATCH={"enable":true,"json":true};\n'
+UNWATCH: Final = b'?WATCH={"enable":false};\n'
+CONFIDENCE: Final = 1.96  # gpsd's errors are for 95 %: so many standard deviations
+LINE_MAX: Final = 65536  # bytes; gpsd's longest, of all satellites, have about 10 000
+DAY: Final = 86400.0  # s
+STILL: Final = 0.1  # m/s: below this a track says nothing
+
+
+def seconds_of_day(stamp: str) -> float | None:
+    """The seconds since midnight of a time such as 2026-05-04T10:20:30.250Z; None where it is none."""
+    try:
+        hours, minutes, seconds = stamp.partition("T")[2].rstrip("Z").split(":")
+        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    except ValueError:
+        return None
+
+
+class Decoder:
+    """The lines of gpsd as fixes; `datum` is latitude and longitude in degrees, None takes the first fix."""
+
+    def __init__(self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT) -> None:
+        self.faults = 0
+        self.satellites: int | None = None
+        """Used for the fix, as far as it was told."""
+        self.grid = None if datum is None else Grid(*datum)
+        self._mount = mount
+        self._rest = b""
+        self._day = Unwrapped(DAY)
+        self._out = WATCH
+
+    def to_send(self) -> bytes:
+        """The request for reports, once."""
+        out, self._out = self._out, b""
+        return out
+
+    def farewell(self) -> bytes:
+        """The request for no more of them."""
+        return UNWATCH
+
+    def feed(self, data: bytes) -> list[Measured[FixReading]]:
+        """The fixes that these bytes complete."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > LINE_MAX:
+            self._rest = b""
+            self.faults += 1
+        found = []
+        for line in lines:
+            if not line.strip():
+                continue
+            try:
+                report = json.loads(line)
+            except (ValueError, RecursionError):
+                self.faults += 1
+                continue
+            if isinstance(report, dict) and (fix := self._take(report)) is not None:
+                found.append(fix)
+        return found
+
+    def _take(self, report: Mapping[str, Any]) -> Measured[FixReading] | None:
+        """The fix of a report, if it has one."""
+        if report.get("class") == "SKY":
+            used = report.get("uSat")
+            if not isinstance(used, int) and isinstance(report.get("satellites"), list):
+                used = sum(1 for each in report["satellites"] if isinstance(each, dict) and each.get("used") is True)
+            self.satellites = used if isinstance(used, int) else None
+        if report.get("class") != "TPV" or report.get("mode") not in (2, 3):
+            return None
+        latitude, longitude = _number(report, "lat"), _number(report, "lon")
+        if latitude is None or longitude is None or not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
+            return None
+        if self.grid is None:
+            self.grid = Grid(latitude, longitude)
+        try:
+            x, y = self.grid.place(latitude, longitude)
+        except ValueError:  # too far from the datum's zone
+            self.faults += 1
+            return None
+        v, track, off = _number(report, "speed"), _number(report, "track"), _number(report, "epd")
+        theta = None
+        if track is not None and v is not None and v > STILL:
+            theta = wrap_angle(self.grid.direction(track, latitude, longitude))
+        height = next((h for key in ("altMSL", "altHAE", "alt") if (h := _number(report, key)) is not None), None)
+        stamp = report.get("time")
+        seconds = seconds_of_day(stamp) if isinstance(stamp, str) else None
+        fix = FixReading(
+            latitude, longitude, x, y, height, theta, v, int(report["mode"]),
+            _sigma(report, "epx"), _sigma(report, "epy"), None if off is None else radians(off) / CONFIDENCE,
+            _sigma(report, "eps"), self.satellites, self._mount,
+        )  # fmt: skip
+        return Measured(fix, None if seconds is None else self._day(seconds))
+
+
+def _number(report: Mapping[str, Any], key: str) -> float | None:
+    value = report.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) < 1e12 and isfinite(value) else None
+
+
+def _sigma(report: Mapping[str, Any], key: str) -> float | None:
+    value = _number(report, key)
+    return None if value is None else value / CONFIDENCE
+
+
+@dataclass(frozen=True, slots=True)
+class GpsOptions:
+    """Where gpsd is, and from where metres are counted."""
+
+    address: Annotated[str, MinLen(1)] = "socket://127.0.0.1:2947"
+    """Of gpsd."""
+    datum: tuple[float, float] | None = None
+    """Latitude and longitude of the origin, degrees; null: the first fix."""
+    latency: NotNegative = 0.0
+    """From measuring to sending, s: with a receiver at 5 Hz and 4800 baud about 0.2."""
+    mount: tuple[float, float, float, float] = GPS_MOUNT
+    """x, y, z (m) and yaw (rad) of the antenna on the vehicle."""
+
+
+def create(setup: Setup) -> Streamed[FixReading]:
+    """The driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
+    given = checked(GpsOptions, setup.options, f"sensors.{setup.name}.options")
+    Grid(*(given.datum or (0.0, 0.0)))  # tells now that the extra is missing or the datum is none
+    last = Decoder(given.datum)
+
+    def codec() -> Decoder:  # a datum outlives the connection that brought it
+        nonlocal last
+        grid, last = last.grid, Decoder(given.datum, Mount(*given.mount))
+        last.grid = last.grid or grid
+        return last
+
+    return Streamed(
+        fix_topic(setup.name), 0.1, given.address, codec, latency=given.latency, fake="gpsd or `txt1 sensor fake gps"
+    )

@@ -1,0 +1,171 @@
+"""MicroStrain 3DM-GX2 and 3DM-GX3: bytes to readings, and the driver.
+
+The device has x forward, y right and z down.
+"""
+
+import struct
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import Annotated, Final, Literal
+
+from annotated_types import MinLen
+
+from txt1.config.sources import checked
+from txt1.sensors.base import Setup
+from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, imu_topic
+from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.units import NotNegative, PositiveInt
+
+PLAIN: Final = 0xC8  # accelerations, rates, orientation matrix
+MAGNETIC: Final = 0xCC  # accelerations, rates, magnetic field, orientation matrix
+CONTINUOUS: Final = b"\xc4\xc1\x29"  # and the command that is repeated from now on
+CONFIRMED: Final = 0xC4  # the reply to that: 8 bytes
+IDENTIFIER: Final = 0xEA  # the reply to a question for a name: 20 bytes
+STOP: Final = {"gx2": b"\xfa", "gx3": b"\xfa\x75\xb4"}
+TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}  # of the timer, a second
+LENGTHS: Final = {PLAIN: 67, MAGNETIC: 79, CONFIRMED: 8, IDENTIFIER: 20}
+GAUSS: Final = 1e-4  # T
+MOST: Final = 100.0  # accelerations in g and rates in rad/s beyond this are no measurements
+
+Matrix = tuple[float, ...]  # 3 x 3, row by row
+Model = Literal["gx2", "gx3"]
+
+
+def checksum(data: bytes) -> int:
+    """The sum of the bytes, modulo 65536."""
+    return sum(data) & 0xFFFF
+
+
+def pack(command: int, numbers: tuple[float, ...], ticks: int) -> bytes:
+    """A reply as the device sends it: big-endian float32, the timer, the checksum."""
+    data = struct.pack(f">B{len(numbers)}fI", command, *numbers, ticks & 0xFFFFFFFF)
+    return data + struct.pack(">H", checksum(data))
+
+
+def orientation_of(m: Matrix) -> Quaternion:
+    """The orientation of a body with x forward and z up, north-west-up, of the matrix from north-east-down.
+
+    The device's matrix M takes a vector of the earth into its own frame; with D = diag(1, -1, -1) for the flipped axes,
+    D M^T D takes one of the vehicle's frame to the earth's.
+    """
+    r00, r10, r20 = m[0], -m[1], -m[2]
+    r01, r11, r21 = -m[3], m[4], m[5]
+    r02, r12, r22 = -m[6], m[7], m[8]
+    squares = (r00 - r11 - r22, r11 - r00 - r22, r22 - r00 - r11, r00 + r11 + r22)
+    largest = max(range(4), key=squares.__getitem__)
+    s = sqrt(max(squares[largest] + 1.0, 1e-12)) * 2.0
+    match largest:
+        case 0:
+            return 0.25 * s, (r01 + r10) / s, (r02 + r20) / s, (r21 - r12) / s
+        case 1:
+            return (r01 + r10) / s, 0.25 * s, (r12 + r21) / s, (r02 - r20) / s
+        case 2:
+            return (r02 + r20) / s, (r12 + r21) / s, 0.25 * s, (r10 - r01) / s
+    return (r21 - r12) / s, (r02 - r20) / s, (r10 - r01) / s, 0.25 * s
+
+
+def matrix_of(orientation: Quaternion) -> Matrix:
+    """The device's matrix for an orientation: the inverse of `orientation_of`."""
+    x, y, z, w = orientation
+    r = (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+    return r[0], -r[3], -r[6], -r[1], r[4], r[7], -r[2], r[5], r[8]
+
+
+class Decoder:
+    """The bytes of the device as readings: resynchronises at the next byte that begins a sound reply."""
+
+    def __init__(self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT) -> None:
+        self.faults = 0
+        self.identifier = ""
+        """The device's name, once it was asked for and has told it."""
+        self._mount = mount
+        self._rest = b""
+        self._model: Model = model
+        self._timer, self._ticks = Unwrapped(2.0**32), TICKS[model]
+        self._out = STOP[model] + CONTINUOUS + bytes((MAGNETIC if magnetic else PLAIN,))
+        self._skipping = False
+
+    def to_send(self) -> bytes:
+        """The commands that start it, once."""
+        out, self._out = self._out, b""
+        return out
+
+    def farewell(self) -> bytes:
+        """The command that stops it."""
+        return STOP[self._model]
+
+    def feed(self, data: bytes) -> list[Measured[ImuReading]]:
+        """The readings that these bytes complete."""
+        data, at = self._rest + data, 0
+        found: list[Measured[ImuReading]] = []
+        while at < len(data):
+            length = LENGTHS.get(data[at])
+            if length is not None and len(data) - at < length:
+                break
+            if length is not None:
+                frame = data[at : at + length]
+                if checksum(frame[:-2]) == int.from_bytes(frame[-2:]) and self._take(frame, found):
+                    at += length
+                    self._skipping = False
+                    continue
+            if not self._skipping:
+                self._skipping = True
+                self.faults += 1
+            at += 1
+        self._rest = data[at:]
+        return found
+
+    def _take(self, frame: bytes, found: list[Measured[ImuReading]]) -> bool:
+        """Whether a frame with the right checksum is sound; appends its reading, if it has one."""
+        if frame[0] == CONFIRMED:
+            return True
+        if frame[0] == IDENTIFIER:
+            self.identifier = frame[2:-2].decode("ascii", "replace").strip(" \0")
+            return True
+        *numbers, ticks = struct.unpack(f">{(len(frame) - 7) // 4}fI", frame[1:-2])
+        if not all(map(isfinite, numbers)) or max(map(abs, numbers[:6])) > MOST:
+            return False
+        ax, ay, az, p, q, r, *rest = numbers
+        magnetic = None
+        if frame[0] == MAGNETIC:
+            bx, by, bz, *rest = rest
+            magnetic = (bx * GAUSS, -by * GAUSS, -bz * GAUSS)
+        # + 0.0 lets no -0.0 be
+        reading = ImuReading(
+            (ax * GRAVITY, -ay * GRAVITY + 0.0, -az * GRAVITY + 0.0), (p, -q + 0.0, -r + 0.0),
+            orientation_of(tuple(rest)), magnetic, self._mount,
+        )  # fmt: skip
+        found.append(Measured(reading, self._timer(ticks) / self._ticks))
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class ImuOptions:
+    """Where the device is and how it is mounted."""
+
+    port: Annotated[str, MinLen(1)] = "/dev/ttyUSB0"
+    """Serial device, or socket://host:port."""
+    baud: PositiveInt = 115200
+    """Bits a second, 8N1."""
+    model: Model = "gx2"
+    """gx2, or gx3: its timer is slower, its stop command longer."""
+    magnetic: bool = False
+    """Whether it is asked for the magnetic field, too."""
+    latency: NotNegative = 0.006
+    """From measuring to the last byte, s: at 115200 baud 67 bytes take 5.8 ms."""
+    mount: tuple[float, float, float, float] = IMU_MOUNT
+    """x, y, z (m) and yaw (rad) on the vehicle."""
+
+
+def create(setup: Setup) -> Streamed[ImuReading]:
+    """The driver ``imu_3dmgx2``; options: those of `ImuOptions`."""
+    given = checked(ImuOptions, setup.options, f"sensors.{setup.name}.options")
+    mount = Mount(*given.mount)
+    return Streamed(
+        imu_topic(setup.name), 0.01, given.port, lambda: Decoder(given.model, given.magnetic, mount),
+        given.baud, given.latency, "txt1 sensor fake imu",
+    )  # fmt: skip

@@ -1,0 +1,151 @@
+"""LDROBOT LD06 and LD19, low-cost laser scanners that send by themselves: bytes to scans, and the driver."""
+
+import struct
+from dataclasses import dataclass
+from math import inf, radians, tau
+from typing import Annotated, Final
+
+import numpy as np
+from annotated_types import MinLen
+
+from txt1.config.sources import checked
+from txt1.sensors.base import Setup
+from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
+from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.units import NotNegative, PositiveInt
+
+POINTS: Final = 12  # of a packet
+PACKET: Final = struct.Struct("<BBHH" + "HB" * POINTS + "HHB")  # head, kind, speed, angle, points, angle, time, check
+HEAD: Final = b"\x54\x2c"
+CLOCK: Final = 30000.0  # milliseconds at which the time stamp begins anew
+BEAMS: Final = 450  # of a turn: 4500 points a second at 10 turns a second
+POLYNOMIAL: Final = 0x4D  # of the check sum, a CRC of eight bits
+RANGE_MIN: Final = 0.02  # m
+RANGE_MAX: Final = 12.0  # m
+SPEED_MAX: Final = 7200  # degrees a second: faster it does not turn
+
+
+def _table() -> tuple[int, ...]:
+    found = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value << 1 ^ POLYNOMIAL if value & 0x80 else value << 1) & 0xFF
+        found.append(value)
+    return tuple(found)
+
+
+_CRC: Final = _table()
+
+
+def crc(data: bytes) -> int:
+    """The check sum of a packet without its last byte."""
+    value = 0
+    for byte in data:
+        value = _CRC[value ^ byte]
+    return value
+
+
+def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], ms: int) -> bytes:
+    """A packet: degrees a second, degrees clockwise of the first and last point, (mm, intensity) of each, time."""
+    numbers = [number for point in points for number in point]
+    head = round(speed), round(start * 100.0) % 36000
+    data = PACKET.pack(*HEAD, *head, *numbers, round(end * 100.0) % 36000, ms % 30000, 0)[:-1]
+    return data + bytes((crc(data),))
+
+
+class Decoder:
+    """The packets of the scanner as scans, one a turn from straight ahead clockwise, in beams of 0.8 degrees."""
+
+    def __init__(self, mount: Mount = LASER_MOUNT) -> None:
+        self.faults = 0
+        self._mount = mount
+        self._rest = b""
+        self._clock = Unwrapped(CLOCK)
+        self._skipping = False
+        self._ranges: np.ndarray[tuple[int], np.dtype[np.float32]] | None = None  # None until a turn begins
+        self._intensities = np.zeros(BEAMS, np.float32)
+        self._before = 0.0  # angle of the last point, degrees
+        self._began = 0.0  # when the turn did, s by the device's clock
+
+    def to_send(self) -> bytes:
+        """Nothing: it has no commands."""
+        return b""
+
+    def farewell(self) -> bytes:
+        """Nothing."""
+        return b""
+
+    def feed(self, data: bytes) -> list[Measured[Scan]]:
+        """The scans that these bytes complete."""
+        data, at = self._rest + data, 0
+        found: list[Measured[Scan]] = []
+        while at < len(data):
+            head = data[at : at + 2]
+            whole = head == HEAD
+            if (whole or head == HEAD[:1]) and len(data) - at < PACKET.size:
+                break
+            if whole and crc(data[at : at + PACKET.size - 1]) == data[at + PACKET.size - 1]:
+                self._take(data[at : at + PACKET.size], found)
+                at += PACKET.size
+                self._skipping = False
+                continue
+            if not self._skipping:
+                self._skipping = True
+                self.faults += 1
+            at += 1
+        self._rest = data[at:]
+        return found
+
+    def _take(self, packet: bytes, found: list[Measured[Scan]]) -> None:
+        """Add the points of a packet to the turn; a point that is not ahead of the last one begins the next."""
+        _, _, speed, start, *numbers, end, ms, _ = PACKET.unpack(packet)
+        if not 0 < speed <= SPEED_MAX or start >= 36000 or end >= 36000:
+            self.faults += 1
+            return
+        width = ((end - start) % 36000) / 100.0
+        time = self._clock(ms) / 1000.0  # of the last point
+        for k in range(POINTS):
+            angle = (start / 100.0 + width * k / (POINTS - 1)) % 360.0
+            if angle < self._before - 180.0:
+                when = time - width * (1.0 - k / (POINTS - 1)) / speed
+                self._turn(when, speed, found)
+                self._began = when
+            self._before = angle
+            if self._ranges is not None:
+                mm, intensity = numbers[2 * k], numbers[2 * k + 1]
+                beam = round(angle / 360.0 * BEAMS) % BEAMS
+                if mm and mm / 1000.0 < self._ranges[beam]:
+                    self._ranges[beam] = mm / 1000.0
+                    self._intensities[beam] = intensity
+
+    def _turn(self, time: float, speed: float, found: list[Measured[Scan]]) -> None:
+        """A turn ends at this time, and the next begins."""
+        ranges, intensities = self._ranges, self._intensities
+        self._ranges, self._intensities = np.full(BEAMS, inf, np.float32), np.zeros(BEAMS, np.float32)
+        if ranges is None or not 0.0 < time - self._began < 2.0 * 360.0 / speed:
+            return
+        ranges[(ranges < RANGE_MIN) | (ranges > RANGE_MAX)] = inf
+        step = -tau / BEAMS
+        scan = Scan(0.0, step, abs(step) / radians(speed), ranges, RANGE_MIN, RANGE_MAX, intensities, self._mount)
+        found.append(Measured(scan, time, time - self._began))
+
+
+@dataclass(frozen=True, slots=True)
+class Ld19Options:
+    """Where the scanner is and how it is mounted."""
+
+    port: Annotated[str, MinLen(1)] = "/dev/ttyUSB0"
+    """Serial device, or socket://host:port."""
+    baud: PositiveInt = 230400
+    """Bits a second, 8N1."""
+    latency: NotNegative = 0.0
+    """From measuring to sending, s; a turn's own time is known from its stamps."""
+    mount: tuple[float, float, float, float] = LASER_MOUNT
+    """x, y, z (m) and yaw (rad) on the vehicle."""
+
+
+def create(setup: Setup) -> Streamed[Scan]:
+    """The driver ``laser_ld19``; options: those of `Ld19Options`."""
+    given = checked(Ld19Options, setup.options, f"sensors.{setup.name}.options")
+    mount = Mount(*given.mount)
+    return Streamed(scan_topic(setup.name), 0.1, given.port, lambda: Decoder(mount), given.baud, given.latency)

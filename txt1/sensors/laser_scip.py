@@ -1,0 +1,173 @@
+"""Hokuyo laser scanners by SCIP 2.0 (URG-04LX and its successors): bytes to scans, and the driver."""
+
+from dataclasses import dataclass
+from math import inf, nan, tau
+from typing import Annotated, Final
+
+import numpy as np
+from annotated_types import Ge, Le, MinLen
+
+from txt1.config.sources import checked
+from txt1.errors import HalError
+from txt1.sensors.base import Setup
+from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
+from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.units import NotNegative, PositiveInt
+
+BLOCK: Final = 64  # characters of a line of data
+CLOCK: Final = 2.0**24  # milliseconds at which the time stamp begins anew
+ANSWER_MAX: Final = 20000  # bytes of the longest answer: 1081 ranges take 3500
+
+
+def check_character(text: bytes) -> int:
+    """The check sum of a line: the lower six bits of the sum of its characters, plus 0x30."""
+    return (sum(text) & 0x3F) + 0x30
+
+
+def encode(value: int, length: int) -> bytes:
+    """A number in so many characters of six bits, the highest first, each plus 0x30."""
+    return bytes(((value >> 6 * (length - 1 - k)) & 0x3F) + 0x30 for k in range(length))
+
+
+def decode(text: bytes) -> int:
+    """The number in these characters."""
+    value = 0
+    for character in text:
+        value = value << 6 | (character - 0x30) & 0x3F
+    return value
+
+
+class Parameters(dict[str, int]):
+    """The numbers of a PP answer by their names: DMIN, DMAX (mm), ARES, AMIN, AMAX, AFRT (steps), SCAN (rpm)."""
+
+    NEEDED: Final = ("DMIN", "DMAX", "ARES", "AMIN", "AMAX", "AFRT", "SCAN")
+
+    def sound(self) -> bool:
+        """Whether a scan can be asked for and understood by them."""
+        if any(name not in self for name in self.NEEDED):
+            return False
+        fits = 0 <= self["AMIN"] <= self["AFRT"] <= self["AMAX"] <= 9999
+        return fits and 0 <= self["DMIN"] < self["DMAX"] and self["ARES"] > 0 and self["SCAN"] > 0
+
+
+class Decoder:
+    """The answers of a scanner as scans: asks for its parameters, then for scans without end.
+
+    `cluster` steps are one beam. An answer ends with an empty line; one that is damaged is thrown away whole.
+    """
+
+    def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT) -> None:
+        self.faults = 0
+        self.parameters = Parameters()
+        """As the device told them."""
+        self._cluster, self._mount = cluster, mount
+        self._rest = b""
+        self._clock = Unwrapped(CLOCK)
+        self._out = b"QT\nPP\n"
+        self._request = b""
+
+    def to_send(self) -> bytes:
+        """The next commands: stop and parameters first, then scans."""
+        out, self._out = self._out, b""
+        return out
+
+    def farewell(self) -> bytes:
+        """The command that stops scans and the laser."""
+        return b"QT\n"
+
+    def feed(self, data: bytes) -> list[Measured[Scan]]:
+        """The scans that these bytes complete; a HalError when the scanner reports that its hardware is in trouble."""
+        *answers, self._rest = (self._rest + data).replace(b"\r", b"").split(b"\n\n")
+        if len(self._rest) > ANSWER_MAX:
+            self._rest = b""
+            self.faults += 1
+        found = []
+        for answer in answers:
+            echo, *lines = answer.lstrip(b"\n").split(b"\n")
+            if echo[:2] == b"PP":
+                self._take_parameters(lines)
+            elif self._request and echo[: len(self._request)] == self._request and lines:
+                scan = self._take_scan(lines)
+                if scan is not None:
+                    found.append(scan)
+            elif echo[:2] != b"QT":
+                self.faults += 1
+        return found
+
+    def _take_parameters(self, lines: list[bytes]) -> None:
+        """Note them, and ask for scans."""
+        for line in lines[1:]:
+            name, _, value = line[:-2].partition(b":")  # a ; and the check sum stand at the end
+            if line[-2:-1] != b";" or check_character(line[:-2]) != line[-1]:
+                self.faults += 1
+            elif value.isdigit():
+                self.parameters[name.decode("ascii", "replace")] = int(value)
+        if not self.parameters.sound():
+            self._out = b"PP\n"
+            return
+        p = self.parameters
+        self._request = f"MD{p['AMIN']:04d}{p['AMAX']:04d}{self._cluster:02d}0".encode()
+        self._out = self._request + b"00\n"
+
+    def _take_scan(self, lines: list[bytes]) -> Measured[Scan] | None:
+        """The scan of an answer to MD, if it has one."""
+        status, *rest = lines
+        code = status[:2]
+        if len(status) != 3 or check_character(code) != status[2]:
+            self.faults += 1
+            return None
+        if code == b"00":  # it will send
+            return None
+        if code != b"99":
+            if code.isdigit() and 50 <= int(code) <= 97:
+                raise HalError(f"the laser scanner reports hardware trouble (status {code.decode()}): power it anew")
+            self.faults += 1
+            return None
+        if not rest or any(len(line) < 2 or check_character(line[:-1]) != line[-1] for line in rest):
+            self.faults += 1
+            return None
+        p, stamp, text = self.parameters, rest[0][:-1], b"".join(line[:-1] for line in rest[1:])
+        beams, rest_of_text = divmod(len(text), 3)
+        whole = (p["AMAX"] - p["AMIN"] + 1) // self._cluster  # steps left over may make one more
+        if len(stamp) != 4 or rest_of_text or not whole <= beams <= whole + 1:
+            self.faults += 1
+            return None
+        characters = (np.frombuffer(text, np.uint8).reshape(-1, 3).astype(np.int32) - 0x30) & 0x3F
+        mm = characters @ np.array((4096, 64, 1), np.int32)
+        ranges = (mm / 1000.0).astype(np.float32)
+        ranges[mm < p["DMIN"]] = nan  # an error code,
+        ranges[mm == 0] = inf  # of which this one says that nothing is near
+        ranges[mm > p["DMAX"]] = inf
+        step, turn = tau / p["ARES"], 60.0 / p["SCAN"]
+        centre = 0.5 * (self._cluster - 1)  # a cluster's range is its smallest, in its middle as far as one knows
+        scan = Scan(
+            (p["AMIN"] + centre - p["AFRT"]) * step, self._cluster * step, self._cluster * turn / p["ARES"], ranges,
+            p["DMIN"] / 1000.0, p["DMAX"] / 1000.0, None, self._mount,
+        )  # fmt: skip
+        return Measured(scan, self._clock(decode(stamp)) / 1000.0, scan.time_step * (beams - 1))
+
+
+@dataclass(frozen=True, slots=True)
+class ScipOptions:
+    """Where the scanner is and how it is mounted."""
+
+    port: Annotated[str, MinLen(1)] = "/dev/ttyACM0"
+    """Serial device, or socket://host:port (10940 on Ethernet models)."""
+    baud: PositiveInt = 115200
+    """Bits a second; USB does not mind."""
+    cluster: Annotated[int, Ge(1), Le(99)] = 1
+    """So many steps are one beam."""
+    latency: NotNegative = 0.0
+    """From the time stamp to sending, s."""
+    mount: tuple[float, float, float, float] = LASER_MOUNT
+    """x, y, z (m) and yaw (rad) on the vehicle."""
+
+
+def create(setup: Setup) -> Streamed[Scan]:
+    """The driver ``laser_scip``; options: those of `ScipOptions`."""
+    given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
+    mount = Mount(*given.mount)
+    return Streamed(
+        scan_topic(setup.name), 0.1, given.port, lambda: Decoder(given.cluster, mount), given.baud, given.latency,
+        "txt1 sensor fake laser",
+    )  # fmt: skip

@@ -1,0 +1,91 @@
+"""Motion capture through VRPN, as Vicon serves it: poses of a named subject, and their velocities."""
+
+from dataclasses import dataclass
+from math import hypot, isfinite
+from typing import Annotated, Final
+
+from annotated_types import MinLen
+
+from txt1.config.sources import checked
+from txt1.sensors import vrpn
+from txt1.sensors.base import Setup
+from txt1.sensors.differentiator import Differentiator
+from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
+from txt1.sensors.stream import Measured, Streamed
+from txt1.units import NotNegative, Positive
+
+MILLIMETRE: Final = 0.001  # m; Vicon's unit
+
+
+class Decoder:
+    """The messages of a VRPN server as poses of one subject; `scale` is its unit of length, m."""
+
+    def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
+        self.faults = 0
+        self.names = vrpn.Names()
+        """Of all senders (subjects) and types that the server has told."""
+        self._subject, self._scale, self._mount = subject, scale, mount
+        self._splitter = vrpn.Splitter()
+        self._differentiator = Differentiator()
+        self._out = vrpn.COOKIE
+
+    def to_send(self) -> bytes:
+        """The cookie, once."""
+        out, self._out = self._out, b""
+        return out
+
+    def farewell(self) -> bytes:
+        """Nothing: a VRPN client just goes."""
+        return b""
+
+    def feed(self, data: bytes) -> list[Measured[TrackerReading]]:
+        """The poses that these bytes complete; a HalError when this is no VRPN server of version 7."""
+        found = []
+        for message in self._splitter.feed(data):
+            if self.names.note(message) or self.names.types.get(message.type) != vrpn.POSE_TYPE:
+                continue
+            if self.names.senders.get(message.sender) != self._subject:
+                continue
+            if len(message.body) != vrpn.POSE.size:
+                self.faults += 1
+                continue
+            _, _, x, y, z, *quaternion = vrpn.POSE.unpack(message.body)
+            norm = hypot(*quaternion)
+            if not (isfinite(x + y + z) and isfinite(norm) and norm > 0.5):  # an occluded subject may read 0 0 0 0
+                self.faults += 1
+                continue
+            qx, qy, qz, qw = (each / norm for each in quaternion)
+            scale = self._scale
+            pose = TrackerReading(
+                x * scale, y * scale, z * scale, (qx, qy, qz, qw), subject=self._subject, mount=self._mount
+            )
+            v, omega = self._differentiator.step(message.time, pose.x, pose.y, pose.theta)
+            found.append(Measured(pose._replace(v=v, omega=omega), message.time))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerOptions:
+    """Where the server is, and whom it tracks."""
+
+    address: Annotated[str, MinLen(1)] = f"socket://127.0.0.1:{vrpn.PORT}"
+    """Of the VRPN server."""
+    subject: str | None = None
+    """Name of the tracked body; null: the robot's name, or txt01."""
+    scale: Positive = MILLIMETRE
+    """Unit of its lengths, m; 1 for servers that send metres."""
+    latency: NotNegative = 0.0
+    """From exposure to sending, s."""
+    mount: tuple[float, float, float, float] = TRACKER_MOUNT
+    """x, y, z (m) and yaw (rad) of the subject's origin on the vehicle."""
+
+
+def create(setup: Setup) -> Streamed[TrackerReading]:
+    """The driver ``mocap_vrpn``; options: those of `TrackerOptions`."""
+    given = checked(TrackerOptions, setup.options, f"sensors.{setup.name}.options")
+    subject = given.subject or setup.config.name or "txt01"
+    mount = Mount(*given.mount)
+    return Streamed(
+        tracker_topic(setup.name), 0.01, given.address, lambda: Decoder(subject, given.scale, mount),
+        latency=given.latency, fake="txt1 sensor fake vicon",
+    )  # fmt: skip

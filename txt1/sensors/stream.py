@@ -1,0 +1,207 @@
+"""A sensor at the end of a byte link: its codec turns bytes into readings, and each gets the time it was taken."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from math import inf
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+
+from txt1.errors import HalError, LinkLost
+from txt1.link.base import Link
+from txt1.link.device import open_link
+from txt1.sensors.base import Reading
+from txt1.telemetry.topics import Topic
+
+T = TypeVar("T")
+
+RETRY: Final = 1.0  # s from losing a device to trying it again
+DRIFT: Final = 1e-4  # largest share by which a device's clock may be fast
+LOST: Final = 1.0  # s: a device's clock that is further off began anew
+
+
+class Measured(NamedTuple, Generic[T]):
+    """A value out of the bytes."""
+
+    value: T
+    time: float | None = None
+    """By the device's own clock, s; None where it sends none."""
+    age: float = 0.0
+    """Of the value when its bytes could be sent at the earliest, s: a scan's, whose time is that of its first beam."""
+
+
+class Codec(Protocol[T]):
+    """The host's end of a device's protocol, without I/O. A new one is made for every connection."""
+
+    faults: int
+    """Pieces of the stream that were thrown away."""
+
+    def feed(self, data: bytes) -> list[Measured[T]]:
+        """Take bytes as they arrived; a HalError when the device says that it cannot go on, or is another one."""
+
+    def to_send(self) -> bytes:
+        """What is to be sent now, also before the first byte has come."""
+
+    def farewell(self) -> bytes:
+        """What is to be sent before the link is closed."""
+
+
+class DeviceClock:
+    """Brings a device's times to ours: a message takes some time to arrive, and the quickest one took least."""
+
+    def __init__(self) -> None:
+        self._offset = inf
+        self._last = -inf
+
+    def time(self, device: float | None, arrived: float) -> float:
+        """When a message that arrived then was made, s by our clock; the device's clock only goes forward."""
+        if device is None:
+            return arrived
+        late = arrived - device - self._offset
+        if device < self._last or late > LOST:
+            self._offset = inf
+        elif self._offset < inf:
+            self._offset += DRIFT * (device - self._last)
+        self._offset = min(self._offset, arrived - device)
+        self._last = device
+        return device + self._offset
+
+
+class Unwrapped:
+    """Counts on where a counter of a device starts again at 0."""
+
+    def __init__(self, modulus: float) -> None:
+        self._modulus = modulus
+        self._last: float | None = None
+        self._turns = 0.0
+
+    def __call__(self, count: float) -> float:
+        """The count since the first turn's 0; one that is less than half a turn back did not wrap."""
+        if self._last is not None and self._last - count > 0.5 * self._modulus:
+            self._turns += self._modulus
+        self._last = count
+        return self._turns + count
+
+
+class Streamed(Generic[T]):
+    """A sensor of a codec and an address; a lost device is tried again once a second.
+
+    Args:
+        topic: of its values.
+        period: between two calls of `read`, s.
+        address: a serial device or socket://host:port.
+        codec: makes a codec for a new connection.
+        baud: of a serial device.
+        latency: of the device, from measuring to sending, s.
+        fake: the command that serves such a device on the desk.
+
+    """
+
+    simulated = False
+
+    def __init__(
+        self,
+        topic: Topic[T],
+        period: float,
+        address: str,
+        codec: Callable[[], Codec[T]],
+        baud: int = 115200,
+        latency: float = 0.0,
+        fake: str = "txt1 sensor fake",
+    ) -> None:
+        self.topic, self.period = topic, period
+        self._address, self._make, self._baud, self._latency, self._fake = address, codec, baud, latency, fake
+        self._codec = codec()
+        self._link: Link | None = None
+        self._failure = ""
+        self._opening: asyncio.Task[None] | None = None
+        self._clock = DeviceClock()
+        self._origin = inf  # of the run, by the loop's clock
+        self._newest: tuple[float, T] | None = None
+        self._last = -inf
+
+    @property
+    def faults(self) -> int:
+        """Pieces of the stream that the codec threw away since the device was opened."""
+        return self._codec.faults
+
+    async def open(self) -> None:
+        """Open the link, and have the device begin."""
+        self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
+        await self._connect()
+
+    async def close(self) -> None:
+        """Have the device stop, and let go of the link."""
+        if self._opening is not None:
+            self._opening.cancel()
+            self._opening = None
+        link, self._link = self._link, None
+        if link is not None and link.up:
+            if farewell := self._codec.farewell():
+                link.write(farewell)
+                await asyncio.sleep(0.05)  # closing throws away what is not sent
+            link.close()
+
+    def read(self, now: float) -> Reading[T] | None:
+        """The newest reading that has arrived; a HalError while the device is lost."""
+        self._origin = min(self._origin, asyncio.get_running_loop().time() - now)
+        if self._failure:
+            raise HalError(self._failure)
+        newest, self._newest = self._newest, None
+        if newest is None:
+            return None
+        time = max(self._last, min(newest[0] - self._origin - self._latency, now))
+        if time < 0.0:  # from before the run
+            return None
+        self._last = time
+        return Reading(time, newest[1])
+
+    # -- the link's end ----------------------------------------------------------------------------------------
+
+    def connected(self, link: Link) -> None:
+        """Greet the device."""
+        self._link, self._codec, self._clock, self._failure = link, self._make(), DeviceClock(), ""
+        self._send()
+
+    def received(self, data: bytes) -> None:
+        """Take bytes."""
+        arrived = asyncio.get_running_loop().time()
+        try:
+            measured = self._codec.feed(data)
+        except HalError as error:
+            if self._link is not None:
+                self._link.close()
+            self.lost(f"{self._address}: {error}")
+            return
+        for value, time, age in measured:
+            self._newest = self._clock.time(time, arrived) - age, value
+        self._send()
+
+    def lost(self, reason: str) -> None:
+        """Try it again, until it is closed."""
+        self._failure = reason
+        self._link = None
+        self._opening = _started(self._reconnect())
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _send(self) -> None:
+        data = self._codec.to_send()
+        if data and self._link is not None and self._link.up:
+            self._link.write(data)
+
+    async def _connect(self) -> None:
+        try:
+            await open_link(self._address, self, self._baud, behind=self._fake)
+        except LinkLost as error:
+            raise HalError(str(error)) from None
+
+    async def _reconnect(self) -> None:
+        while self._link is None:
+            await asyncio.sleep(RETRY)
+            try:
+                await self._connect()
+            except HalError as error:
+                self._failure = str(error)
+
+
+def _started(work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    return asyncio.get_running_loop().create_task(work)

@@ -1,0 +1,92 @@
+"""The VRPN protocol (version 7) as far as trackers need it: its messages as bytes, and back. No I/O.
+
+Each side first sends a cookie of 24 bytes, then messages: a head of five big-endian int32 (length of head and body,
+time in s and us, sender, type) and a sequence number, then the body, padded to eights, which the length leaves out.
+Senders and types are numbered by each side for itself; messages of type -1 and -2 tell the names of these numbers.
+"""
+
+import struct
+from typing import Final, NamedTuple
+
+from txt1.errors import HalError
+
+PORT: Final = 3883
+COOKIE: Final = b"vrpn: ver. 07.35  0".ljust(24, b"\0")
+MAJOR: Final = b"vrpn: ver. 07."
+HEAD: Final = struct.Struct(">iiiiii")
+POSE: Final = struct.Struct(">ii3d4d")  # sensor, padding, position, quaternion x y z w
+SENDER_NAME: Final = -1
+TYPE_NAME: Final = -2
+POSE_TYPE: Final = "vrpn_Tracker Pos_Quat"
+PING_TYPE: Final = "vrpn_Base ping_message"
+PONG_TYPE: Final = "vrpn_Base pong_message"
+BODY_MAX: Final = 65536  # bytes; the longest of a tracker's has 72
+
+
+class Message(NamedTuple):
+    """One message; numbers are the sending side's."""
+
+    time: float  # s by the sending side's clock
+    sender: int
+    type: int
+    body: bytes
+
+
+def pack(message: Message) -> bytes:
+    """A message as bytes; the sequence number is left 0, which nobody reads."""
+    us = round(message.time * 1e6)
+    head = HEAD.pack(HEAD.size + len(message.body), us // 1_000_000, us % 1_000_000, message.sender, message.type, 0)
+    return head + message.body + bytes(-len(message.body) % 8)
+
+
+def name_message(kind: int, number: int, name: str) -> Message:
+    """The message that tells a sender's (`SENDER_NAME`) or a type's (`TYPE_NAME`) name."""
+    text = name.encode() + b"\0"
+    return Message(0.0, number, kind, struct.pack(">i", len(text)) + text)
+
+
+class Splitter:
+    """Cuts a stream into the cookie and messages; a HalError when it is none of version 7."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._greeted = False
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages that these bytes complete."""
+        data, at, found = self._rest + data, 0, []
+        if not self._greeted:
+            start = data[: len(MAJOR)]
+            if start != MAJOR[: len(start)]:
+                raise HalError(f"no VRPN server of version 7 is there: it begins with {start!r}; check the port")
+            if len(data) < len(COOKIE):
+                self._rest = data
+                return []
+            self._greeted, at = True, len(COOKIE)
+        while len(data) - at >= HEAD.size:
+            length, seconds, us, sender, kind, _ = HEAD.unpack_from(data, at)
+            if not HEAD.size <= length <= HEAD.size + BODY_MAX:
+                raise HalError(f"the VRPN stream is out of step: a message of {length} bytes")
+            end = at + length + -length % 8
+            if end > len(data):
+                break
+            found.append(Message(seconds + us * 1e-6, sender, kind, data[at + HEAD.size : at + length]))
+            at = end
+        self._rest = data[at:]
+        return found
+
+
+class Names:
+    """The names of the other side's numbers, as its messages tell them."""
+
+    def __init__(self) -> None:
+        self.senders: dict[int, str] = {}
+        self.types: dict[int, str] = {}
+
+    def note(self, message: Message) -> bool:
+        """Whether it was a message that tells a name."""
+        names = {SENDER_NAME: self.senders, TYPE_NAME: self.types}.get(message.type)
+        if names is None:
+            return False
+        names[message.sender] = message.body[4:].partition(b"\0")[0].decode("utf-8", "replace")
+        return True
