@@ -15,7 +15,7 @@ from txt1.bridges.web.wheel import Budget
 Role = Literal["operator", "visitor"]
 
 SESSION: Final = 12 * 3600  # s that a page stays signed in
-TRIES: Final = (0.2, 5.0)  # sign-ins a second from one address, and at once
+TRIES: Final = (0.2, 5.0)  # wrong tokens a second from one address, and at once
 ADDRESSES_MAX: Final = 1000  # addresses whose tries are counted
 
 
@@ -61,10 +61,14 @@ class Door:
         return None
 
     def may_try(self, address: str, now: float) -> bool:
-        """Whether an address may try to sign in once more."""
+        """Whether an address may try to sign in: not after too many wrong tokens."""
+        return address not in self._tries or self._tries[address].has(now)
+
+    def failed(self, address: str, now: float) -> None:
+        """Count a wrong token."""
         if len(self._tries) > ADDRESSES_MAX:
             self._tries.clear()
-        return self._tries.setdefault(address, Budget(*TRIES)).spend(now)
+        self._tries.setdefault(address, Budget(*TRIES)).spend(now)
 
     def role(self, cookie: str | None, now: float) -> Role | None:
         """The role of whoever presents a cookie's value; None for a stranger."""

@@ -176,6 +176,7 @@ class Server:
             raise web.HTTPTooManyRequests(text="too many tries; wait a few seconds\n")
         signed = self._door.sign_in(str((await request.post()).get("token", "")).strip(), wall())
         if signed is None:
+            self._door.failed(request.remote or "", now())
             raise web.HTTPForbidden(text="that is not the token\n")
         response = web.Response(status=204)
         response.set_cookie(

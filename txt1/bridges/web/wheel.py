@@ -71,15 +71,19 @@ class Budget:
         self._rate, self._burst = rate, burst
         self._left, self._at = burst, -inf
 
-    def spend(self, now: float) -> bool:
+    def has(self, now: float) -> bool:
         """Whether there is something left for one more."""
         if self._at > -inf:
             self._left = min(self._burst, self._left + self._rate * (now - self._at))
         self._at = now
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
+        return self._left >= 1.0
+
+    def spend(self, now: float) -> bool:
+        """Take one, if there is something left; whether there was."""
+        enough = self.has(now)
+        if enough:
+            self._left -= 1.0
+        return enough
 
 
 class Wheel:

@@ -1,0 +1,379 @@
+"""The web page's server from outside: what it serves, whom it lets in, and that no attack reaches the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from time import monotonic, time
+from typing import Any
+
+import aiohttp
+import pytest
+
+from tests.browser.live import Live, live
+from txt1.bridges.web.door import Door, visitors_token
+from txt1.bridges.web.server import CONNECTIONS_MAX, MESSAGE_MAX, STRANGER
+
+TOKEN = "t0ken-of-the-robot-long-enough"
+
+
+@pytest.fixture(scope="module")
+def token(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("web") / "token"
+    file.write_text(TOKEN)
+    file.chmod(0o600)
+    return file
+
+
+@pytest.fixture(scope="module")
+def car(token: Path) -> Iterator[Live]:
+    """A simulated robot, and its page behind a token."""
+    with live(folder=token.parent, token=str(token)) as here:
+        yield here
+
+
+class Browser:
+    """A page without a browser: it answers pings, and its clock is an hour off."""
+
+    OFFSET = 3600.0
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.page: dict[str, Any] = {}
+        self.told: list[str] = []
+        self.topics: dict[str, Any] = {}
+        self.pinged = asyncio.Event()
+        self.number = 0
+        self._reading = asyncio.create_task(self._read())
+
+    async def _read(self) -> None:
+        async for message in self.socket:
+            said = json.loads(message.data)
+            if "ping" in said:
+                await self.send(do="pong", ping=said["ping"], t=monotonic() + self.OFFSET)
+                self.page = said["page"]
+                self.pinged.set()
+            self.topics.update(said.get("topics", {}))
+            if "told" in said:
+                self.told.append(said["told"])
+
+    async def send(self, **message: object) -> None:
+        await self.socket.send_str(json.dumps(message))
+
+    async def command(self, late: float = 0.0, **message: object) -> None:
+        self.number += 1
+        await self.send(**{"n": self.number, "t": monotonic() + self.OFFSET - late, **message})
+
+
+@asynccontextmanager
+async def session(car: Live, token: str | None = TOKEN) -> AsyncIterator[aiohttp.ClientSession]:
+    """A browser that is signed in with a token, or a stranger's."""
+    headers = {"Origin": car.url.rstrip("/")}
+    if token is not None:
+        door = Door(TOKEN, "http", car.port)
+        signed = door.sign_in(token, time())
+        assert signed is not None
+        headers["Cookie"] = f"{door.cookie}={signed[1]}"
+    async with aiohttp.ClientSession(car.url, headers=headers, cookie_jar=aiohttp.DummyCookieJar()) as client:
+        yield client
+
+
+@asynccontextmanager
+async def page(car: Live, token: str = TOKEN) -> AsyncIterator[Browser]:
+    async with session(car, token) as client, client.ws_connect("/socket") as socket:
+        browser = Browser(socket)
+        await browser.pinged.wait()
+        await asyncio.sleep(0.05)  # its answer is on the way
+        yield browser
+
+
+async def within(car: Live, condition: Callable[[Any], object], limit: float = 2.0) -> bool:
+    ends = monotonic() + limit
+    while monotonic() < ends:
+        if car.call(condition):
+            return True
+        await asyncio.sleep(0.02)
+    return False
+
+
+def go(work: Any) -> None:
+    """Run in real time: the robot has a thread of its own."""
+    asyncio.run(work)
+
+
+def drives(robot: Any) -> bool:
+    return bool(robot.runtime.state.control.v > 0.1)
+
+
+def stands(robot: Any) -> bool:
+    return bool(robot.runtime.state.control.v == 0.0)
+
+
+@pytest.fixture(autouse=True)
+def armed(car: Live) -> None:
+    car.call(lambda robot: robot.arm())
+    car.call(lambda robot: robot.place(0.0, 0.0, 0.0) if robot.odometry.v == 0.0 else None)
+
+
+def test_a_page_sees_the_robot_and_drives_it(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as browser:
+            assert {"/odom", "/surroundings", "/events", "/battery1"} <= browser.topics.keys()
+            for _ in range(8):
+                await browser.command(do="drive", v=0.5, omega=0.0)
+                await asyncio.sleep(0.04)
+            assert await within(car, drives)
+            assert car.call(lambda robot: robot.driver.name) == "web"
+            await browser.send(do="release")
+            assert await within(car, stands)
+
+    go(main())
+
+
+@pytest.mark.parametrize("late", [0.3, 5.0, -0.5])
+def test_a_late_command_and_one_from_the_future_do_nothing(car: Live, late: float) -> None:
+    async def main() -> None:
+        async with page(car) as browser:
+            for _ in range(8):
+                await browser.command(late, do="drive", v=0.5, omega=0.0)
+                await asyncio.sleep(0.02)
+                assert car.call(stands)
+            assert car.call(lambda robot: robot.driver.name) == ""
+
+    go(main())
+
+
+def test_what_is_sent_again_does_nothing(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as browser:
+            message = {"do": "drive", "v": 0.5, "omega": 0.0, "n": 1, "t": monotonic() + browser.OFFSET}
+            await browser.send(**message)
+            assert await within(car, drives)
+            car.call(lambda robot: robot.stop())
+            car.call(lambda robot: robot.arm())
+            for _ in range(5):
+                await browser.send(**message)
+            await asyncio.sleep(0.1)
+            assert car.call(stands)
+
+    go(main())
+
+
+def test_a_visitor_is_slower_and_changes_nothing(car: Live) -> None:
+    async def main() -> None:
+        async with page(car, visitors_token(TOKEN)) as visitor:
+            before = car.call(lambda robot: robot.runtime.state.gains)
+            assert visitor.page["limit"] == 0.5
+            await visitor.send(do="gains", linear=[1, 2, 3], angular=[[1.5, 1, 2, 3]])
+            await visitor.send(do="record", on=True)
+            await visitor.send(do="limit", speed=1.5)
+            for _ in range(8):
+                await visitor.command(do="drive", v=1.5, omega=1.5)
+                await asyncio.sleep(0.04)
+            assert car.call(lambda robot: robot.runtime.state.control.v) == 0.5
+            assert car.call(lambda robot: robot.runtime.state.gains) == before
+            assert len(visitor.told) == 3
+            await visitor.send(do="release")
+
+    go(main())
+
+
+def test_the_wheel_comes_free_when_its_page_goes(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as watching:
+            async with page(car) as driving:
+                await driving.command(do="drive", v=0.5, omega=0.0)
+                assert await within(car, drives)
+                await watching.command(do="drive", v=-0.5, omega=0.0)
+                await asyncio.sleep(0.05)
+                assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
+            assert await within(car, stands, 0.2), "at once, not only when the command is stale"
+            await watching.command(do="drive", v=-0.5, omega=0.0)
+            assert await within(car, lambda robot: robot.runtime.state.control.v < -0.1)
+            await watching.send(do="release")
+
+    go(main())
+
+
+def test_strangers_other_origins_and_other_names_are_sent_away(car: Live) -> None:
+    async def main() -> None:
+        async with session(car, None) as client:
+            for path in ("/socket", "/recordings/a.mcap", "/visitors.svg"):
+                assert (await client.get(path)).status == 403
+            assert "sign-in.js" in await (await client.get("/")).text()
+            assert "app.js" not in await (await client.get("/")).text()
+        async with session(car) as client:
+            assert "app.js" in await (await client.get("/")).text()
+            for origin in ("http://evil.example", "null", "http://127.0.0.1", ""):
+                with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                    await client.ws_connect("/socket", headers={"Origin": origin})
+                assert (await client.post("/sign-in", data={}, headers={"Origin": origin})).status == 403
+
+    go(main())
+
+
+def test_the_token_opens_the_door(car: Live) -> None:
+    async def main() -> None:
+        async with session(car, None) as client:
+            answer = await client.post("/sign-in", data={"token": TOKEN})
+            assert answer.status == 204
+            given = answer.headers["Set-Cookie"]
+            assert "HttpOnly" in given and "SameSite=Strict" in given and TOKEN not in given
+            page = await client.get("/", headers={"Cookie": given.partition(";")[0]})
+            assert "app.js" in await page.text()
+
+    go(main())
+
+
+def test_a_wrong_token_gets_nowhere_and_not_often(car: Live) -> None:
+    async def main() -> None:
+        async with session(car, None) as client:
+            answers = [(await client.post("/sign-in", data={"token": f"wrong{k}"})).status for k in range(8)]
+            assert set(answers) <= {403, 429} and 429 in answers
+
+    go(main())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..%2f..%2fserver.py", "/static/../server.py",
+        "/server.py", "/recordings/..%2ftoken", "/recordings/%2e%2e%2f%2e%2e%2fetc%2fpasswd", "/recordings/token",
+        "/recordings//etc/passwd", "/recordings/a.mcap%00", "//etc/passwd", "/index.html%00.js", "/\\..\\token",
+    ],
+)  # fmt: skip
+def test_no_path_leads_to_another_file(car: Live, path: str) -> None:
+    with socket.create_connection(("127.0.0.1", car.port)) as raw:
+        raw.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{car.port}\r\nConnection: close\r\n\r\n".encode())
+        answer = b""
+        while piece := raw.recv(65536):
+            answer += piece
+    assert answer.split(b" ", 2)[1] in (b"400", b"403", b"404")
+    assert b"root:" not in answer and TOKEN.encode() not in answer and b"import" not in answer
+
+
+NONSENSE = (
+    "", "{", "null", "[]", '{"do": 3}', '{"do": "__init__"}', '{"do": "drive"}', "[" * 4000,
+    '{"do": "drive", "v": 1e999, "omega": 0, "n": 5, "t": 0}', '{"do": "go", "points": [[1]], "n": 9, "t": 1}',
+    '{"do": "choose", "topics": 5}', '{"do": "wind", "to": "x"}', '{"do": "pong", "ping": "x", "t": 1}',
+)  # fmt: skip
+
+
+def test_messages_that_are_none_harm_nobody(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as browser:
+            for text in NONSENSE:
+                await browser.socket.send_str(text)
+            for _ in range(2):
+                browser.pinged.clear()
+                await browser.pinged.wait()
+            assert browser.page["counts"]["malformed"] >= 10
+            await browser.command(do="drive", v=0.5, omega=0.0)
+            assert await within(car, drives)
+
+    go(main())
+
+
+def test_a_message_too_long_ends_its_page_alone(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as watching, page(car) as browser:
+            await browser.socket.send_str("x" * (MESSAGE_MAX + 1))
+            async with asyncio.timeout(2.0):
+                while not browser.socket.closed:
+                    await asyncio.sleep(0.01)
+            watching.pinged.clear()
+            await watching.pinged.wait()
+
+    go(main())
+
+
+def test_a_flood_is_dropped_and_its_page_sent_away_while_another_drives(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as driving, page(car) as flooding:
+
+            async def flood() -> None:
+                while not flooding.socket.closed:
+                    for _ in range(100):
+                        await flooding.socket.send_str('{"do": "drive", "v": -1, "omega": 0, "n": 1, "t": 1}')
+                    await asyncio.sleep(0.005)
+
+            task = asyncio.create_task(flood())
+            began = monotonic()
+            while not task.done() and monotonic() < began + 8.0:
+                await driving.command(do="drive", v=0.4, omega=0.0)
+                await asyncio.sleep(0.04)
+                assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
+            assert task.done(), "it was not sent away"
+            assert car.call(drives)
+            await driving.send(do="release")
+            await asyncio.gather(task, return_exceptions=True)
+
+    go(main())
+
+
+def test_a_stop_comes_through_whoever_sends_it_and_however_much_else(car: Live) -> None:
+    async def main() -> None:
+        async with page(car, visitors_token(TOKEN)) as browser:
+            for _ in range(400):
+                await browser.socket.send_str("{}")
+            await browser.send(do="stop")
+            assert await within(car, lambda robot: robot.runtime.gate.stopped)
+
+    go(main())
+
+
+@pytest.mark.long
+def test_five_hundred_connections_leave_room_for_one_that_asks(car: Live) -> None:
+    strangers = [socket.create_connection(("127.0.0.1", car.port)) for _ in range(500)]
+    try:
+        ends = monotonic() + STRANGER + 5.0
+        while True:
+            try:
+                with socket.create_connection(("127.0.0.1", car.port), 2.0) as raw:
+                    raw.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{car.port}\r\nConnection: close\r\n\r\n".encode())
+                    if raw.recv(100).startswith(b"HTTP/1.1 200"):
+                        break
+            except OSError:
+                pass
+            assert monotonic() < ends, "strangers are not sent away"
+    finally:
+        for each in strangers:
+            each.close()
+    assert car.call(lambda robot: robot.armed)
+    assert len(strangers) > CONNECTIONS_MAX
+
+
+def test_nothing_that_is_secret_stands_in_the_list_of_processes(car: Live) -> None:
+    command = Path(f"/proc/{car.pid}/cmdline")
+    if not command.exists():
+        pytest.skip("there is no /proc")
+    assert TOKEN.encode() not in command.read_bytes()
+
+
+def test_every_answer_says_what_a_browser_may_do_with_it(car: Live) -> None:
+    async def main() -> None:
+        async with session(car, None) as client:
+            for path in ("/", "/style.css", "/nothing"):
+                headers = (await client.get(path)).headers
+                assert "default-src 'none'" in headers["Content-Security-Policy"]
+                assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+                assert headers["X-Content-Type-Options"] == "nosniff"
+                assert "Access-Control-Allow-Origin" not in headers
+
+    go(main())
+
+
+def test_the_page_needs_nothing_from_elsewhere() -> None:
+    import re
+
+    from txt1.bridges.web.files import page_files
+
+    static = Path(__file__).parents[2] / "txt1" / "bridges" / "web" / "static"
+    for name in page_files():
+        found = re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", (static / name).read_text())
+        assert [each for each in found if "w3.org" not in each] == [], name
+    assert sum(len(file.body) for file in page_files().values()) < 100_000
