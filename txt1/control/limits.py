@@ -23,6 +23,7 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
 PERSISTS: Final = 0.1  # time for which readings that the geometry forbids must last to be believed, s
 NOISE_COUNTS: Final = 3  # counts per period that a wheel at rest may show
+AHEAD: Final = 0.1  # s by which a command may seem to come from the future, as a late tick has an early time
 DISAGREEMENT: Final = 0.5  # difference between combined odometry and the encoders that slip does not explain, m/s
 
 
@@ -214,7 +215,7 @@ class Gate:
         limited = limit_velocity(v, omega, self.limits)
         if limited[1] != omega:
             self.count(Fault.YAW_RATE)
-        if limited[0] != v and abs(v) > self.limits.v_max:
+        if abs(v) > self.limits.v_max:
             self.count(Fault.SPEED)
         return limited
 
@@ -239,7 +240,7 @@ class Gate:
             given is not None
             and epoch == self.epoch
             and given >= self._valid_from
-            and now - given <= self.limits.command_timeout + 1e-9
+            and -AHEAD <= now - given <= self.limits.command_timeout + 1e-9
         )
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)

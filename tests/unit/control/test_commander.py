@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from txt1.control.commander import PRIORITIES, Commander, SetPoint
+from txt1.control.commander import PRIORITIES, SKEW, Commander, Driver, SetPoint
 
 TIMEOUT = 0.25
 TICK = 0.02
@@ -294,3 +294,51 @@ def test_a_program_that_was_overruled_and_never_commands_zero_never_drives_again
             overruled = overruled or not taken
         else:
             overruled = overruled or (had and taken)
+
+
+# -- boundaries --------------------------------------------------------------------------------------------------------
+
+
+def test_the_priorities_are_those_that_the_manual_tells() -> None:
+    assert PRIORITIES == {"keys": 50, "gamepad": 40, "web": 30, "view": 30, "ros": 20, "program": 10}
+
+
+def test_at_first_nobody_drives_and_no_command_was_ever_given() -> None:
+    one = commander(a=1)
+    assert one.driver(3.0) == ("", 0.0, {})
+    assert Driver() == ("", 0.0, {})
+    assert one.setpoint(0.0) == SetPoint() == (0.0, 0.0, -inf)
+
+
+@pytest.mark.parametrize("v, omega", [(inf, 0.0), (-inf, 0.0), (0.5, inf), (0.5, -inf), (inf, -inf), (nan, 0.0)])
+def test_who_drives_on_may_not_be_infinite_either(v: float, omega: float) -> None:
+    one = commander(a=1)
+    one.command("a", *FAST, 0.0, 0.0)
+    with pytest.raises(ValueError, match="finite"):
+        one.command("a", v, omega, 0.1, 0.1)
+    assert moving(one, 0.1) == FAST
+
+
+def test_a_command_may_be_ahead_by_the_rounding_of_clocks_and_as_old_as_the_time_out() -> None:
+    one = commander(a=1)
+    assert one.command("a", *FAST, SKEW, 0.0)
+    assert one.setpoint(0.0).time == 0.0
+    assert one.command("a", *FAST, 1.0 - TIMEOUT, 1.0)
+    assert not one.command("a", *FAST, 1.0 - TIMEOUT, 1.01)
+    assert one.driver(1.01).refused == {"a": 1}
+
+
+def test_who_drives_again_after_its_time_out_drives_since_then() -> None:
+    one = commander(a=1)
+    one.command("a", *FAST, 0.0, 0.0)
+    one.command("a", *FAST, 1.0, 1.0)
+    assert one.driver(1.0).since == 1.0
+
+
+def test_a_zero_in_the_instant_of_the_release_counts() -> None:
+    one = commander(a=1, b=2)
+    one.command("a", *FAST, 0.0, 0.0)
+    one.command("b", *SLOW, 0.1, 0.1)
+    one.release("b", 0.2)
+    one.command("a", 0.0, 0.0, 0.2, 0.2)
+    assert one.command("a", *FAST, 0.2, 0.2)

@@ -1,12 +1,13 @@
 """The safety gate: what it lets through, what it counts, and how it opens and closes."""
 
+from collections.abc import Callable
 from math import inf, nan
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import Fault, Gate, limit_velocity
+from txt1.control.limits import Fault, Gate, Outputs, RunawayWatch, limit_velocity
 from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -262,3 +263,158 @@ def test_missing_five_cycles_in_a_row_disarms_and_four_do_not() -> None:
     gate.missed(5)
     assert not gate.armed
     assert gate.counts[Fault.MISSED] == 1
+
+
+# -- boundaries, and what is forgotten when ---------------------------------------------------------------------------
+
+
+def test_what_is_exactly_at_a_limit_is_inside_and_not_counted() -> None:
+    gate = open_gate(Limits(v_dead_band=0.05))
+    assert gate.admit_velocity(1.5, 0.0) == (1.5, 0.0)
+    assert gate.admit_velocity(0.01, 0.0) == (0.0, 0.0), "inside the dead band"
+    assert gate.admit_pwm(24000, -24000) == (24000, -24000)
+    assert not any(gate.counts.values())
+
+
+def test_the_gate_itself_limits_set_points_whoever_made_them() -> None:
+    out = open_gate().outputs(0, 0, 0, SERVOS, 10.0, 50.0)
+    assert (out.v, out.omega) == (1.5, 1.5 / 0.56)
+
+
+@pytest.mark.parametrize("servos", [(1, 0), (0, 1), (12000, -24000)])
+def test_servos_follow_while_driving_and_motor_and_steering_stay_neutral_with_them(servos: tuple[int, int]) -> None:
+    assert open_gate().outputs(100, 0, 0, servos, 0, 0)[3:5] == servos
+    assert open_gate().neutral(servos) == (0, 0, 0, *servos, 0.0, 0.0)
+
+
+def test_a_gate_says_at_once_why_it_is_closed_and_that_no_fault_closed_it() -> None:
+    gate = Gate(LIMITS, on_close=lambda reason: None)
+    assert (gate.armed, gate.stopped, gate.reason, gate.closed_by) == (False, False, "not armed yet", None)
+
+
+@pytest.mark.parametrize("wish", [lambda gate: gate.disarm("by the program"), Gate.stop])
+def test_who_stops_or_disarms_after_a_fault_has_the_last_word(wish: Callable[[Gate], None]) -> None:
+    gate = open_gate()
+    gate.disarm("link lost", Fault.LINK)
+    gate.disarm("link lost again", Fault.LINK)
+    assert gate.closed_by is Fault.LINK
+    wish(gate)
+    assert gate.closed_by is None
+
+
+def test_a_command_goes_stale_once_and_only_where_one_was_fresh() -> None:
+    gate = open_gate()
+    gate.passes(0.0, gate.epoch, 0.1)
+    gate.passes(0.0, gate.epoch, 0.2)
+    assert gate.counts[Fault.STALE] == 0
+    gate.arm(0.3)
+    assert gate.outputs(5000, 0, 0, SERVOS, 1.0, 0.0)[:3] == (0, 0, 0), "what was fresh before arming is so no more"
+    gate.passes(None, gate.epoch, 0.3)
+    assert gate.counts[Fault.STALE] == 0
+
+
+def test_a_computer_that_slept_for_as_long_as_five_cycles_disarms() -> None:
+    gate = open_gate()
+    gate.slept(0.099, 0.02)
+    assert gate.armed
+    gate.slept(5 * 0.02, 0.02)
+    assert not gate.armed
+    assert gate.counts[Fault.SLEPT] == 1
+
+
+def test_a_gate_that_was_just_armed_watches_without_having_driven() -> None:
+    gate = Gate(LIMITS, on_close=lambda reason: None)
+    gate.arm(0.0)
+    assert watched(gate, 0, 0, 100)
+
+
+def test_suspicions_end_with_arming_and_with_neutral_outputs() -> None:
+    gate = driven(2001)
+    assert watched(gate, 0, 0, 14)
+    gate.arm(0.0)
+    gate.passes(0.0, gate.epoch, 0.0)
+    gate.outputs(2001, 0, 0, SERVOS, 0.0, 0.0)
+    assert watched(gate, 0, 0, 14)
+    gate.neutral(SERVOS)
+    assert watched(gate, 0, 0, 100)
+
+
+DT = 0.02
+
+
+def watch(*steps: tuple[int, int, int, int]) -> str | None:
+    """The first reason in so many periods (n) with motor and ticks (motor, right, left)."""
+    runaway = RunawayWatch(LIMITS)
+    for motor, right, left, n in steps:
+        for _ in range(n):
+            if (reason := runaway.check(motor, right, left, 0.1, None, DT)) is not None:
+                return reason
+    return None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_silence_counts_in_reverse_as_well(sign: int) -> None:
+    assert watch((sign * 2001, 0, 0, 14)) is None
+    assert watch((sign * 2001, 0, 0, 15)) == "both encoders are silent, or something blocks the robot"
+    assert watch((sign * 500, sign * 10, 0, 15)) is None
+    assert watch((sign * 500, sign * 10, 0, 15), (500, sign, 0, 1)) == "the left encoder is silent"
+    assert watch((sign * 500, 0, sign * 10, 15)) is None
+    assert watch((sign * 500, 0, sign * 10, 15), (500, 0, sign, 1)) == "the right encoder is silent"
+
+
+def test_one_period_in_which_both_wheels_turn_ends_all_suspicion() -> None:
+    assert watch((2001, 0, 0, 14), (2001, 1, 1, 1), (2001, 0, 0, 14)) is None
+    assert watch((2001, 0, 0, 14), (2001, -1, -1, 1), (2001, 0, 0, 14)) is None
+
+
+def test_silence_at_rest_is_none_and_ends_one_under_power() -> None:
+    assert watch((2001, 0, 0, 14), (0, 0, 0, 1), (2001, 0, 0, 14)) is None
+    assert watch((2001, 0, 0, 1), (2000, 0, 0, 100)) is None
+
+
+def test_a_wheel_that_ticks_now_and_then_is_not_silent() -> None:
+    assert watch((500, 10, 0, 14), (500, 0, 10, 1), (500, 10, 0, 15)) is None
+    assert watch((500, 0, 10, 14), (500, 10, 0, 1), (500, 0, 10, 15)) is None
+    assert watch((2001, 3, -3, 1), (2001, 0, 0, 14)) is None
+
+
+def test_noise_of_three_counts_against_each_other_is_none_and_four_are() -> None:
+    assert watch((0, 3, -3, 100)) is None
+    assert watch((0, -3, 4, 100)) is None
+    assert watch((0, -4, 4, 4)) is None
+    assert watch((0, -4, 4, 5)) == "the encoders turn against each other"
+    assert watch((0, -4, 4, 4), (0, 1, 0, 1), (0, -4, 4, 4)) is None
+
+
+def test_the_largest_speeds_and_differences_that_are_no_runaway() -> None:
+    runaway = RunawayWatch(LIMITS)
+    for _ in range(100):
+        assert runaway.check(8000, 40, 40, 2.0, 1.5, DT) is None
+        assert runaway.check(8000, -40, -40, -2.0, -1.5, DT) is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_speed_or_difference_has_to_last_without_a_break(sign: float) -> None:
+    runaway = RunawayWatch(LIMITS)
+    for _ in range(2):
+        for _ in range(4):
+            assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) is None
+        assert runaway.check(8000, 40, 0, sign * 0.1, None, DT) is None
+    for _ in range(2):
+        for _ in range(14):
+            assert runaway.check(8000, 40, 40, 0.0, sign * 0.51, DT) is None
+        assert runaway.check(8000, 40, 0, 0.0, sign * 0.5, DT) is None
+    for _ in range(4):
+        assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) is None
+    assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) == "2.0 m/s is faster than was ever asked for"
+
+
+def test_a_command_from_the_future_is_not_fresh_but_one_that_a_late_tick_sees_is() -> None:
+    gate = open_gate()
+    assert gate.passes(5.1, gate.epoch, 5.0)
+    assert not gate.passes(5.2, gate.epoch, 5.0)
+    assert not gate.passes(inf, gate.epoch, 5.0)
+
+
+def test_outputs_are_neutral_unless_something_else_is_said() -> None:
+    assert Outputs() == (0, 0, 0, 0, 0, 0.0, 0.0)
