@@ -32,6 +32,13 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
 
+torture: $(VENV)/.dev  ## faults, mutants and random bytes in great numbers, into docs/reliability.md; hours, and it can be ended and goes on
+	$(BIN)/python -m torture campaign --page
+	$(BIN)/python -m torture fuzz --page
+	$(BIN)/python -m torture processes --page
+	$(BIN)/python -m torture soak --page
+	$(BIN)/python -m torture mutation --page
+
 bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside a peer or a limit
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
 	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks

@@ -65,7 +65,7 @@ class Way:
         self._set_timer()
 
 
-class _Through:
+class Through:
     """An end behind two carriers, outgoing and incoming: to a link it is the end; the end sees a link of its own."""
 
     def __init__(self, end: End, carriers: Callable[[float], tuple[Carrier, Carrier]]) -> None:
@@ -74,13 +74,16 @@ class _Through:
         self._link: _ThroughLink
 
     def connected(self, link: Link) -> None:
+        """Give the end a link of its own."""
         self._link = _ThroughLink(self._end, link, *self._carriers(asyncio.get_running_loop().time()))
         self._end.connected(self._link)
 
     def received(self, data: bytes) -> None:
+        """Bring bytes on their way in."""
         self._link.incoming.send(data)
 
     def lost(self, reason: str) -> None:
+        """Tell the end; what is under way is gone."""
         self._link.lose(reason)
 
 
@@ -136,7 +139,7 @@ def paced(end: End, baud: int) -> End:
     What was written at once is delivered at once, when its last byte has passed: faults at either end hit whole frames.
     """
     Pace(baud)  # a wrong rate is a mistake here, not when a host connects
-    return _Through(end, lambda _: (Pace(baud), Pace(baud)))
+    return Through(end, lambda _: (Pace(baud), Pace(baud)))
 
 
 def faulty(
@@ -152,4 +155,4 @@ def faulty(
     seeds = SeedSequence(seed) if isinstance(seed, int) else seed
     outgoing, incoming = (np.random.default_rng(child) for child in seeds.spawn(2))
     line = partial(Line, faults, on_fault=on_fault)
-    return _Through(end, lambda now: (line(rng=outgoing, start=now), line(rng=incoming, start=now)))
+    return Through(end, lambda now: (line(rng=outgoing, start=now), line(rng=incoming, start=now)))

@@ -1,0 +1,68 @@
+"""Robots struck by faults: a slice of the campaigns, and the eyes that would see something break."""
+
+from math import inf
+
+import pytest
+
+from torture.campaign import once, plan, shortest
+from torture.strikes import KINDS, STRIKES, Strike, names
+from txt1.control.limits import Gate
+from txt1.robot import Robot
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(1_000_000, 1_000_008))
+def test_struck_by_faults_the_robot_keeps_every_promise_and_drives_on(kind: str, seed: int) -> None:
+    result = once(kind, seed, plan(kind, seed, 20.0))
+    assert result.broken == ""
+    assert result.moving > 0.2 * result.cycles
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_fault_there_is_strikes_at_once_and_nothing_breaks(kind: str) -> None:
+    strikes = [Strike(name, 1.0 + 0.05 * k, (0.37 * k) % 1.0) for k, name in enumerate(names(kind))]
+    assert once(kind, 5, strikes, duration=8.0).broken == ""
+
+
+def test_a_plan_is_the_same_for_the_same_seed_and_every_fault_is_in_some() -> None:
+    assert plan("ours", 7, 20.0) == plan("ours", 7, 20.0)
+    struck = {each.name for kind in KINDS for seed in range(200) for each in plan(kind, seed, 20.0)}
+    assert struck == set(STRIKES)
+
+
+def test_a_gate_that_lets_stale_commands_through_is_seen_and_the_plan_cut_down_to_the_cause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    right = Gate.passes
+    monkeypatch.setattr(Gate, "passes", lambda gate, given, epoch, now: right(gate, now if given else None, epoch, now))
+    strikes = [Strike("buttons", 1.0, 0.1), Strike("silence", 2.0, 0.9), Strike("servos", 3.0, 0.5)]
+    broken = once("sim", 1, strikes, duration=6.0).broken
+    assert "the newest command 0.2" in broken
+    assert shortest("sim", 1, strikes, duration=6.0) == [1]
+
+
+def test_a_stop_that_does_nothing_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Robot, "stop", lambda robot: None)
+    assert "armed=True" in once("sim", 1, [Strike("emergency stop", 2.0, 0.9)], duration=5.0).broken
+
+
+def test_a_robot_that_arms_by_itself_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = Robot.disarm
+
+    def disarm(robot: Robot, reason: str = "") -> None:
+        right(robot, reason)
+        robot.runtime.gate.arm(robot.now)
+
+    monkeypatch.setattr(Robot, "disarm", disarm)
+    assert "nobody armed it" in once("sim", 1, [Strike("disarm", 2.0, 0.9)], duration=5.0).broken
+
+
+def test_outputs_beyond_the_limits_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.control.limits.clip", lambda value, limit: value)
+    strikes = [Strike("gains", 2.0, 0.3), Strike("command huge", 2.5, 0.0)]
+    assert "outside the limits" in once("sim", 1, strikes, duration=5.0).broken
+
+
+def test_a_vehicle_that_does_not_come_to_rest_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("torture.desk.coasting", lambda v: -inf)
+    assert "after it was allowed to move last" in once("sim", 1, [Strike("silence", 2.0, 0.9)], duration=5.0).broken

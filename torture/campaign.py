@@ -1,0 +1,175 @@
+"""Campaigns: seeded runs of a robot that is struck by faults, on the virtual clock, and invariants that have to hold.
+
+A run that breaks one is cut down to the fewest faults that still do; a command that repeats it is printed.
+"""
+
+import argparse
+import asyncio
+import hashlib
+import json
+import re
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from torture import page
+from torture.desk import Desk, on_the_desk
+from torture.strikes import KINDS, STRIKES, Strike, plan
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import run
+
+ROOT: Final = Path(__file__).parents[1]
+DURATION: Final = 20.0  # s of a run
+PATTERN: Final = ("sim", "ours", "sim", "original", "sim")  # whose turn it is: the simulation is the cheapest
+
+
+class Result(NamedTuple):
+    """What came out of a run."""
+
+    broken: str  # "" when all invariants held
+    cycles: int
+    moving: int
+
+
+def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> Result:
+    """One run with these faults."""
+    told: list[Desk] = []
+
+    async def act(desk: Desk) -> None:
+        told.append(desk)
+        began = desk.now
+        for name, time, value in strikes:
+            await asyncio.sleep(max(0.0, began + time - desk.now))
+            STRIKES[name](desk, value)
+
+    broken = ""
+    try:
+        run(on_the_desk(kind, seed, duration, act), speed="max")
+    except Exception as error:
+        cause = error.__cause__ or error
+        broken = f"{type(cause).__name__}: {cause}"
+    cycles, moving = (told[0].cycles, told[0].moving) if told else (0, 0)
+    return Result(broken, cycles, moving)
+
+
+def shortest(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> list[int]:
+    """The numbers of the fewest faults of a plan that still break the same, found by leaving out more and more."""
+    wanted = _kind_of(once(kind, seed, strikes, duration).broken)
+    left = list(range(len(strikes)))
+    size = max(1, len(left) // 2)
+    while left:
+        for start in range(0, len(left), size):
+            without = left[:start] + left[start + size :]
+            if _kind_of(once(kind, seed, [strikes[k] for k in without], duration).broken) == wanted:
+                left = without
+                break
+        else:
+            if size == 1:
+                break
+            size = max(1, size // 2)
+    return left
+
+
+def _kind_of(broken: str) -> str:
+    return re.sub(r"[-+.0-9e]+", "0", broken)
+
+
+def sources() -> str:
+    """A short text that is another when the robot's sources, or the faults, are others."""
+    files = sorted([*(ROOT / "txt1").rglob("*.py"), *(ROOT / "torture").glob("*.py")])
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run a campaign, or one of its runs again; 1 if something broke."""
+    parser = argparse.ArgumentParser(prog="python -m torture campaign", description=__doc__)
+    parser.add_argument("--runs", type=int, default=10_000, help="in all, with those that are there already")
+    parser.add_argument("--duration", type=float, default=DURATION, help="of a run, s")
+    parser.add_argument("--kept", type=Path, default=Path("out/torture/campaign.jsonl"), help="what came out so far")
+    parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
+    parser.add_argument("--kind", choices=KINDS, help="with --seed: run this one again")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--only", help="the numbers of its faults, such as 0,3; default all")
+    options = parser.parse_args(words)
+    if options.seed is not None:
+        return _again(options.kind or KINDS[0], options.seed, options.only, options.duration)
+    code = sources()
+    done = {(row["kind"], row["seed"]): row for row in kept_rows(options.kept, code)}
+    began = stopwatch_ns()
+    options.kept.parent.mkdir(parents=True, exist_ok=True)
+    broken = sum(bool(row["broken"]) for row in done.values())
+    for seed in range(options.runs):
+        kind = PATTERN[seed % len(PATTERN)]
+        if (kind, seed) in done:
+            continue
+        if options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes:
+            break
+        strikes = plan(kind, seed, options.duration)
+        result = once(kind, seed, strikes, options.duration)
+        row = {"code": code, "kind": kind, "seed": seed, "strikes": [each.name for each in strikes], **result._asdict()}
+        if result.broken:
+            broken += 1
+            only = shortest(kind, seed, strikes, options.duration)
+            row["only"] = only
+            print(f"{result.broken}\n  {command(kind, seed, only, options.duration)}", flush=True)
+            for k in only:
+                print(f"  {k}: {strikes[k]}", flush=True)
+        with options.kept.open("a") as rows:
+            print(json.dumps(row), file=rows)
+        done[kind, seed] = row
+        if len(done) % 200 == 0:
+            print(f"{len(done)} runs, {broken} broken, {(stopwatch_ns() - began) / NS_PER_S:.0f} s", flush=True)
+    text = table(list(done.values()))
+    print(text)
+    if options.page:
+        page.write("campaign", text)
+    return 1 if broken else 0
+
+
+def command(kind: str, seed: int, only: Sequence[int], duration: float) -> str:
+    """The command that repeats a run."""
+    chosen = ",".join(map(str, only))
+    length = "" if duration == DURATION else f" --duration {duration:g}"
+    return f"python -m torture campaign --kind {kind} --seed {seed} --only {chosen or 'none'}{length}"
+
+
+def _again(kind: str, seed: int, only: str | None, duration: float) -> int:
+    strikes = plan(kind, seed, duration)
+    if only is not None:
+        strikes = [strikes[int(k)] for k in only.split(",") if k != "none"]
+    for each in strikes:
+        print(each)
+    result = once(kind, seed, strikes, duration)
+    print(result.broken or f"held: {result.moving} of {result.cycles} cycles in motion")
+    return 1 if result.broken else 0
+
+
+def kept_rows(file: Path, code: str) -> list[dict[str, Any]]:
+    """What came out so far, with the sources as they are."""
+    rows = map(json.loads, file.read_text().splitlines()) if file.exists() else ()
+    return [row for row in rows if row["code"] == code]
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """What came out, in Markdown."""
+    lines = ["| hardware | runs | broken | cycles in motion |", "|---|--:|--:|--:|"]
+    struck: dict[str, Counter[str]] = defaultdict(Counter)
+    for kind in (*KINDS, "all"):
+        chosen = [row for row in rows if kind in (row["kind"], "all")]
+        cycles = sum(row["cycles"] for row in chosen)
+        share = 100.0 * sum(row["moving"] for row in chosen) / cycles if cycles else 0.0
+        broken = sum(bool(row["broken"]) for row in chosen)
+        lines.append(f"| {kind} | {len(chosen)} | {broken} | {share:.0f} % of {cycles} |")
+        for row in chosen:
+            struck[kind].update(row["strikes"])
+    lines += ["", f"| fault | {' | '.join((*KINDS, 'all'))} |", f"|---|{'--:|' * 4}"]
+    for name in STRIKES:
+        lines.append(f"| {name} | {' | '.join(str(struck[kind][name] or '-') for kind in (*KINDS, 'all'))} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,401 @@
+"""A robot on the desk that is driven, struck by faults, and watched from outside the safety gate."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from dataclasses import replace
+from math import inf, isfinite, log
+from typing import Any, Final
+
+import numpy as np
+from numpy.random import Generator
+
+from txt1.board import Board, VirtualPort
+from txt1.config import Config, load
+from txt1.errors import CommandRefused, NotArmed, NotCapable
+from txt1.hal.base import Inputs, Outputs
+from txt1.hal.serial import SerialHal
+from txt1.link.impairments import Through
+from txt1.model.vehicle import STEERING_MAX
+from txt1.protocol.decoder import Decoder
+from txt1.protocol.layout import Role
+from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
+from txt1.robot import Robot
+from txt1.sim.line import Arrival, Line, LineFaults
+from txt1.sim.parameters import VehicleParameters
+from txt1.sim.vehicle import Vehicle
+
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
+TICK: Final = 0.02  # s, of the controller
+FRESH: Final = 0.25  # s for which a command is good
+EPSILON: Final = 1e-6  # s
+LINK_RULE: Final = 2.0  # s within which a board without a host stands still by itself
+MOVES: Final = 0.05  # m/s above which it does not stand
+CREEPS: Final = 0.1  # the same with an original board, which reads 0 below 0.045 m/s and hunts about that
+OWN: Final = VehicleParameters()
+
+
+class Broken(Exception):
+    """An invariant does not hold."""
+
+
+def coasting(v: float) -> float:
+    """The time in s that the vehicle takes from a speed in m/s until it stands, its motor neutral."""
+    return OWN.coast_time_constant * log((abs(v) + OWN.coast_friction) / OWN.coast_friction)
+
+
+class Way:
+    """One direction of a line that can be spoilt and mended while it carries."""
+
+    ends = inf
+
+    def __init__(self, rng: Generator) -> None:
+        self._rng = rng
+        self._line: Line | None = None
+        self._last = 0.0
+
+    def spoil(self, faults: LineFaults | None, now: float) -> None:
+        """Give it these faults from now on; None: mend it."""
+        self._line = None if faults is None else Line(faults, self._rng, start=now)
+
+    def carry(self, data: bytes, now: float) -> list[Arrival]:
+        """What arrives of a piece, and when; never before what was given earlier."""
+        pieces = [(now, data)] if self._line is None else self._line.carry(data, now)
+        arrivals = []
+        for when, piece in pieces:
+            self._last = max(self._last, when)
+            arrivals.append((self._last, piece))
+        return arrivals
+
+
+class Desk:
+    """The robot, the hands that drive it, and the eyes that watch it."""
+
+    def __init__(self, kind: str, robot: Robot, port: VirtualPort | None, ways: tuple[Way, Way], seed: int) -> None:
+        self.kind = kind
+        self.robot = robot
+        self.v, self.omega = 0.5, 0.0
+        """Where the program drives, m/s and rad/s."""
+        self.cycles = self.moving = 0
+        self._port = port
+        self._ways = ways
+        self._rng = np.random.default_rng([seed, 99])
+        self._sources = {name: robot.source(name) for name in ("keys", "gamepad", "web", "ros")}
+        self._sources["program"] = robot.program
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._failure: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._quiet_until = 0.0
+        self._may_arm_at = 0.0
+        self._bad_line_until = -inf
+        # what the watch knows
+        self._given = -inf  # when the newest command was given that may move it, s of the run
+        self._given_nonzero = False
+        self._armed_at = inf
+        self._arms = 0
+        self._was_armed = robot.armed
+        self._stopped = False
+        self._could_move = -inf  # when it last was allowed to, s of the run
+        self._speed = 0.0  # the largest since
+        self._sent: tuple[float, Velocity] = (-inf, Velocity(0.0, 0.0))
+        self._decoder = Decoder(Role.BOARD)
+        self._watch_writes()
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self.robot.now
+
+    @property
+    def board(self) -> Board | None:
+        """The board behind the line, if there is one."""
+        return None if self._port is None else self._port.board
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The simulated vehicle."""
+        if self.board is not None:
+            return self.board.vehicle
+        vehicle: Vehicle = self.robot.hal.vehicle  # type: ignore[attr-defined]
+        return vehicle
+
+    # -- hands ---------------------------------------------------------------------------------------------------------
+
+    def command(self, source: str, v: float, omega: float, time: float | None = None) -> None:
+        """Command as one of the sources."""
+        with suppress(CommandRefused):
+            if self._sources[source].command(v, omega, time):
+                self._note(self.now if time is None else time)
+
+    def post(self, message: HostMessage, time: float) -> None:
+        """Hand the robot a message past the API."""
+        self.robot.runtime.post(message, time)
+        if isinstance(message, Velocity) and isfinite(message.v) and isfinite(message.omega) and time <= self.now:
+            self._note(time)
+
+    def pwm_test(self, motor: int, front: int, rear: int) -> None:
+        """Set the outputs by hand."""
+        with suppress(CommandRefused):
+            self.robot.pwm_test(motor, front, rear)
+            self._note(self.now)
+
+    def _note(self, time: float) -> None:
+        self._given = max(self._given, time)
+
+    def arm(self) -> None:
+        """Arm, if that may be."""
+        self._arms += 1
+        try:
+            self.robot.arm()
+        except NotArmed:
+            self._arms -= 1
+            return
+        self._armed_at, self._stopped = self.now, False
+
+    def stop(self, again: float) -> None:
+        """Emergency stop; the operator arms after so many s."""
+        self.robot.stop()
+        self._stopped = True
+        self._may_arm_at = self.now + again
+
+    def disarm(self, again: float) -> None:
+        """Disarm; the operator arms after so many s."""
+        self.robot.disarm()
+        self._may_arm_at = self.now + again
+
+    def switch(self, switch: Switch, on: bool) -> None:
+        """Turn a supply on or off."""
+        with suppress(CommandRefused, NotCapable):
+            self.robot.switch_power(switch, on)
+
+    def load_gains(self) -> None:
+        """Send the right gains again."""
+
+        async def load() -> None:
+            await self.robot.load_gains(timeout=3.0)
+
+        self.spawn(load())
+
+    def drives_until_quiet(self, duration: float) -> None:
+        """Let the program fall silent for so many s."""
+        self._quiet_until = self.now + duration
+
+    def mend(self, **faults: Any) -> None:
+        """Mend parts of the vehicle."""
+        self.vehicle.faults = replace(self.vehicle.faults, **faults)
+
+    def falsify(self, duration: float, change: Callable[[tuple[int, int]], tuple[int, int]]) -> None:
+        """Change what the encoders say for a while."""
+        hal: Any = self.robot.hal if self.board is None else self.board.runtime.hal
+        if "read" in vars(hal):
+            return  # one at a time
+        right = hal.read
+
+        def read(now: float) -> Inputs:
+            inputs: Inputs = right(now)
+            return inputs if inputs.ticks is None else inputs._replace(ticks=change(inputs.ticks))
+
+        hal.read = read
+        self.later(duration, lambda: delattr(hal, "read"))
+
+    def spoil_line(self, faults: LineFaults, duration: float, ways: tuple[bool, bool] = (True, True)) -> None:
+        """Put faults on the line for a while, on the ways out and in."""
+        loop = asyncio.get_running_loop()
+        for way, wanted in zip(self._ways, ways, strict=True):
+            if wanted:
+                way.spoil(faults, loop.time())
+        self._bad_line_until = max(self._bad_line_until, self.now + duration + 1.0)
+        self.later(duration, lambda: [way.spoil(None, loop.time()) for way in self._ways] and None)
+
+    # -- what goes on meanwhile ----------------------------------------------------------------------------------------
+
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        """Let something go on; an error of it ends the run."""
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception() is not None and not self._failure.done():
+            self._failure.set_exception(task.exception() or Broken())
+
+    def later(self, delay: float, action: Callable[[], object]) -> None:
+        """Do something after so many s."""
+
+        async def wait() -> None:
+            await asyncio.sleep(delay)
+            action()
+
+        self.spawn(wait())
+
+    def insist(self, duration: float, action: Callable[[], object]) -> None:
+        """Do something every 20 ms for so many s."""
+
+        async def repeat() -> None:
+            ends = self.now + duration
+            while self.now < ends:
+                action()
+                await asyncio.sleep(TICK)
+
+        self.spawn(repeat())
+
+    async def drive(self, duration: float) -> None:
+        """Drive about for so many s, arm whenever that may be, and watch; raises what broke."""
+        self.spawn(self._program())
+        self.spawn(self._operator())
+        self.spawn(self._watch())
+        try:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(asyncio.shield(self._failure), duration)
+            if self._failure.done():
+                self._failure.result()
+        finally:
+            for task in list(self._tasks):
+                task.cancel()
+            self._failure.cancel()
+
+    async def _program(self) -> None:
+        rng, changes = self._rng, 0.0
+        while True:
+            now = self.now
+            if now >= changes:
+                changes = now + rng.uniform(2.0, 4.0)
+                self.v = float(rng.uniform(0.25, 1.3) * rng.choice((1.0, 1.0, -1.0)))
+                self.omega = float(rng.uniform(-1.0, 1.0) * abs(self.v) / 0.56)
+            if now >= self._quiet_until:
+                if self.robot.program.overruled and self.robot.driver.name == "":
+                    self.robot.program.request()  # whoever took the wheel has let go of it
+                self.command("program", self.v, self.omega)
+            await asyncio.sleep(0.05)
+
+    async def _operator(self) -> None:
+        while True:
+            if not self.robot.armed and self.now >= self._may_arm_at:
+                self.arm()
+            await asyncio.sleep(0.2)
+
+    # -- eyes ----------------------------------------------------------------------------------------------------------
+
+    def _watch_writes(self) -> None:
+        hal: Any = self.robot.hal
+        write = hal.write
+
+        def written(outputs: Outputs, now: float) -> None:
+            self._check_outputs(outputs)
+            write(outputs, now)
+
+        hal.write = written
+        if self._port is not None:
+            hal.tap_line(self._on_the_line)
+
+    def _may_move(self) -> bool:
+        """Whether armed, on a command that is fresh: told without asking the safety gate's judgement of commands."""
+        fresh = self._given >= self._armed_at and self.now - self._given <= FRESH + TICK + EPSILON
+        return self._was_armed and self.robot.armed and fresh and not self._stopped
+
+    def _check_armed(self) -> None:
+        armed = self.robot.armed
+        if armed and not self._was_armed and not self._arms:
+            raise Broken("it is armed, and nobody armed it")
+        if not armed or (armed and not self._was_armed):
+            self._arms = 0
+        self._was_armed = armed
+
+    def _check_outputs(self, outputs: Outputs) -> None:
+        """Check what the tasks want the hardware to do."""
+        self._check_armed()
+        motor, front, rear, pwm4, pwm5, v, omega = outputs
+        limits = self.robot.config.limits()
+        if not (
+            all(type(count) is int for count in outputs[:5])
+            and abs(motor) <= limits.motor_max
+            and max(abs(front), abs(rear)) <= STEERING_MAX
+            and max(abs(pwm4), abs(pwm5)) <= 24000
+            and abs(v) <= limits.v_max
+            and abs(omega) <= abs(v) / limits.radius_min + 1e-12
+        ):
+            raise Broken(f"outputs outside the limits: {outputs}")
+        if any((motor, front, rear, v, omega)) and not self._may_move():
+            given = self.now - self._given
+            raise Broken(f"outputs {outputs} while armed={self.robot.armed}, the newest command {given:.3f} s old")
+
+    def _on_the_line(self, direction: str, data: bytes) -> None:
+        """Check what goes to the board."""
+        if direction != "out":
+            return
+        for message in self._decoder.feed(data):
+            if isinstance(message, Velocity):
+                self._sent = self.now, message
+                if (message.v or message.omega) and not (
+                    self._may_move() or self.now - self._could_move <= TICK + EPSILON
+                ):
+                    raise Broken(f"{message} goes to the board, armed={self.robot.armed}")
+            elif isinstance(message, PwmTest) and any((message.motor, message.front, message.rear)):
+                raise Broken(f"{message} goes to a board that closes its own loops")
+
+    async def _watch(self) -> None:
+        hal, last, up_since = self.robot.hal, self.now, -inf
+        while True:
+            self._check_armed()
+            now, v = self.now, abs(self.vehicle.state.v)
+            if now - last > 2.0 * TICK:  # the process stood still: what it has to do in time counts from now
+                self._could_move, self._speed = now, v
+            last = now
+            self.cycles += 1
+            self.moving += v > MOVES
+            if self._may_move():
+                self._could_move, self._speed = now, v
+            else:
+                self._check_standing(now - self._could_move, v)
+            if not isinstance(hal, SerialHal) or hal.link is None:
+                up_since = now
+            elif now - max(self._could_move, up_since) > 2.0 * TICK + EPSILON:
+                sent = self._sent[1]
+                if (sent.v or sent.omega) and self._sent[0] > self._could_move - FRESH:
+                    raise Broken("no zero went to the board within a tick")
+            await asyncio.sleep(TICK)
+
+    def _check_standing(self, since: float, v: float) -> None:
+        """Check that it stands still in time: `since` is how long it may not move any more, s."""
+        if self.kind == "sim":
+            allowed = coasting(self._speed) + 0.2
+        else:
+            self._speed = max(self._speed, v)
+            allowed = coasting(self._speed) + 0.5 + LINK_RULE
+        if v > (CREEPS if self.kind == "original" else MOVES) and since > allowed and self.kept_moving_by is None:
+            raise Broken(f"{v:.2f} m/s, {since:.2f} s after it was allowed to move last (at most {allowed:.2f} s)")
+
+    @property
+    def kept_moving_by(self) -> str | None:
+        """Why it may go on moving whatever the host does; None when it may not."""
+        board = self.board
+        if self.kind == "original" and board is not None and board.runtime.state.panel.manual:
+            return "an original board in manual mode keeps its PWM"
+        return None
+
+
+def configuration(kind: str, seed: int) -> Config:
+    """The configuration of a robot of this kind on the desk."""
+    if kind == "sim":
+        return load(None, ENDLESS, {}, {"hal": "sim", "seed": seed}).config
+    settings = [*ENDLESS, "serial.port=virtual", f"board.habits={kind}"]
+    return load(None, settings, {}, {"hal": "serial", "seed": seed}).config
+
+
+async def on_the_desk(
+    kind: str, seed: int, duration: float, strikes: Callable[[Desk], Coroutine[Any, Any, None]]
+) -> Desk:
+    """Drive a robot for so many s while `strikes` does things to it; raises what broke."""
+    config = configuration(kind, seed)
+    rng = np.random.default_rng([seed, 7])
+    ways = Way(rng), Way(rng)
+    port, hal = None, None
+    if kind != "sim":
+        port = VirtualPort(config)
+        hal = SerialHal(port, lambda end: Through(end, lambda now: ways), simulated=True)
+    async with Robot.open(hal, config=config, arm=False) as robot:
+        await robot.load_gains()
+        desk = Desk(kind, robot, port, ways, seed)
+        desk.spawn(strikes(desk))
+        await desk.drive(duration)
+        return desk

@@ -1,0 +1,417 @@
+"""Faults that strike a robot on the desk: each a function that does it, and a plan of them for a seed.
+
+A strike is a name, a time and a number between 0 and 1 of which it makes what it needs, so a plan is a list of plain
+values that can be written down, repeated and cut short.
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from math import inf, nan
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from torture.desk import Desk
+from txt1.board import BoardEvent
+from txt1.control.pid import Gains
+from txt1.control.schedule import GainSet
+from txt1.errors import CommandRefused, NotArmed, NotCapable
+from txt1.hal.base import Button
+from txt1.kernel.loop import clock_of
+from txt1.protocol.messages import CombinedOdometry, PidSet, PwmCommand, PwmTest, Switch, Velocity
+from txt1.sim.line import LineFaults
+
+KINDS: Final = ("sim", "ours", "original")  # the hardware underneath: the simulation, or one of the two boards
+HUGE: Final = (1e6, 1e300, 10**400, -1e9, 3.4e38)
+NOT_FINITE: Final = (nan, inf, -inf)
+
+
+class Strike(NamedTuple):
+    """One fault: its name, when it strikes (s after the robot began to drive), and what it is made of, 0 to 1."""
+
+    name: str
+    time: float
+    value: float
+
+
+def pick(values: Sequence[Any], value: float) -> Any:
+    """One of the values."""
+    return values[int(value * len(values)) % len(values)]
+
+
+def spread(value: float, low: float, high: float) -> float:
+    """A number between two."""
+    return low + value * (high - low)
+
+
+Act = Callable[[Desk, float], None]
+STRIKES: Final[dict[str, Act]] = {}
+
+
+def strike(act: Act) -> Act:
+    """Take a function in, by its name."""
+    STRIKES[act.__name__.replace("_", " ")] = act
+    return act
+
+
+# -- commands ----------------------------------------------------------------------------------------------------------
+
+
+@strike
+def command_not_finite(desk: Desk, value: float) -> None:
+    """NaN or infinite velocities, again and again for half a second."""
+    bad = pick(NOT_FINITE, value)
+    v, omega = pick(((bad, 0.0), (0.5, bad), (bad, bad)), 7 * value)
+    desk.insist(0.5, lambda: desk.command("program", v, omega))
+
+
+@strike
+def command_huge(desk: Desk, value: float) -> None:
+    """Velocities far beyond the limits."""
+    v, omega = pick(HUGE, value), pick(HUGE, 3 * value)
+    desk.insist(0.5, lambda: desk.command("program", v, omega))
+
+
+@strike
+def command_late(desk: Desk, value: float) -> None:
+    """Commands that were given long ago, in place of fresh ones."""
+    desk.drives_until_quiet(1.0)
+    age = spread(value, 0.0, 3.0)
+    desk.insist(1.0, lambda: desk.command("keys", 1.0, 0.5, desk.now - age))
+
+
+@strike
+def command_from_the_future(desk: Desk, value: float) -> None:
+    """Commands that claim to be given later than now."""
+    desk.drives_until_quiet(1.5)
+    desk.command("web", 1.0, 0.0, desk.now + spread(value, 0.002, 10.0))
+    desk.post(Velocity(1.0, 0.0), desk.now + spread(value, 0.2, 10.0))
+
+
+@strike
+def message_from_the_past(desk: Desk, value: float) -> None:
+    """A Velocity message that waited somewhere, with its old time."""
+    desk.post(Velocity(1.5, 0.0), desk.now - spread(value, 0.0, 5.0))
+
+
+@strike
+def messages_not_finite(desk: Desk, value: float) -> None:
+    """Messages past the API: velocities, PWM, gains, odometry that are no numbers."""
+    bad = pick(NOT_FINITE, value)
+    for message in (
+        Velocity(bad, 0.5), PwmTest(bad, 0, 0, 0, 0), PwmCommand(0, bad), PidSet((bad, 1.0, 1.0), ()),
+        CombinedOdometry(0, 0, 0, bad, 0),
+    ):  # fmt: skip
+        desk.post(message, desk.now)
+
+
+@strike
+def flood(desk: Desk, value: float) -> None:
+    """More messages at once than there is room for."""
+    for k in range(1500):
+        desk.post(Velocity(pick((0.0, 0.5, nan), value + 0.34 * k), 0.0), desk.now)
+
+
+@strike
+def reversal(desk: Desk, value: float) -> None:
+    """Full speed back."""
+    desk.v, desk.omega = -desk.v, spread(value, -1.0, 1.0)
+
+
+@strike
+def other_source(desk: Desk, value: float) -> None:
+    """Somebody of another priority drives for a while, and lets go, or does not."""
+    name = pick(("keys", "gamepad", "web", "ros"), value)
+    v = spread(5 * value % 1.0, -1.5, 1.5)
+    desk.insist(spread(value, 0.1, 2.0), lambda: desk.command(name, v, 0.3))
+
+
+@strike
+def silence(desk: Desk, value: float) -> None:
+    """Whoever drives falls silent."""
+    desk.drives_until_quiet(spread(value, 0.2, 3.0))
+
+
+@strike
+def rest(desk: Desk, value: float) -> None:
+    """Zeros for a while."""
+    v, desk.v = desk.v, 0.0
+    desk.later(spread(value, 0.2, 2.0), lambda: setattr(desk, "v", v))
+
+
+# -- the operator ------------------------------------------------------------------------------------------------------
+
+
+@strike
+def emergency_stop(desk: Desk, value: float) -> None:
+    """Stop; armed again after a while."""
+    desk.stop(spread(value, 0.3, 3.0))
+
+
+@strike
+def disarm(desk: Desk, value: float) -> None:
+    """Disarm; armed again after a while."""
+    desk.disarm(spread(value, 0.1, 2.0))
+
+
+@strike
+def arm_while_armed(desk: Desk, value: float) -> None:
+    """Arm once more in the middle of it, twice at the same instant."""
+    desk.arm()
+    desk.arm()
+
+
+@strike
+def stop_and_arm_at_once(desk: Desk, value: float) -> None:
+    """Both in the same instant: what was given before must not count."""
+    desk.stop(0.0)
+    desk.arm()
+
+
+@strike
+def buttons(desk: Desk, value: float) -> None:
+    """Any button of the joystick, on the robot."""
+    desk.robot.press(pick((Button.LEFT, Button.RIGHT, Button.UP, Button.DOWN), value))
+
+
+@strike
+def manual_mode(desk: Desk, value: float) -> None:
+    """The centre button, PWM by hand, and back."""
+    desk.robot.press(Button.CENTRE)
+    motor = spread(value, -30000, 30000)
+
+    def by_hand() -> None:
+        desk.pwm_test(int(motor), int(-motor), int(motor))
+
+    desk.insist(spread(value, 0.3, 1.2), by_hand)
+    desk.later(1.3, lambda: desk.robot.press(Button.CENTRE))
+
+
+@strike
+def servos(desk: Desk, value: float) -> None:
+    """The free servos, anywhere, and with what is no count."""
+    with suppress(NotArmed, CommandRefused, NotCapable):
+        desk.robot.servos(int(spread(value, -40000, 40000)), pick((0, nan, 10**400, 24000), 3 * value))
+
+
+@strike
+def gains(desk: Desk, value: float) -> None:
+    """Gains that are zero, wild, negative or none; the right ones come back after a second."""
+    k = pick((0.0, 1e5, -11.0, 500.0, nan), value)
+    table = tuple((x, k, k, 0.0) for x in pick(((0.5, 0.4), (0.5,), ()), 3 * value))
+    desk.post(PidSet((k, k, 0.0), table), desk.now)
+    desk.later(1.0, desk.load_gains)
+
+
+@strike
+def bad_gains_by_the_program(desk: Desk, value: float) -> None:
+    """Gains that do not fit the wire, through the API."""
+
+    async def load() -> None:
+        with suppress(CommandRefused):
+            await desk.robot.load_gains(Gains(pick((1e8, nan, 10**400), value), 0.0, 0.0), [GainSet(1.0, Gains())], 0.5)
+
+    desk.spawn(load())
+    desk.later(1.0, desk.load_gains)
+
+
+@strike
+def esc_off(desk: Desk, value: float) -> None:
+    """The ESC off in the middle of it, and on again."""
+    desk.switch(Switch.ESC, False)
+    desk.later(spread(value, 0.2, 2.0), lambda: desk.switch(Switch.ESC, True))
+
+
+@strike
+def atx_off(desk: Desk, value: float) -> None:
+    """The ATX supply, which has to be refused while armed."""
+    desk.switch(Switch.ATX, False)
+    desk.later(0.5, lambda: desk.switch(Switch.ATX, True))
+
+
+@strike
+def combined_odometry(desk: Desk, value: float) -> None:
+    """Combined odometry that is frozen, biased, huge or no number."""
+    factor, offset = pick(((0.0, 0.0), (1.1, 0.0), (1.0, 0.4), (1.0, 1e30), (1.0, nan), (-1.0, 0.0)), value)
+
+    def offer() -> None:
+        odometry = desk.robot.odometry
+        with suppress(CommandRefused):
+            desk.robot.combined_odometry(0.0, 0.0, 0.0, factor * odometry.v + offset, odometry.omega)
+
+    desk.insist(spread(7 * value % 1.0, 0.5, 3.0), offer)
+
+
+# -- time --------------------------------------------------------------------------------------------------------------
+
+
+@strike
+def stall(desk: Desk, value: float) -> None:
+    """A step that takes long: everybody's clock goes on meanwhile."""
+    clock: Any = clock_of(asyncio.get_running_loop())
+    clock.spend(spread(value, 0.005, 0.4))
+
+
+@strike
+def clock_jump(desk: Desk, value: float) -> None:
+    """The process was stopped for seconds."""
+    clock: Any = clock_of(asyncio.get_running_loop())
+    clock.spend(spread(value, 0.5, 5.0))
+
+
+@strike
+def slow_steps(desk: Desk, value: float) -> None:
+    """Every step takes long for a while: an overloaded computer."""
+    clock: Any = clock_of(asyncio.get_running_loop())
+    desk.insist(1.0, lambda: clock.spend(spread(value, 0.005, 0.03)))
+
+
+# -- sensors and batteries ---------------------------------------------------------------------------------------------
+
+
+@strike
+def encoder_dead(desk: Desk, value: float) -> None:
+    """One encoder's counter, or both, stand still for a while."""
+    right, left = pick(((True, False), (False, True), (True, True)), value)
+    vehicle = desk.vehicle
+    vehicle.faults = replace(vehicle.faults, right_encoder=right, left_encoder=left)
+    desk.later(2.0, lambda: desk.mend(right_encoder=False, left_encoder=False))
+
+
+@strike
+def encoder_reversed(desk: Desk, value: float) -> None:
+    """An encoder counts backwards."""
+    right, left = pick(((-1, 1), (1, -1), (-1, -1)), value)
+    desk.falsify(spread(value, 0.2, 1.0), lambda ticks: (right * ticks[0], left * ticks[1]))
+
+
+@strike
+def encoder_jump(desk: Desk, value: float) -> None:
+    """A counter is suddenly far away, and is back."""
+    by = int(spread(value, -100000, 100000))
+    desk.falsify(spread(7 * value % 1.0, 0.02, 0.2), lambda ticks: (ticks[0] + by, ticks[1]))
+
+
+@strike
+def battery_bad(desk: Desk, value: float) -> None:
+    """Voltages that are low, none, no number, infinite."""
+    volts = pick((8.7, 0.0, nan, inf, 9.2, -5.0), value)
+    vehicle = desk.vehicle
+    vehicle.faults = replace(vehicle.faults, voltage=volts)
+    desk.later(spread(value, 1.0, 7.0), lambda: desk.mend(voltage=None))
+
+
+@strike
+def lifted(desk: Desk, value: float) -> None:
+    """Somebody puts it down elsewhere."""
+    with suppress(NotCapable):
+        desk.robot.place(spread(value, -3.0, 3.0), 0.0, spread(value, -3.0, 3.0))
+
+
+# -- the line, and what is behind it -----------------------------------------------------------------------------------
+
+ON_A_LINE: Final = {
+    "line loses frames": lambda value: LineFaults(drop=spread(value, 0.05, 0.6)),
+    "line flips bits": lambda value: LineFaults(flip=spread(value, 0.0005, 0.02)),
+    "line repeats": lambda value: LineFaults(duplicate=spread(value, 0.1, 1.0)),
+    "line splits": lambda value: LineFaults(split=True),
+    "line delays": lambda value: LineFaults(delay=spread(value, 0.01, 0.4), jitter=0.05),
+    "line jitters": lambda value: LineFaults(jitter=spread(value, 0.02, 0.3)),
+    "line stalls": lambda value: LineFaults(stall=spread(value, 0.1, 1.0), stall_every=0.5),
+    "line does it all": lambda value: LineFaults(drop=0.1, flip=0.001, duplicate=0.1, split=True, jitter=0.03),
+}
+
+
+def _on_the_line(make: Callable[[float], LineFaults]) -> Act:
+    def act(desk: Desk, value: float) -> None:
+        desk.spoil_line(make(value), spread(3 * value % 1.0, 0.5, 4.0))
+
+    return act
+
+
+for _name, _make in ON_A_LINE.items():
+    STRIKES[_name] = _on_the_line(_make)
+
+
+@strike
+def line_dead(desk: Desk, value: float) -> None:
+    """Nothing arrives any more, both ways or one: a host or a board that died looks like this from the other end."""
+    ways = pick(((True, True), (True, False), (False, True)), value)
+    desk.spoil_line(LineFaults(drop=1.0), spread(7 * value % 1.0, 0.3, 4.0), ways)
+
+
+@strike
+def unplugged(desk: Desk, value: float) -> None:
+    """The line is gone, and can be opened again."""
+    if desk.board is not None and desk.board.link is not None:
+        desk.board.link.close()
+
+
+@strike
+def board_restart(desk: Desk, value: float) -> None:
+    """The board is without power for a moment."""
+    if desk.kind == "original":
+        assert desk.board is not None
+        desk.board.happen(BoardEvent("restart", spread(value, 0.05, 1.5)))
+        desk.later(3.0, desk.load_gains)
+
+
+@strike
+def board_centre_button(desk: Desk, value: float) -> None:
+    """Somebody presses the button on the board, and again later."""
+    if desk.board is not None:
+        desk.board.happen(BoardEvent("centre"))
+        desk.later(spread(value, 0.5, 3.0), lambda: desk.board and desk.board.happen(BoardEvent("centre")))
+
+
+@strike
+def board_esc_off(desk: Desk, value: float) -> None:
+    """The board's ESC switch, by somebody else."""
+    if desk.board is not None:
+        desk.board.happen(BoardEvent("esc", 0.0))
+        desk.later(spread(value, 0.5, 3.0), lambda: desk.switch(Switch.ESC, True))
+
+
+@strike
+def board_stop(desk: Desk, value: float) -> None:
+    """The operator of the board stops it, and lets it go."""
+    board = desk.board
+    if board is not None and desk.kind == "ours":
+        board.stop()
+
+        def again() -> None:
+            with suppress(NotArmed):
+                board.arm()
+
+        desk.later(spread(value, 0.2, 2.0), again)
+
+
+BOARD_ONLY: Final = frozenset(
+    {*ON_A_LINE, "line dead", "unplugged", "board restart", "board centre button", "board esc off", "board stop"}
+)
+SIM_ONLY: Final = frozenset({"lifted", "manual mode"})
+
+
+def names(kind: str) -> list[str]:
+    """The faults that there are for this kind of hardware."""
+    without = BOARD_ONLY if kind == "sim" else SIM_ONLY
+    if kind == "original":
+        without |= {"board stop"}
+    if kind == "ours":
+        without |= {"board restart"}
+    return [name for name in STRIKES if name not in without]
+
+
+def plan(kind: str, seed: int, duration: float) -> list[Strike]:
+    """The faults of a run: 3 to 12 of them, anywhere in it, of which some at the same instant."""
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    there = names(kind)
+    strikes = []
+    time = 0.0
+    for _ in range(int(rng.integers(3, 13))):
+        if rng.random() > 0.15:
+            time = float(np.round(rng.uniform(0.5, duration - 1.0), 3))
+        strikes.append(Strike(there[int(rng.integers(len(there)))], time, float(rng.random())))
+    return sorted(strikes, key=lambda each: each.time)
