@@ -26,7 +26,8 @@ class Wheel:
         self.commander = Commander(runtime.gate.limits.command_timeout)
         self._message = Velocity(0.0, 0.0)
         self._sent = False  # since the driver's last tick
-        runtime.bus.offer(DRIVER, lambda: self.driver)
+        scheduler, driver = runtime.scheduler, self.commander.driver
+        runtime.bus.offer(DRIVER, lambda: driver(scheduler.now))
 
     @property
     def driver(self) -> Driver:
