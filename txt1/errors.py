@@ -97,6 +97,10 @@ class Overruled(CommandRefused):
         self.driver = driver
 
 
+class StopNotVerified(Txt1Error):
+    """A stop of the run was not obeyed, or nobody saw the robot stand; raised when the run has ended."""
+
+
 class TaskFault(Txt1Error):
     """A task raised an exception nobody expected; the robot was stopped first. The cause is chained."""
 

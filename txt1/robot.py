@@ -14,8 +14,9 @@ from txt1.control.commander import Driver
 from txt1.control.limits import Fault
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
+from txt1.control.standstill import Stop
 from txt1.driver import REFRESH, CommandSource, Wheel, finite
-from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable
+from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable, StopNotVerified
 from txt1.estimation.fusion import Estimate
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
@@ -115,6 +116,7 @@ class Robot:
             ConfigError: a setting is wrong.
             HalError: the hardware cannot be opened, or the board does not answer.
             TaskFault: a task raised an exception; the cause is chained.
+            StopNotVerified: when the block is left, a stop took more than zeros, or the robot was not seen to stand.
 
         """
         given = {"hal": hal if isinstance(hal, str) else None, "name": name, "seed": seed}
@@ -160,6 +162,8 @@ class Robot:
             await runtime.stop()
             for _, queue in robot._streams:
                 _put(queue, None)
+            if runtime.watch is not None and runtime.watch.trouble:
+                raise StopNotVerified(runtime.watch.trouble)
         if failed:
             await runtime.scheduler.ended  # raises the TaskFault
 
@@ -223,6 +227,11 @@ class Robot:
     def reason(self) -> str:
         """Why the gate is closed; empty while it is open."""
         return self.runtime.gate.reason
+
+    @property
+    def stop_state(self) -> Stop | None:
+        """How the last stop is going, where it has to be verified; None for a simulation, whose outputs are obeyed."""
+        return None if self.runtime.watch is None else self.runtime.watch.standstill.stop
 
     @property
     def faults(self) -> dict[str, int]:
@@ -413,13 +422,21 @@ class Robot:
     def switch_power(self, switch: Switch, on: bool) -> None:
         """Turn the ATX supply or the ESC on or off.
 
-        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply cannot be turned off while armed:
-        it feeds the encoders and the computer.
+        Behind a line the ESC comes on 3.2 s later: first the board's loops have to forget what they wound up.
+
+        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply cannot be turned off while armed,
+        as it feeds the encoders and the computer, nor the ESC of a board on.
         """
         self._require("power")
         self.runtime.post(PowerControl(switch, on), self.now)
+        if switch is Switch.ESC and on and self.armed and not self.hal.capabilities.power_known:
+            raise CommandRefused("the ESC comes on while disarmed only: call Robot.disarm() first")
         if switch is Switch.ATX and not on and self.armed:
             raise CommandRefused("the ATX supply feeds encoders and computer: call Robot.disarm() first")
+
+    def toggle_esc(self) -> None:
+        """Turn the ESC on when it is known, or was asked, to be off, else off; raises as `switch_power`."""
+        self.switch_power(Switch.ESC, self.runtime.state.power.esc is False)
 
     async def shutdown_host(self) -> None:
         """Power the host down for good; raises CommandRefused unless `host.allow_shutdown` is on and it is disarmed."""

@@ -12,7 +12,8 @@ from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
-from txt1.errors import ConfigError, NotArmed
+from txt1.control.standstill import UNOBEYED
+from txt1.errors import ConfigError, HalError, NotArmed
 from txt1.estimation.fusion import Estimate
 from txt1.estimation.readings import fusable
 from txt1.estimation.task import ENCODERS, FILTERED, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
@@ -25,14 +26,14 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
-from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Velocity
+from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
-from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial
+from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
-from txt1.tasks.fields import TaskReport
+from txt1.tasks.fields import Panel, Power, TaskReport
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
@@ -101,8 +102,17 @@ class Runtime:
         self._counted_at = 0.0
         self._open = False
         self._failed = False
+        if hal.capabilities.power_known:
+            self.state.power = Power(True, True, confirmed=True)
+        if not hal.capabilities.pwm:
+            self.state.panel = Panel(manual=None)
+        self.watch = standstill.Watch(self.state, hal, self.gate, self._switch) if hal.capabilities.halt else None
+        """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
         self._offer()
         self._offer_to_snapshots()
+
+    def _switch(self, switch: Switch, on: bool, now: float) -> None:
+        serial.switch_power(self.state, self.hal, switch, on, now)
 
     def _offer(self) -> None:
         """Offer what there is to be seen: causes before effects, as the first difference of a replay is named."""
@@ -133,6 +143,9 @@ class Runtime:
             return told
 
         bus.offer(mode.MODE, mode_now)
+        watch = self.watch
+        if watch is not None:
+            bus.offer(standstill.STOP, lambda: watch.standstill.stop)
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
@@ -214,10 +227,15 @@ class Runtime:
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
             answered=lambda accepted: self._put(PidResponse(accepted), self.now),
         )  # fmt: skip
+        watch = self.watch
+        watching: tuple[Row, ...] = ()
+        if watch is not None:
+            watching = (("standstill", 3, standstill.PERIOD, partial(standstill.standstill, watch=watch)),)
         return (
             ("controller", 4, controller.PERIOD, controlling),
             ("serial", 4, None, serving),
             ("encoder", 3, controller.PERIOD, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
+            *watching,
             ("mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)),
             ("display", 2, 0.1, partial(panel.display, state=state, hal=hal)),
             ("odometry", 2, 0.05, partial(encoder.odometry, state=state, send=send)),
@@ -236,10 +254,22 @@ class Runtime:
             stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
             stack.push_async_callback(self.sensors.close)
             stack.callback(collector.end)
-            stack.callback(self.bus.flush, ended)
+            stack.callback(lambda: self.bus.flush(ended if self.watch is None else self.now))
+            stack.push_async_callback(self._settle)
             stack.callback(self.scheduler.stop)
             if not self._failed:  # else it was made safe then, as far as that was possible
                 self.make_safe(self.now)
+
+    async def _settle(self) -> None:
+        """Wait until the robot stands, where that has to be verified: 3 s at most, and by stronger means if need be."""
+        watch, ends = self.watch, self.now + standstill.END
+        with suppress(HalError):  # then nobody sees it stand
+            while watch is not None and not watch.settled and self.now < ends:
+                await asyncio.sleep(standstill.PERIOD)
+                now, neutral = self.now, self.gate.neutral(self.state.servos)
+                encoder.take_odometry(self.state, self.hal.read(now), now)
+                self.hal.write(neutral, now)
+                watch.step(now, neutral)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
         """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
@@ -341,7 +371,11 @@ class Runtime:
                 "control: host is experimental: an original board in manual mode keeps its last PWM when this host "
                 "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
             )
-        if not state.power.atx:
+        if self.watch is not None and self.watch.standstill.stop in UNOBEYED:
+            return "it has not stopped yet"
+        if state.power.esc is False and not self.hal.capabilities.power_known:
+            return "the ESC is off: switch it on first (e, or Robot.switch_power)"
+        if state.power.atx is False:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
         if self.hal.read(now).cut_off:
             return "the batteries are cut off: change them first"

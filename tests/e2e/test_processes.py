@@ -21,6 +21,7 @@ from blockbuster import BlockBuster
 from tests.e2e.conftest import ENDLESS
 from txt1.board import Board, DevicePlace
 from txt1.config import Config, load
+from txt1.control.standstill import Stop
 from txt1.hal.base import Outputs
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -149,6 +150,7 @@ def test_a_host_whose_board_vanishes_notices_stays_up_and_finds_it_again(way: st
                     x = robot.odometry.x
                     await robot.drive(0.5, 0.0, 2.0)
                     assert robot.odometry.x - x > 0.5, "it has its gains again"
+                    await until(lambda: robot.stop_state is Stop.STANDING)
 
     run(body())
 

@@ -172,7 +172,7 @@ async def test_the_joystick_changes_screens_scrolls_and_toggles_manual_mode(robo
 async def test_the_switches_of_the_power_board_do_what_they_say(robot: Robot) -> None:
     robot.switch_power(Switch.ESC, False)
     await asyncio.sleep(0.1)
-    assert robot.runtime.state.power == (True, False)
+    assert robot.runtime.state.power == (True, False, True)
     robot.disarm()
     robot.switch_power(Switch.ATX, False)
     await asyncio.sleep(0.1)

@@ -12,16 +12,18 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from txt1 import __version__
-from txt1.errors import ConfigError, NotArmed, Txt1Error
+from txt1.errors import ConfigError, NotArmed, StopNotVerified, Txt1Error
 
 OK: Final = 0  # all went as asked, or the reader of the output had enough of it
 FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
 USAGE: Final = 2
 DISARMED: Final = 3  # by the safety gate
+UNSTOPPED: Final = 4  # a stop was not obeyed at once, or nobody saw the robot stand
 SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
 EPILOG: Final = (
     "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration or a file that is not there, "
-    "3 the safety gate disarmed the robot, 129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
+    "3 the safety gate disarmed the robot, 4 it did not stop when told to or was not seen to stand, "
+    "129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
 )
 
 COMMANDS: Final = {
@@ -81,7 +83,8 @@ def _perform(words: list[str]) -> int:
         raise
     except (Txt1Error, OSError) as error:
         print(f"txt1: {error}", file=sys.stderr)
-        return DISARMED if isinstance(error, NotArmed) else USAGE if isinstance(error, ConfigError) else FAULT
+        codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE}
+        return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
     except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
         return 128 + signal.SIGINT
 

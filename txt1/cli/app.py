@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from txt1.beside import PERIOD as SCREENS_PERIOD
 from txt1.beside import PRIORITY as SCREENS_PRIORITY
-from txt1.cli import DISARMED, FAULT, OK, SIGNALS, STDOUT, signals_to
+from txt1.cli import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
-from txt1.errors import ConfigError, HalError, TaskFault
+from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
@@ -120,12 +120,19 @@ class App:
 
         It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given.
         """
-        async with (
-            recording(log, config, self.speed, about or {}, say, view) as attach,
-            Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
-        ):
-            self._subject = robot
-            yield robot
+        through = False
+        try:
+            async with (
+                recording(log, config, self.speed, about or {}, say, view) as attach,
+                Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
+            ):
+                self._subject = robot
+                yield robot
+                through = True
+        except StopNotVerified as error:
+            if not through and not isinstance(error.__context__, asyncio.CancelledError):
+                raise
+            self.code, self.reason = UNSTOPPED, str(error)
 
     @asynccontextmanager
     async def board(
@@ -268,6 +275,8 @@ def conclude(app: App, as_json: bool) -> int:
         print(json.dumps(app.report))
     if app.code == DISARMED:
         say(f"the robot was stopped: {app.reason or 'see the counters'}")
+    elif app.code == UNSTOPPED:
+        say(app.reason)
     return app.code
 
 

@@ -3,7 +3,7 @@
 import argparse
 import asyncio
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
@@ -12,7 +12,6 @@ from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.config import Config, load
-from txt1.errors import CommandRefused
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
@@ -73,32 +72,14 @@ def board_event(text: str) -> tuple[float, BoardEvent]:
     return options.positive(time), BoardEvent(name, number)
 
 
-class Keys:
-    """The keys by which somebody at the board's screens lets something happen to it."""
-
-    def __init__(self, board: Board) -> None:
-        self._board = board
-
-    def key(self, key: str, now: float) -> None:
-        """Do what a key means."""
-        del now
-        vehicle = self._board.vehicle
-        events = {
-            "e": BoardEvent("esc", float(not vehicle.esc_on)),
-            "b": BoardEvent("battery", LOW if vehicle.faults.voltage is None else None),
-            "r": BoardEvent("restart", OUTAGE),
-        }
-        if key in events:
-            try:
-                self._board.happen(events[key])
-            except CommandRefused as refusal:
-                self._board.tell(str(refusal))
-
-    def release(self) -> None:
-        """Nothing is held."""
-
-    def command(self, now: float) -> None:
-        """The host drives."""
+def keys(board: Board) -> dict[str, Callable[[], None]]:
+    """Return the keys by which somebody at the board's screens lets something happen to it."""
+    vehicle = board.vehicle
+    return {
+        "e": lambda: board.happen(BoardEvent("esc", float(not vehicle.esc_on))),
+        "b": lambda: board.happen(BoardEvent("battery", LOW if vehicle.faults.voltage is None else None)),
+        "r": lambda: board.happen(BoardEvent("restart", OUTAGE)),
+    }
 
 
 async def _let_happen(board: Board, events: Sequence[tuple[float, BoardEvent]]) -> None:
@@ -140,7 +121,7 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> Non
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
             events = asyncio.ensure_future(_let_happen(board, arguments.event))
-            terminal = partial(Terminal, board, beat=app.beat, teleop=Keys(board), shown=SHOWN)
+            terminal = partial(Terminal, board, beat=app.beat, shown=SHOWN, more=keys(board))
             try:
                 await app.watch(board.runtime, terminal, view_of(arguments), events)
             finally:

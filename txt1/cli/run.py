@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from txt1.learning.agent import Agent
 
 Steer = Callable[[Robot], Awaitable[None]]
-DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY)
+DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +113,7 @@ async def _operate(
         getting_ready = asyncio.ensure_future(prepare())
         bridges.enter_context(served(robot.runtime))
         try:
-            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop)
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, more={"e": robot.toggle_esc})
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
         finally:
             getting_ready.cancel()

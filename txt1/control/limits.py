@@ -50,6 +50,8 @@ class Fault(StrEnum):
     BATTERY = "battery_bad"
     TASK = "task_fault"
     STOP = "emergency_stop"
+    UNMOVED = "commanded_not_moving"
+    STOP_UNOBEYED = "stop_not_obeyed"
 
 
 class Outputs(NamedTuple):

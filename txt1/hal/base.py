@@ -54,6 +54,10 @@ class Capabilities:
     """The voltages it reports are smoothed already."""
     power: bool = False
     """Has the switches for the ATX supply and the ESC."""
+    power_known: bool = False
+    """Knows how they stand, both on at first; otherwise they are asked for, and nobody confirms it."""
+    halt: bool = False
+    """Is at the far end of something that may not obey a stop, and can be told more firmly: stops are verified."""
     servos: bool = False
     """Has the two free servo channels."""
     buttons: bool = False
@@ -74,6 +78,7 @@ class BoardLink(NamedTuple):
     reason: str  # why it was lost last, in words
     text: str  # what happened last
     faults: dict[str, int]  # what went wrong on the line so far, by name
+    connected: bool = True  # there is a line on which something can be sent
 
 
 class Inputs(NamedTuple):
@@ -134,6 +139,9 @@ class Hal(Protocol):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Put these neutral outputs straight on the actuators, past loops and modes that do not obey `write`."""
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn a power supply on or off."""

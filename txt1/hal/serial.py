@@ -61,12 +61,35 @@ JUMP_SPEED: Final = 0.3  # ... at so many m/s more than either of them reports .
 
 JUMP_ANGLE: Final = 1.5  # ... and so many rad.
 
+AT_ONCE: Final = 0.1
+"""The same for a pose of exactly 0, 0, 0 at rest, where boards begin: s of motion ..."""
+
+NEAR: Final = 0.003  # ... and so many m, or rad, which rounding explains.
+
+PAUSE: Final = 0.205
+"""s without odometry behind which such a pose may be that of a board that restarted: nothing tells it from a pause."""
+
+STARTS_AGAIN: Final = (0.3, 0.5)
+"""Shares of a battery level, within which the next one comes of a filter that has started again at 0 (weight 0.4)."""
+
 BACKOFF_MIN: Final = 0.1
 BACKOFF_MAX: Final = 0.9
 """s before the first and between the later attempts to reconnect: within a second of the board's return."""
 
 REPEAT_PERIOD: Final = 1.0
-"""s after which servos and switches are sent again: nothing else would mend a lost frame, or a board that restarted."""
+"""s after which servos and an ESC that is off are sent again: nothing else mends a lost frame, or a restart.
+
+No switch is ever turned on again, and the ATX supply is never switched twice.
+"""
+
+HEAL_PERIOD: Final = 10.0
+"""s after which acknowledged gains are sent again, while Velocity is zero: a board may have restarted unnoticed."""
+
+ESC_SILENCE: Final = 2.2
+"""s without Velocity before the ESC comes on: the link rule of 1 to 2 s clears the board's loops, which may be full."""
+
+ESC_ZEROS: Final = 1.05
+"""s of zeros after them, so that the board hears its host again ..."""
 
 FAREWELLS: Final = 3  # zero set-points with which the board is left
 
@@ -161,7 +184,7 @@ class SerialHal:
         on_board = control == "board"
         self.capabilities = Capabilities(
             pwm=not on_board, gains=on_board, combined=on_board, battery=True, smoothed=True, power=True, servos=True,
-            simulated=simulated,
+            halt=True, simulated=simulated,
         )  # fmt: skip
         self._end: End = self if wrap is None else wrap(self)
         self._scale = scale
@@ -178,6 +201,7 @@ class SerialHal:
         self._heard_since = inf  # ... and of the first since the board was lost
         self._batteries: tuple[float, float] | None = None
         self._batteries_heard = -inf
+        self._levels: tuple[float, float] | None = None  # the last since the board was found
         # what it is told
         self._outputs = Outputs()
         self._due = self._combined_due = self._pid_due = self._repeat_due = -inf  # run times
@@ -185,9 +209,12 @@ class SerialHal:
         self._pid_set: bytes | None = None
         self._asked = False  # sent, and not answered yet
         self._rejections = 0
+        self._heal_due = inf  # loop time
+        self._gains_missing = False  # sent to a board that was found again, and not acknowledged yet
         self._answered: Callable[[bool], None] = lambda accepted: None
         self._servos: PwmCommand | None = None
-        self._switches: dict[Switch, bool] = {}
+        self._esc_off = False  # asked for, so it is asked for again and again
+        self._esc_on_since = -inf  # run time since when the ESC is on its way to being switched on
         # what happened
         self._text = f"connecting to {port.address}"
         self._pause = BACKOFF_MIN
@@ -279,7 +306,10 @@ class SerialHal:
                 case EncoderOdometry():
                     self._take_odometry(event)
                 case BatteryLevels(one, two):
-                    self._batteries, self._batteries_heard = (one, two), self._time()
+                    if self._levels is not None and started_again(self._levels, (one, two)):
+                        self._down("the board restarted: its battery filter started again")
+                    self._levels = self._batteries = one, two
+                    self._batteries_heard = self._time()
                 case PidResponse(accepted):
                     self._take_answer(accepted)
                 case FrameFault(reason):
@@ -297,6 +327,8 @@ class SerialHal:
                 self._down(f"link lost: no odometry for {since:.2f} s")
             elif jumped(self._pose, pose, since):
                 self._down("the board restarted: its odometry jumped")
+            elif since >= PAUSE and at_origin(pose):
+                self._down(f"the board paused for {since:.2f} s, and may have restarted")
         if LATE < since <= LOST:
             self._lost_frames += round(since / SEND_PERIOD) - 1
             self._lossy_until = time + LOSSY
@@ -305,7 +337,8 @@ class SerialHal:
             self._heard_since = time
             self._pose = self._odometry = None
             self._pid_due = self._repeat_due = -inf  # it may have forgotten everything
-            self._rejections = 0
+            self._heal_due, self._rejections = inf, 0
+            self._gains_missing = self._pid_set is not None
             self._pause = BACKOFF_MIN
             self._tell(f"the board answers on {self.port.address}")
         self._odometry = follow(self._odometry, self._pose, pose, self._scale)
@@ -315,8 +348,10 @@ class SerialHal:
         if not self._asked:
             return  # somebody else's, or a late one
         self._rejections += not accepted
+        self._gains_missing &= not accepted
         if accepted or self._rejections >= REJECTIONS_MAX:  # else it is sent again
             self._asked, self._rejections, self._pid_due = False, 0, inf
+            self._heal_due = self._time() + HEAL_PERIOD if accepted else inf
             self._answered(accepted)
 
     def _down(self, reason: str) -> None:
@@ -325,12 +360,14 @@ class SerialHal:
             self._losses += 1
             self._reason = reason
         self._heard_since = inf
+        self._levels = None
         self._tell(reason)
 
     def _drop_link(self) -> None:
         if self.link is not None:
             self._overflows += self.link.overflows
             self.link = None
+            self._report = None
 
     def _tell(self, text: str) -> None:
         self._text = text
@@ -349,9 +386,11 @@ class SerialHal:
         if time - self._heard > LOST and self._heard_since < inf:
             self._down(f"link lost: no odometry for {LOST:g} s")
         report = self._report
-        ready = time - self._heard_since >= SETTLED
+        ready = time - self._heard_since >= SETTLED and not self._esc_comes_on
         if report is None or report.ready is not ready:
-            report = self._report = BoardLink(ready, self._losses, self._reason, self._text, self._counts())
+            report = self._report = BoardLink(
+                ready, self._losses, self._reason, self._text, self._counts(), self.link is not None
+            )
         return Inputs(
             odometry=self._odometry, odometry_time=self._run_time(self._heard),
             batteries=self._batteries, battery_time=self._run_time(self._batteries_heard), link=report,
@@ -363,6 +402,8 @@ class SerialHal:
         if outputs[3:5] != before[3:5]:
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
             self._repeat_due = -inf
+        if self._esc_comes_on:
+            self._bring_esc_on(now)
         if self.link is None:
             return
         if now >= self._repeat_due:
@@ -372,9 +413,14 @@ class SerialHal:
         if now >= self._due - 1e-9 or stops or self._time() < self._lossy_until:
             if now >= self._due - 1e-9:
                 self._due = (now if self._due < now - SEND_PERIOD else self._due) + SEND_PERIOD
-            self._send_outputs(outputs)
-        if now >= self._pid_due and self._pid_set is not None:
-            self._pid_due = now + PID_SET_PERIOD
+            if now >= self._esc_on_since + ESC_SILENCE:
+                self._send_outputs(outputs)
+        heals = self._time() >= self._heal_due and not moves(outputs)
+        if self._pid_set is not None and (now >= self._pid_due or heals):
+            if heals:
+                self._heal_due = self._time() + HEAL_PERIOD
+            else:
+                self._pid_due = now + PID_SET_PERIOD
             self._asked = True
             self._send_bytes(self._pid_set)
 
@@ -386,7 +432,7 @@ class SerialHal:
         if frame == self._pid_set and self._pid_due < inf:
             return  # under way
         # the answer to other gains that are under way must not pass for the answer to these: they wait for their turn
-        self._pid_due = self._pid_due if self._asked else -inf
+        self._pid_due = self._pid_due if self._asked and self._pid_due < inf else -inf
         self._pid_set, self._asked, self._rejections = frame, False, 0
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
@@ -396,11 +442,33 @@ class SerialHal:
             self._combined_due = now + COMBINED_PERIOD
             self._send(combined)
 
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Send a PWM test of zeros, which original boards obey in manual mode, too; it keeps channels 4 and 5."""
+        self._send(PwmTest(0, 0, 0, *outputs[3:5]))
+
     def switch(self, switch: Switch, on: bool, now: float) -> None:
-        """Send a power switch's new state, again and again."""
-        del now
-        self._switches[switch] = on
+        """Send a power switch's new state: "ESC off" again and again, everything else once.
+
+        Before the ESC comes on, the board's loops have to forget what they may have wound up: first comes silence, then
+        zeros, and the switch 3.2 s after it was asked for. Meanwhile the board is not ready.
+        """
+        if switch is Switch.ESC:
+            self._esc_off = not on
+            self._esc_on_since = now if on else -inf
+            if on:
+                self._tell(f"the ESC comes on in {ESC_SILENCE + ESC_ZEROS:.1f} s, when the board's loops are cleared")
+                return
         self._send(PowerControl(switch, on))
+
+    @property
+    def _esc_comes_on(self) -> bool:
+        return self._esc_on_since > -inf
+
+    def _bring_esc_on(self, now: float) -> None:
+        if now >= self._esc_on_since + ESC_SILENCE + ESC_ZEROS:
+            self._esc_on_since = -inf
+            self._tell("the ESC was told to come on")
+            self._send(PowerControl(Switch.ESC, True))
 
     def indicate(self, indicators: Indicators) -> None:
         """Buzzer and LEDs are the board's own affair."""
@@ -415,7 +483,7 @@ class SerialHal:
 
     def _send_outputs(self, outputs: Outputs) -> None:
         """Send a set-point, 0 as long as the board has not settled; or PWM counts, and 0 to keep the link alive."""
-        if self._time() - self._heard_since < SETTLED:
+        if self._time() - self._heard_since < SETTLED or self._esc_comes_on or self._gains_missing:
             outputs = Outputs(0, 0, 0, *outputs[3:5])
         if self.capabilities.pwm:
             self._send(Velocity(0.0, 0.0))
@@ -427,8 +495,8 @@ class SerialHal:
         """Send what holds until it is changed."""
         if self._servos is not None:
             self._send(self._servos)
-        for switch, on in self._switches.items():
-            self._send(PowerControl(switch, on))
+        if self._esc_off:
+            self._send(PowerControl(Switch.ESC, False))
 
     def _send(self, message: HostMessage) -> None:
         try:
@@ -464,11 +532,31 @@ def moves(outputs: Outputs) -> bool:
 def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
     """Whether no motion leads from one pose to the other within dt s of receiving them: the board has restarted.
 
-    What a line held back arrives in a bunch, so the time between two arrivals may be half a second too short.
+    What a line held back arrives in a bunch, so the time between two arrivals may be half a second too short. A board
+    that restarts begins at exactly 0, 0, 0, and at rest: what comes there by driving was near it, or had the speed.
     """
+    if at_origin(after) and not at_origin(before):
+        near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + NEAR
+        straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + NEAR
+        return not (near and straight)
     reach = (max(abs(before.v), abs(after.v)) + JUMP_SPEED) * (dt + JUMP_TIME)
     turn = max(abs(before.omega), abs(after.omega)) * (dt + JUMP_TIME) + JUMP_ANGLE
     return hypot(after.x - before.x, after.y - before.y) > reach or abs(wrap_angle(after.theta - before.theta)) > turn
+
+
+def at_origin(pose: EncoderOdometry) -> bool:
+    """Whether the pose is exactly that at power-up."""
+    return pose.x == pose.y == pose.theta == pose.v == pose.omega == 0.0
+
+
+def started_again(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether a board's battery filter has started again at 0 V, from the levels of two messages in a row.
+
+    The filter's first output is 0.4 of the voltage; a pack that is pulled out leaves 0.6 of its level.
+    """
+    low, high = STARTS_AGAIN
+    fitted = [(old, new) for old, new in zip(before, after, strict=True) if old > 1.0]
+    return bool(fitted) and all(low * old < new < high * old for old, new in fitted)
 
 
 def follow(odometry: Odometry | None, before: EncoderOdometry | None, after: EncoderOdometry, scale: float) -> Odometry:

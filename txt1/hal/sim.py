@@ -25,7 +25,15 @@ class SimHal:
 
     name = "sim"
     capabilities = Capabilities(
-        ticks=True, pwm=True, battery=True, power=True, servos=True, place=True, pose=True, simulated=True
+        ticks=True,
+        pwm=True,
+        battery=True,
+        power=True,
+        power_known=True,
+        servos=True,
+        place=True,
+        pose=True,
+        simulated=True,
     )
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -66,6 +74,10 @@ class SimHal:
         self.vehicle.advance_to(now)
         self.outputs = outputs
         self.vehicle.command(outputs.motor, outputs.front, outputs.rear)
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Nothing stands between `write` and the actuators."""
+        raise NotCapable(self.name, "halt")
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn the ATX supply or the ESC on or off."""

@@ -67,6 +67,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         if state.board is not board:
             if board is not None and state.board is not None and board.losses != state.board.losses:
                 gate.disarm(state.board.reason, Fault.LINK)
+                state.gains = state.gains._replace(loaded=False)  # until they are acknowledged anew
             board = state.board
         source, v_now, omega_now = measured(state, now)
         right, left = state.encoders
@@ -79,7 +80,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
-        manual = state.panel.manual
+        manual = state.panel.manual is True
         given: ManualPwm | Command | None = state.manual_pwm if manual else state.command
         v = omega = 0.0
         gains = _OFF
@@ -88,7 +89,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             gate.count(Fault.MEASURED)
             passes = False
         still = isinstance(given, Command) and at_rest(given.v, v_now)
-        if not (passes and state.link.alive and state.power.esc) or manual is not was_manual or still:
+        if not (passes and state.link.alive and state.power.esc is not False) or manual is not was_manual or still:
             loops.clear()
             outputs = gate.neutral(state.servos)
         elif isinstance(given, ManualPwm):

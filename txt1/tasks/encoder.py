@@ -5,7 +5,7 @@ from math import cos, sin
 from typing import Final
 
 from txt1.errors import HalError
-from txt1.hal.base import Hal
+from txt1.hal.base import Hal, Inputs
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.model.vehicle import Geometry
@@ -78,20 +78,25 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
-        if inputs.link is not state.board:
-            if inputs.link is not None and (state.board is None or inputs.link.text != state.board.text):
-                state.tell(now, inputs.link.text)
-            state.board = inputs.link
         if inputs.ticks is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
-            if inputs.odometry is not None:
-                state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
+            take_odometry(state, inputs, now)
             continue
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
             state.encoders = STILL if counts == (0, 0) else tuple.__new__(Encoders, counts)
             state.odometry, state.odometry_time = wheels.odometry, now
+
+
+def take_odometry(state: State, inputs: Inputs, now: float) -> None:
+    """Take what hardware reports that computes odometry itself, and how the line to it is."""
+    if inputs.link is not state.board:
+        if inputs.link is not None and (state.board is None or inputs.link.text != state.board.text):
+            state.tell(now, inputs.link.text)
+        state.board = inputs.link
+    if inputs.odometry is not None:
+        state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:

@@ -47,10 +47,11 @@ class CombinedSample(NamedTuple):
 
 
 class Power(NamedTuple):
-    """The power switches; both on at power-up."""
+    """The power switches: as they are, or as they were asked to be where nobody confirms it; None: nobody knows."""
 
-    atx: bool = True
-    esc: bool = True
+    atx: bool | None = None
+    esc: bool | None = None
+    confirmed: bool = False
 
 
 class GainTable(NamedTuple):
@@ -116,11 +117,14 @@ class Encoders(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """What the joystick has set: the screen, counted round and round, how far the gains are scrolled, manual mode."""
+    """What the joystick has set: the screen, counted round and round, how far the gains are scrolled, manual mode.
+
+    Nobody knows of manual mode where the loops run on a board: None.
+    """
 
     screen: int = 0
     scroll: int = 0
-    manual: bool = False
+    manual: bool | None = False
 
 
 class Event(NamedTuple):
@@ -191,7 +195,7 @@ DRIVER: Final = declare(Topic(
 
 
 def _log_message(event: Event) -> dict[str, object]:
-    warns = event.text.startswith(("disarmed", "link lost", "batteries"))
+    warns = event.text.startswith(("disarmed", "link lost", "batteries", "the robot does not", "the robot moves"))
     return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}  # ROS's WARN and INFO
 
 

@@ -15,6 +15,9 @@ COMBINED_MIN: Final = 2
 """Combined odometry is selected when more such messages than this came in a second (the original firmware)."""
 
 
+_MODES: Final = {None: "", False: "controller", True: "manual"}
+
+
 class Mode(NamedTuple):
     """The safety gate (armed, stopped, why it is closed), link, power switches and panel."""
 
@@ -29,17 +32,23 @@ class Mode(NamedTuple):
 def _mode_message(value: Mode) -> dict[str, object]:
     armed, stopped, reason, link, power, panel = value
     return {
-        "armed": armed, "stopped": stopped, "manual": panel.manual, "link_alive": link.alive,
-        "combined": link.combined, "atx": power.atx, "esc": power.esc, "screen": panel.screen, "reason": reason,
+        "armed": armed, "stopped": stopped, "mode": _MODES[panel.manual], "link_alive": link.alive,
+        "combined": link.combined, "atx": switch_text(power.atx, power), "esc": switch_text(power.esc, power),
+        "screen": panel.screen, "reason": reason,
     }  # fmt: skip
+
+
+def switch_text(on: bool | None, power: Power) -> str:
+    """How a switch stands; "" when nobody knows."""
+    return "" if on is None else f"{'on' if on else 'off'}{'' if power.confirmed else ' (asked)'}"
 
 
 MODE: Final = declare(Topic(
     "/mode", Mode, "",
     define(
         "txt1_msgs/Mode",
-        "std_msgs/Header header\nbool armed\nbool stopped\nbool manual\nbool link_alive\nbool combined\nbool atx\n"
-        "bool esc\nint32 screen\nstring reason",
+        "std_msgs/Header header\nbool armed\nbool stopped\nstring mode\nbool link_alive\nbool combined\n"
+        "string atx\nstring esc\nint32 screen\nstring reason",
     ),
     Rule.CHANGE, "armed, manual, link, power switches", make=_mode_message,
 ))  # fmt: skip

@@ -31,11 +31,10 @@ from txt1.protocol.messages import (
     PowerControl,
     PwmCommand,
     PwmTest,
-    Switch,
     Velocity,
 )
 from txt1.tasks.battery import OLD_WEIGHT, judge
-from txt1.tasks.fields import Battery, Control, Encoders, GainTable, LinkState, Power, Source
+from txt1.tasks.fields import Battery, Control, Encoders, GainTable, LinkState, Source
 from txt1.tasks.panel import press
 from txt1.tasks.serial import Inbox
 from txt1.tasks.state import State
@@ -146,8 +145,7 @@ class Original:
                         self._put(now, *self._outputs[:3], pwm4, pwm5)
                     case PowerControl(switch, on):
                         self.hal.switch(switch, on, now)
-                        power = state.power
-                        state.power = Power(on, power.esc) if switch is Switch.ATX else Power(power.atx, on)
+                        state.power = state.power._replace(**{switch.name.lower(): on})
                     case PidSet(linear, angular):
                         self._sets = tuple(GainSet(v_max, Gains(*gains)) for v_max, *gains in angular)
                         rising = sorted(self._sets, key=lambda each: each.v_max)
@@ -217,7 +215,7 @@ class Original:
         """Judge the last second by the messages that came in it; in manual mode the link is not looked at."""
         state = self.state
         async for now in ticks:
-            alive = self._velocities > 1 or state.panel.manual
+            alive = self._velocities > 1 or state.panel.manual is True
             combined = self._combineds > 2
             self._velocities = self._combineds = 0
             if now < self._off_until:

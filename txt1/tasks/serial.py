@@ -25,7 +25,7 @@ from txt1.protocol.messages import (
     Switch,
     Velocity,
 )
-from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm, Power
+from txt1.tasks.fields import CombinedSample, Command, GainTable, ManualPwm
 from txt1.tasks.state import State
 
 INBOX_MAX: Final = 1000  # messages that may wait for the task; a host that floods it loses the oldest
@@ -82,12 +82,11 @@ async def serial(
                         gate.count(Fault.POWER)
                         state.tell(now, "ATX supply stays on: it feeds encoders and computer, so disarm first")
                         continue
-                    hal.switch(switch, on, now)
-                    atx, esc = state.power
-                    power = Power(on, esc) if switch is Switch.ATX else Power(atx, on)
-                    if power != state.power:  # hosts say it again and again
-                        state.power = power
-                        state.tell(now, f"{switch.name} {'on' if on else 'off'}")
+                    if switch is Switch.ESC and on and gate.armed and not hal.capabilities.power_known:
+                        gate.count(Fault.POWER)
+                        state.tell(now, "the ESC is left as it is: disarm first, loops that are wound up would set off")
+                        continue
+                    switch_power(state, hal, switch, on, now)
                 case PidSet():
                     table = gain_table(message)
                     if table is not None and hal.capabilities.gains:
@@ -105,6 +104,15 @@ async def serial(
                         gate.count(Fault.GAINS)
                     state.gains = state.gains._replace(loaded=accepted)
                     send(message)
+
+
+def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -> None:
+    """Have a power supply turned on or off."""
+    hal.switch(switch, on, now)
+    power = state.power._replace(**{switch.name.lower(): on})
+    if power != state.power:  # hosts say it again and again
+        state.power = power
+        state.tell(now, f"{switch.name} {'on' if on else 'off'}{'' if power.confirmed else ' (asked, not confirmed)'}")
 
 
 def gain_table(message: PidSet) -> GainTable | None:

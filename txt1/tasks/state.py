@@ -26,7 +26,7 @@ class State:
 
     def __init__(self, bus: Bus | None = None) -> None:
         self.bus = Bus() if bus is None else bus
-        # by the serial task
+        # by the serial task; the controller task says of the gains that a board has lost them
         self.command: Command | None = None
         self.manual_pwm: ManualPwm | None = None
         self.combined: CombinedSample | None = None

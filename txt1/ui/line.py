@@ -2,14 +2,16 @@
 
 from typing import Final
 
+from txt1.control.standstill import UNOBEYED, Stop
 from txt1.model.odometry import Odometry
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import BOARD, Battery
 from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 
-SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, BOARD, BATTERIES[0]))
+SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0]))
 """The topics that the line is made of."""
 
 
@@ -19,6 +21,9 @@ def status_line(snapshot: Snapshot) -> str:
     mode, board = snapshot.get(MODE, Mode()), snapshot.get(BOARD)
     voltage = snapshot.get(BATTERIES[0], Battery()).battery1
     state = "armed" if mode.armed else f"disarmed: {mode.reason}"
+    stop = snapshot.get(STOP)
+    if stop in (*UNOBEYED, Stop.UNASKED):
+        state += f"; {stop.value}"
     if board is not None and not board.ready:
         state += f"; {board.text}"
     battery = "-" if voltage is None else f"{voltage:.2f} V"

@@ -141,6 +141,7 @@ def _help(viewer: Viewer) -> RenderableType:
         ("← →", "screen: " + ", ".join(installed())),
         ("↑ ↓", "scroll the table of gains"),
         ("c", "joystick centre: controller or manual mode"),
+        ("e", "ESC off, or on again: behind a line 3.2 s later, disarmed"),
         ("?", "this help, and back"),
         ("q", "quit: outputs neutral, terminal as it was"),
         (),

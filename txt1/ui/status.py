@@ -5,13 +5,15 @@ from rich.layout import Layout
 
 from txt1.control.commander import Driver
 from txt1.control.pid import Gains
+from txt1.control.standstill import UNOBEYED, Stop
 from txt1.hal.base import Capabilities
 from txt1.tasks import fields
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.diagnostics import FAULTS
-from txt1.tasks.fields import BatteryState, Control, GainTable, Traffic
-from txt1.tasks.mode import MODE, Mode
+from txt1.tasks.fields import BatteryState, Control, GainTable, Power, Traffic
+from txt1.tasks.mode import MODE, Mode, switch_text
+from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import screen as map_screen
 from txt1.ui.text import BAD, DASH, DIM, FIELDS, GOOD, LABEL, NAME, WARNING, Column, Kept, clean, number, styled, table
@@ -25,8 +27,10 @@ _NUMBER = Column(right=True)
 
 
 def state_of(snapshot: Snapshot) -> str:
-    """Armed, disarmed with its reason, or EMERGENCY STOP, so that it cannot be overlooked."""
-    mode = snapshot.get(MODE, Mode())
+    """Armed, disarmed with its reason, EMERGENCY STOP, or a stop that is none, so that it cannot be overlooked."""
+    mode, stop = snapshot.get(MODE, Mode()), snapshot.get(STOP)
+    if stop in (*UNOBEYED, Stop.UNASKED):
+        return f"[bold white on red] ▲ {stop.value} [/]"
     if mode.stopped:
         return "[bold white on red] ■ EMERGENCY STOP ■ [/]"
     if mode.armed:
@@ -70,7 +74,7 @@ def _robot(snapshot: Snapshot) -> Kept:
         refused = ", ".join(f"{clean(name)} {n}" for name, n in driver.refused.items())
         drives += styled(f", refused {refused}", WARNING)
     power = (("ATX", mode.power.atx), ("ESC", mode.power.esc))
-    switches = (f"{name} {styled('on', GOOD) if on else styled('off', WARNING)}" for name, on in power)
+    switches = (f"{name} {_switch(on, mode.power)}" for name, on in power)
     rows = (
         ("state", state_of(snapshot)),
         ("link", link),
@@ -82,6 +86,10 @@ def _robot(snapshot: Snapshot) -> Kept:
         ("power", "  ".join(switches) if can.power else DASH),
     )
     return table("robot", FIELDS, rows)
+
+
+def _switch(on: bool | None, power: Power) -> str:
+    return DASH if on is None else styled(switch_text(on, power), GOOD if on else WARNING)
 
 
 def _velocity(v: float, omega: float) -> str:
@@ -109,7 +117,8 @@ def _gains(snapshot: Snapshot) -> Kept:
         ("linear", *gain_cells(gains.linear if gains.loaded else None)),
         ("angular", *gain_cells(snapshot.get(SETPOINT, Control()).gains if pwm else None)),
     )
-    return table("gains in force" if gains.loaded else "gains (not loaded)", (NAME, _NUMBER, _NUMBER, _NUMBER), rows)
+    loaded = "gains in force" if pwm else "gains (acknowledged)"
+    return table(loaded if gains.loaded else "gains (not loaded)", (NAME, _NUMBER, _NUMBER, _NUMBER), rows)
 
 
 def gain_cells(gains: Gains | None) -> list[str]:

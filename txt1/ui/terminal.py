@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from math import inf
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 from txt1.beside import BEAT, PERIOD, Beside, Request
 from txt1.driver import CommandSource
@@ -33,24 +33,12 @@ _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=
 _ALWAYS: Final = frozenset(("space", "q"))
 
 
-class Driving(Protocol):
-    """Makes something of the keys that do not mean the same everywhere."""
-
-    def key(self, key: str, now: float) -> None:
-        """Take a key press at `now`, s of the run."""
-
-    def command(self, now: float) -> tuple[float, float] | None:
-        """The velocity in m/s and rad/s that the keys ask for; None: nothing."""
-
-    def release(self) -> None:
-        """Let go of every key."""
-
-
 class Terminal:
     """``async with Terminal(robot) as terminal: reason = await terminal.wait()``.
 
     The keys are for `robot`; `keys` takes the driving keys' commands, None where somebody else drives; `beat` is s
-    (real time) between the drawing process's heartbeats; `shown` the keys to show and their meaning, if no robot's.
+    (real time) between the drawing process's heartbeats; `shown` the keys to show and their meaning, if no robot's;
+    `more` does what further keys mean (e, b, r), and may refuse.
     Entering raises TerminalLost if standard input or output is no terminal.
     """
 
@@ -59,12 +47,14 @@ class Terminal:
         robot: Robot | Board | Player,
         keys: CommandSource | None = None,
         beat: float = BEAT,
-        teleop: Driving | None = None,
+        teleop: Teleop | Player | None = None,
         shown: Mapping[str, str] | None = None,
+        more: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys
         self._origin = self._sent = -inf  # of the newest command, and of the newest snapshot, s of the run
         self._teleop = teleop or Teleop()
+        self._more = more or {}
         target, options = "txt1.ui.drawing:main", {"keys": shown}
         self._beside = Beside(target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost)
         self._quit = asyncio.Event()
@@ -138,6 +128,8 @@ class Terminal:
         elif key == "m":
             self._let_go()  # a key pressed while stopped does not count
             self._try(robot.arm)
+        elif key in self._more:
+            self._try(self._more[key])
         elif key in _BUTTONS:
             self._try(lambda: robot.press(_BUTTONS[key]))
         elif key == "ctrl-z":

@@ -23,6 +23,7 @@ DRIVING: Final = {
     "↑↓": "gains",
     "+-": "speed",
     "c": "manual",
+    "e": "ESC",
 }  # the keys of a robot
 
 

@@ -1,0 +1,283 @@
+"""A stop is one, also beside a board with the habits of the originals; and what is no fault is taken for none."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
+
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from txt1.board import Board, BoardEvent
+from txt1.cli import execute
+from txt1.control.standstill import Stop
+from txt1.errors import NotArmed, StopNotVerified
+from txt1.protocol.messages import PowerControl, Switch
+from txt1.robot import Robot
+from txt1.tasks.mode import MODE
+
+WIRE = ("serial.port=virtual", *ENDLESS)
+ORIGINAL = (*WIRE, "board.habits=original")
+
+
+@asynccontextmanager
+async def robot_and_board(*settings: str, seed: int = 1) -> AsyncIterator[tuple[Robot, Board]]:
+    """An armed robot whose gains the board has acknowledged."""
+    async with Robot.open("serial", seed=seed, settings=settings or ORIGINAL, arm=True) as robot:
+        assert await robot.load_gains()
+        yield robot, robot.hal.port.board  # type: ignore[attr-defined]
+
+
+async def drive(robot: Robot, v: float, duration: float) -> None:
+    """Drive, and go on asking for it until the next thing happens."""
+    await robot.drive(v, 0.0, duration)
+    robot.command(v, 0.0)
+
+
+async def stands_within(board: Board, limit: float) -> float:
+    """Seconds until the true speed has become that of a car that stands; fails after the limit."""
+    for k in range(round(limit / 0.01)):
+        if abs(board.vehicle.motion[3]) < 0.05:
+            return 0.01 * k
+        await asyncio.sleep(0.01)
+    pytest.fail(f"{board.vehicle.motion[3]:.2f} m/s after {limit} s")
+
+
+def told(robot: Robot) -> str:
+    return "; ".join(event.text for event in robot.runtime.state.events)
+
+
+# -- manual mode -----------------------------------------------------------------------------------------------
+
+STOPS: dict[str, Callable[[Robot], None]] = {
+    "disarm": Robot.disarm,
+    "emergency stop": Robot.stop,
+    "nobody commands": lambda robot: None,
+}
+
+
+@pytest.mark.parametrize("stop", STOPS.values(), ids=STOPS)
+async def test_a_stop_that_an_original_board_in_manual_mode_ignores_is_made_one(stop: Callable[[Robot], None]) -> None:
+    with pytest.raises(StopNotVerified, match=r"PWM test of zeros.*manual mode"):
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 2.0)
+            board.happen(BoardEvent("centre"))
+            await asyncio.sleep(0.15)
+            robot.command(0.6, 0.0)
+            await asyncio.sleep(0.05)
+            stop(robot)
+            took = await stands_within(board, 4.0)
+            assert took > 0.5, "zeros alone do nothing"
+            assert not robot.armed
+            assert "does not stop" in told(robot)
+            await asyncio.sleep(1.0)
+            assert robot.stop_state is Stop.STANDING
+            assert board.vehicle.esc_on, "a PWM test was enough"
+
+
+async def test_at_the_end_of_a_run_too() -> None:
+    board: Board | None = None
+    with pytest.raises(StopNotVerified):
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 2.0)
+            board.happen(BoardEvent("centre"))
+            await asyncio.sleep(0.15)
+            robot.command(0.6, 0.0)
+    assert board is not None
+    assert abs(board.vehicle.motion[3]) < 0.05
+
+
+async def test_when_a_pwm_test_is_not_obeyed_either_the_esc_goes_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(StopNotVerified, match="ESC off"):
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 2.0)
+            vehicle = board.vehicle
+            monkeypatch.setattr(vehicle, "command", lambda *counts: None)  # its outputs hang
+            robot.stop()
+            stopped = robot.now
+            while vehicle.esc_on:
+                await asyncio.sleep(0.01)
+            assert 1.0 <= robot.now - stopped < 1.3
+            await stands_within(board, 3.0)
+            with pytest.raises(NotArmed, match="ESC is off"):
+                robot.arm()
+            assert robot.snapshot[MODE].power[:] == (None, False, False)
+            raise StopNotVerified("ESC off")
+
+
+def test_exit_code_4_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    power_up = Board.power_up
+
+    async def with_somebody_at_the_button(board: Board) -> None:
+        await power_up(board)
+        asyncio.get_running_loop().call_later(6.0, board.happen, BoardEvent("centre"))
+
+    words = ["run", "--port", "virtual", "--json", "--duration", "8", "--speed", "max", "--drive", "0.5,0"]
+    words += [word for setting in ORIGINAL[1:] for word in ("--set", setting)]
+    assert execute(words) == 0
+    capsys.readouterr()
+    monkeypatch.setattr(Board, "power_up", with_somebody_at_the_button)
+    assert execute(words) == 4
+    out, err = capsys.readouterr()
+    assert "did not stop when told to" in err
+    assert json.loads(out)["topics"]["/stop"] == "none", "the report is of the run, the stop came at its end"
+
+
+# -- what is no fault ------------------------------------------------------------------------------------------
+
+
+async def test_a_car_that_is_pushed_by_hand_is_told_of_and_keeps_its_esc() -> None:
+    async with robot_and_board() as (robot, board):
+        await drive(robot, 0.5, 1.0)
+        robot.disarm()
+        await asyncio.sleep(2.0)
+        for _ in range(200):
+            board.vehicle.state = board.vehicle.state._replace(v=0.5)
+            await asyncio.sleep(0.01)
+        assert robot.stop_state is Stop.UNASKED
+        await asyncio.sleep(6.0)  # its loops had wound up against the hand
+        assert robot.stop_state is Stop.STANDING
+        assert board.vehicle.esc_on
+        assert "without a command" in told(robot)
+        robot.arm()
+
+
+@pytest.mark.parametrize("settings", [WIRE, ORIGINAL], ids=["ours", "original"])
+async def test_a_car_on_a_slope_stops_by_zeros(settings: tuple[str, ...]) -> None:
+    slope = 0.35  # m/s^2: two degrees
+    async with robot_and_board(*settings) as (robot, board):
+
+        async def roll() -> None:
+            while True:
+                vehicle = board.vehicle
+                if vehicle.motion[3]:
+                    vehicle.state = vehicle.state._replace(v=vehicle.motion[3] + 0.01 * slope)
+                await asyncio.sleep(0.01)
+
+        rolling = asyncio.ensure_future(roll())
+        await drive(robot, 0.5, 2.0)
+        robot.disarm()
+        await asyncio.sleep(4.0)
+        rolling.cancel()
+        assert "does not stop" not in told(robot)
+        assert board.vehicle.esc_on
+
+
+async def test_a_slow_car_is_no_fault() -> None:
+    async with robot_and_board() as (robot, board):
+        for v in (0.04, -0.04, 0.1):
+            await drive(robot, v, 4.0)
+            await robot.drive(0.0, 0.0, 1.0)
+        assert robot.armed
+        assert board.vehicle.esc_on
+        assert "commanded and not moving" not in told(robot)
+
+
+# -- commanded and not moving ----------------------------------------------------------------------------------
+
+
+async def test_with_the_esc_left_off_the_robot_disarms_and_its_return_does_not_lurch() -> None:
+    async with robot_and_board() as (robot, board):
+        board.happen(BoardEvent("esc", 0.0))
+        await asyncio.sleep(0.5)
+        begun = robot.now
+        with pytest.raises(NotArmed, match="commanded and not moving: ESC off, gains lost"):
+            await robot.drive(0.4, 0.0, 5.0)
+        assert robot.now - begun < 1.5
+        assert robot.faults["commanded_not_moving"] == 1
+        robot.switch_power(Switch.ESC, True)
+        await asyncio.sleep(3.0)
+        assert not board.vehicle.esc_on, "not before the loops are cleared"
+        await asyncio.sleep(4.0)
+        assert board.vehicle.esc_on
+        robot.arm()
+        fastest = 0.0
+        for _ in range(60):
+            robot.command(0.4, 0.0)
+            await asyncio.sleep(0.05)
+            fastest = max(fastest, abs(board.vehicle.motion[3]))
+        assert 0.35 < fastest < 0.6
+
+
+async def test_the_esc_switched_on_by_hand_lurches_so_the_test_before_means_something() -> None:
+    async with robot_and_board() as (robot, board):
+        board.happen(BoardEvent("esc", 0.0))
+        await asyncio.sleep(0.5)
+        with pytest.raises(NotArmed):
+            await robot.drive(0.4, 0.0, 5.0)
+        await asyncio.sleep(1.0)
+        board.runtime.post(PowerControl(Switch.ESC, True), board.now)
+        await asyncio.sleep(0.3)
+        fastest = abs(board.vehicle.motion[3])
+        await asyncio.sleep(3.0)
+        assert fastest > 0.3, "wound up, and disarmed"
+
+
+async def test_a_blocked_wheel_disarms_with_its_causes() -> None:
+    async with robot_and_board() as (robot, board):
+        vehicle = board.vehicle
+        vehicle.dynamics = (*vehicle.dynamics[:3], 0.0, *vehicle.dynamics[4:])  # no speed for any motor output
+        with pytest.raises(NotArmed, match="wheel blocked"):
+            await robot.drive(0.3, 0.0, 5.0)
+
+
+# -- restarts --------------------------------------------------------------------------------------------------
+
+
+async def test_a_restart_at_rest_far_from_the_origin_is_noticed() -> None:
+    async with robot_and_board() as (robot, board):
+        await robot.drive(0.3, 0.0, 1.0)
+        await robot.drive(0.0, 0.0, 2.0)
+        assert 0.1 < robot.odometry.x < 0.4
+        board.happen(BoardEvent("restart", 0.2))
+        await asyncio.sleep(0.4)
+        assert not robot.armed
+        assert "restarted" in robot.reason
+        await asyncio.sleep(3.0)
+        assert robot.runtime.state.gains.loaded, "they were sent again"
+
+
+async def test_a_restart_at_the_origin_cannot_be_told_from_a_pause_and_disarms() -> None:
+    async with robot_and_board() as (robot, board):
+        await asyncio.sleep(3.0)
+        board.happen(BoardEvent("restart", 0.2))
+        await asyncio.sleep(0.4)
+        assert not robot.armed
+        assert "may have restarted" in robot.reason
+
+
+async def test_a_restart_shorter_than_any_gap_is_noticed_by_the_battery_filter() -> None:
+    async with robot_and_board() as (robot, board):
+        await asyncio.sleep(6.0)
+        board.happen(BoardEvent("restart", 0.01))
+        await asyncio.sleep(1.2)
+        assert not robot.armed
+        assert "battery filter" in robot.reason
+
+
+async def test_a_pack_that_is_pulled_out_or_a_low_one_is_no_restart() -> None:
+    async with robot_and_board() as (robot, board):
+        await asyncio.sleep(6.0)
+        for volts in (9.3, 0.0, 12.0):
+            board.vehicle.faults = replace(board.vehicle.faults, voltage=volts)
+            await asyncio.sleep(4.0)
+        assert "restarted" not in told(robot)
+
+
+async def test_gains_that_were_lost_unnoticed_come_back_while_velocity_is_zero_only() -> None:
+    async with robot_and_board() as (robot, board):
+        assert board.original is not None
+        await drive(robot, 0.3, 0.5)
+        await robot.drive(0.0, 0.0, 1.0)
+        gains, board.runtime.state.gains = board.runtime.state.gains, type(board.runtime.state.gains)()
+        await asyncio.sleep(12.0)
+        assert board.runtime.state.gains == gains
+        board.runtime.state.gains = type(gains)()
+        for _ in range(30):
+            with suppress(NotArmed):
+                await robot.drive(0.3, 0.0, 0.5)
+        assert board.runtime.state.gains != gains
+        assert not robot.armed, "commanded and not moving"

@@ -1,0 +1,135 @@
+"""Verify that a stop is one: the robot is watched until it stands, and what does not slow down is told more firmly.
+
+From the instant t = 0 at which nothing moves it any more, a vehicle at v0 that coasts after a delay t0 obeys
+
+    dv/dt = -(v + f) / tau        so that        v(t) = (v0 + f) exp(-(t - t0) / tau) - f,        not below 0
+
+with the friction f and the time constant tau of a vehicle without brakes; loops that brake are faster. That is the
+envelope. From 0.5 s on, a speed above it by 0.1 m/s, one that stays when it has come to 0, or none that is known, calls
+for the next stronger means: zeros, which are sent all the time, a PWM test of zeros, the ESC off. Each means has the
+same 0.5 s and an envelope of its own.
+"""
+
+from enum import StrEnum
+from math import exp, log
+from typing import Final
+
+GRACE: Final = 0.5  # s that each means has
+MARGIN: Final = 0.1  # m/s above the envelope that are no stop
+DELAY: Final = 0.15  # s from a stop to its effect, as the odometry shows it: a period of line, of board and of odometry
+TAU: Final = 0.6  # s, of coasting
+FRICTION: Final = 0.1  # m/s, of coasting
+STILL: Final = 0.05  # m/s: original boards read 0 or 0.045 m/s a wheel when it hardly moves
+STANDS: Final = 0.3  # s at this speed at most, after which it stands
+LINGERS: Final = 0.5  # s after the envelope has come to 0 in which even a slow vehicle has to stand
+MOVES: Final = 0.1  # m/s at which a vehicle that nobody commands moves
+MOVED: Final = 0.5  # s of it after which that is told
+SPEED_MAX: Final = 1.5  # m/s, of a vehicle whose speed at the stop is not known
+
+
+class Stop(StrEnum):
+    """How the last stop is going."""
+
+    NONE = "none"  # the vehicle is commanded, or nothing is known of it yet
+    SLOWING = "slowing down"  # a stop was asked for, and it is as fast as one that coasts, or slower
+    STANDING = "standing"  # seen to stand
+    PWM_ZEROS = "does not stop: PWM test of zeros"
+    ESC_OFF = "does not stop: ESC off"
+    UNASKED = "moves without a command"
+
+
+UNOBEYED: Final = (Stop.PWM_ZEROS, Stop.ESC_OFF)
+
+
+def envelope(v0: float, t: float) -> float:
+    """The speed in m/s of a vehicle that coasts, t s after it was stopped at v0 m/s."""
+    return max(0.0, (v0 + FRICTION) * exp(-max(0.0, t - DELAY) / TAU) - FRICTION)
+
+
+def coasting_time(v0: float) -> float:
+    """Time in s in which the envelope of v0 m/s comes to 0."""
+    return DELAY + TAU * log(1.0 + v0 / FRICTION)
+
+
+class Standstill:
+    """Watches stops; `step` it some twenty times a second.
+
+    Attributes:
+        stop: how the last one is going.
+        failed: the strongest means so far that a stop of this run has called for; NONE when zeros were enough.
+        blind: that was without odometry: nobody knows whether it stood.
+        drove: the vehicle was commanded at some time.
+
+    """
+
+    def __init__(self) -> None:
+        self.stop = Stop.NONE
+        self.failed = Stop.NONE
+        self.blind = False
+        self.drove = False
+        self._since = 0.0  # s of the run, of the present means
+        self._v0 = SPEED_MAX  # speed then, m/s
+        self._still_since: float | None = None
+        self._moving_since: float | None = None
+
+    def step(self, now: float, v: float | None, *, commanded: bool, armed: bool, connected: bool) -> Stop:
+        """How the stop is going at `now`, s of the run.
+
+        Args:
+            now: s of the run.
+            v: measured speed, m/s; None when none came lately.
+            commanded: outputs that move it are being sent.
+            armed: the safety gate is open.
+            connected: something can be sent; where nothing can, the means keep their time.
+
+        """
+        self._look(now, v)
+        if commanded:
+            self.stop, self.drove = Stop.NONE, True
+        elif self.stop is Stop.NONE:
+            if self.drove:
+                self._begin(Stop.SLOWING, now, v)
+            elif self._stands(now):
+                self.stop = Stop.STANDING
+        if self.stop in (Stop.SLOWING, *UNOBEYED):
+            self._verify(now, v, connected)
+        elif self.stop is Stop.UNASKED and self._stands(now):
+            self.stop = Stop.STANDING
+        elif self.stop in (Stop.STANDING, Stop.NONE) and not (armed or commanded) and self._moves(now):
+            self.stop = Stop.UNASKED
+        return self.stop
+
+    def _look(self, now: float, v: float | None) -> None:
+        still = v is not None and abs(v) <= STILL
+        moving = v is not None and abs(v) > MOVES
+        self._still_since = (now if self._still_since is None else self._still_since) if still else None
+        self._moving_since = (now if self._moving_since is None else self._moving_since) if moving else None
+
+    def _stands(self, now: float) -> bool:
+        return self._still_since is not None and now - self._still_since >= STANDS - 1e-9
+
+    def _moves(self, now: float) -> bool:
+        return self._moving_since is not None and now - self._moving_since >= MOVED - 1e-9
+
+    def _begin(self, stop: Stop, now: float, v: float | None) -> None:
+        self.stop, self._since = stop, now
+        self._v0 = SPEED_MAX if v is None else abs(v)
+
+    def _verify(self, now: float, v: float | None, connected: bool) -> None:
+        t = now - self._since
+        if self._stands(now) and self._still_since is not None and now >= self._since + STANDS:
+            self.stop = Stop.STANDING
+            return
+        if not connected and v is None:
+            self._since = now
+            return
+        if v is not None and t <= DELAY:
+            self._v0 = max(self._v0, abs(v))  # it was still getting faster
+        if t < GRACE - 1e-9:
+            return
+        over = v is None or abs(v) > envelope(self._v0, t) + MARGIN
+        lingers = v is not None and abs(v) > STILL and t >= coasting_time(self._v0) + LINGERS
+        if over or lingers:
+            following = Stop.ESC_OFF if self.stop in UNOBEYED else Stop.PWM_ZEROS
+            self.failed, self.blind = following, v is None
+            self._begin(following, now, v)

@@ -1,0 +1,112 @@
+"""The standstill task: verifies every stop, 20 Hz, where loops at the far end of a line may not obey one.
+
+It also notices a vehicle that is commanded and does not move.
+"""
+
+from collections.abc import Callable
+from math import copysign
+from typing import Final
+
+from txt1.control.limits import Fault, Gate
+from txt1.control.standstill import UNOBEYED, Standstill, Stop
+from txt1.hal.base import Hal, Outputs
+from txt1.kernel.ticks import Ticks
+from txt1.protocol.messages import Switch
+from txt1.tasks.state import State
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic, declare
+
+PERIOD: Final = 0.05
+SEEN: Final = 0.3  # age in s at which a speed is not known any more
+AGAIN: Final = 0.1  # s after which a PWM test of zeros is sent again, as lines lose frames
+SLOWEST: Final = 0.1  # m/s that have to be commanded for a second ...
+UNMOVED: Final = 0.03  # ... and not so many measured: original boards read 0 below 0.045 m/s
+PATIENCE: Final = 1.0  # s of that
+END: Final = 3.0  # s that the end of a run waits at most
+CAUSES: Final = "ESC off, gains lost, board in manual mode, wheel blocked, or a wall"
+
+STOP: Final = declare(Topic(
+    "/stop", Stop, "", define("txt1_msgs/Stop", "std_msgs/Header header\nstring state"), Rule.CHANGE,
+    "how the last stop is going, where it has to be verified", make=lambda stop: {"state": stop.value},
+))  # fmt: skip
+_TOLD: Final = {
+    Stop.PWM_ZEROS: "the robot does not stop: a PWM test of zeros follows",
+    Stop.ESC_OFF: "the robot does not stop: the ESC is switched off",
+    Stop.UNASKED: "the robot moves without a command (pushed, carried, or manual mode): a PWM test of zeros follows",
+}
+
+
+class Watch:
+    """Sees to it that a stop is one, with what the hardware layer can do; `switch` is told what is to be switched."""
+
+    def __init__(self, state: State, hal: Hal, gate: Gate, switch: Callable[[Switch, bool, float], None]) -> None:
+        self.state, self.hal, self.gate = state, hal, gate
+        self.standstill = Standstill()
+        self._switch = switch
+        self._halt_due = 0.0
+        self._asked = 0.0  # the speed that has been commanded all the time ...
+        self._unmoved_since = 0.0  # ... without a motion, since then, s of the run
+
+    def step(self, now: float, outputs: Outputs) -> Stop:
+        """Look at the speed after these outputs, and do what the stop calls for."""
+        state, watch = self.state, self.standstill
+        before = watch.stop
+        known = state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
+        v = state.odometry.v if known else None
+        connected = state.board is None or state.board.connected
+        commanded = bool(outputs.motor or outputs.v or outputs.omega)
+        stop = watch.step(now, v, commanded=commanded, armed=self.gate.armed, connected=connected)
+        if stop is not before:
+            self._enter(stop, before, now, blind=v is None)
+        if stop in (*UNOBEYED, Stop.UNASKED) and now >= self._halt_due - 1e-9:
+            self._halt_due = now + AGAIN
+            self.hal.halt(self.gate.neutral(state.servos), now)
+        self._check_obedience(now, v, outputs)
+        return stop
+
+    def _enter(self, stop: Stop, before: Stop, now: float, blind: bool) -> None:
+        told = _TOLD.get(stop)
+        if told is not None:
+            self._halt_due = now
+            self.state.tell(now, f"{told}{' (nobody sees it: no odometry)' if blind else ''}")
+        elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
+            self.state.tell(now, "the robot stands")
+        if stop in UNOBEYED:
+            self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
+        if stop is Stop.ESC_OFF and self.hal.capabilities.power:
+            self._switch(Switch.ESC, False, now)
+
+    def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
+        """Disarm when a speed was commanded for a second, all was ready, and nothing moved."""
+        state = self.state
+        ready = state.gains.loaded and state.board is not None and state.board.ready and self.gate.armed
+        asked = outputs.v if abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
+        unmoved = v is not None and abs(v) < UNMOVED
+        if not (ready and asked and unmoved) or copysign(1.0, asked) != copysign(1.0, self._asked) or not self._asked:
+            self._unmoved_since = now
+        self._asked = asked if ready else 0.0
+        if self._asked and now - self._unmoved_since >= PATIENCE - 1e-9:
+            self.gate.disarm(f"commanded and not moving: {CAUSES}", Fault.UNMOVED)
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing that this run has driven has to be watched any more."""
+        return not self.standstill.drove or self.standstill.stop is Stop.STANDING
+
+    @property
+    def trouble(self) -> str:
+        """Why a stop of this run was none; "" when zeros were enough each time."""
+        watch = self.standstill
+        if watch.failed is Stop.NONE and self.settled:
+            return ""
+        blind = ", and nobody saw it: there was no odometry" if watch.blind else ""
+        if not self.settled:
+            return f"the robot was not seen to stand ({watch.stop.value}{blind}): look at it"
+        means = "a PWM test of zeros" if watch.failed is Stop.PWM_ZEROS else "switching the ESC off"
+        return f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode?"
+
+
+async def standstill(ticks: Ticks, watch: Watch) -> None:
+    """Verify every stop."""
+    async for now in ticks:
+        watch.step(now, watch.state.control.outputs)
