@@ -33,7 +33,7 @@ from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
-from txt1.tasks.fields import Panel, Power, TaskReport
+from txt1.tasks.fields import GainTable, TaskReport
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
@@ -76,7 +76,7 @@ class Runtime:
         self.name = config.name or hal.name if name is None else name
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
-        self.state = State(self.bus)
+        self.state = State(self.bus, hal.capabilities)
         self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = scheduler(self._task_failed)
         self.scheduler.on_sleep = self.slept
@@ -102,10 +102,6 @@ class Runtime:
         self._counted_at = 0.0
         self._open = False
         self._failed = False
-        if hal.capabilities.power_known:
-            self.state.power = Power(True, True, confirmed=True)
-        if not hal.capabilities.pwm:
-            self.state.panel = Panel(manual=None)
         self.watch = standstill.Watch(self.state, hal, self.gate, self._switch) if hal.capabilities.halt else None
         """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
         self._offer()
@@ -176,7 +172,7 @@ class Runtime:
         bus.offer(fields.CAPABILITIES, lambda: can)
         bus.offer(fields.BOARD, lambda: state.board)
         bus.offer(fields.COMMAND, lambda: state.command)
-        bus.offer(fields.GAIN_TABLE, lambda: state.gains)
+        bus.offer(fields.GAIN_TABLE, self._gains)
         bus.offer(fields.SERVOS, lambda: state.servos)
         bus.offer(
             fields.TRAFFIC, lambda: fields.Traffic(state.received, state.transmitted, self.now - state.odometry_time)
@@ -185,6 +181,11 @@ class Runtime:
         bus.offer(fields.SURROUNDINGS, lambda: surroundings)
         bus.offer(fields.TASK_REPORTS, self._task_reports)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
+
+    def _gains(self) -> GainTable:
+        """The gains, loaded or not: a board that was away has to acknowledge them anew."""
+        gains, board = self.state.gains, self.state.board
+        return gains if board is None or board.gains else gains._replace(loaded=False)
 
     def snapshot(self, topics: Iterable[str] | None = None) -> Snapshot:
         """Everything that the robot tells, or the topics of these names, as it is now."""

@@ -78,6 +78,7 @@ class BoardLink(NamedTuple):
     reason: str  # why it was lost last, in words
     text: str  # what happened last
     faults: dict[str, int]  # what went wrong on the line so far, by name
+    gains: bool = True  # it has acknowledged those that were sent to it since it was found
     connected: bool = True  # there is a line on which something can be sent
 
 

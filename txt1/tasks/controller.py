@@ -67,7 +67,6 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         if state.board is not board:
             if board is not None and state.board is not None and board.losses != state.board.losses:
                 gate.disarm(state.board.reason, Fault.LINK)
-                state.gains = state.gains._replace(loaded=False)  # until they are acknowledged anew
             board = state.board
         source, v_now, omega_now = measured(state, now)
         right, left = state.encoders

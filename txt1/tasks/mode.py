@@ -33,12 +33,12 @@ def _mode_message(value: Mode) -> dict[str, object]:
     armed, stopped, reason, link, power, panel = value
     return {
         "armed": armed, "stopped": stopped, "mode": _MODES[panel.manual], "link_alive": link.alive,
-        "combined": link.combined, "atx": switch_text(power.atx, power), "esc": switch_text(power.esc, power),
+        "combined": link.combined, "atx": _switch(power.atx, power), "esc": _switch(power.esc, power),
         "screen": panel.screen, "reason": reason,
     }  # fmt: skip
 
 
-def switch_text(on: bool | None, power: Power) -> str:
+def _switch(on: bool | None, power: Power) -> str:
     """How a switch stands; "" when nobody knows."""
     return "" if on is None else f"{'on' if on else 'off'}{'' if power.confirmed else ' (asked)'}"
 

@@ -1,8 +1,9 @@
 """The shared state of the tasks: typed fields, each with exactly one writer."""
 
 from collections import deque
+from typing import Final
 
-from txt1.hal.base import BoardLink
+from txt1.hal.base import BoardLink, Capabilities
 from txt1.model.odometry import Odometry
 from txt1.tasks.fields import (
     LOG,
@@ -20,18 +21,20 @@ from txt1.tasks.fields import (
 )
 from txt1.telemetry.bus import Bus
 
+_EVERYTHING: Final = Capabilities(pwm=True, power=True, power_known=True)
+
 
 class State:
     """The shared state; each field is assigned by one task alone."""
 
-    def __init__(self, bus: Bus | None = None) -> None:
+    def __init__(self, bus: Bus | None = None, can: Capabilities = _EVERYTHING) -> None:
         self.bus = Bus() if bus is None else bus
-        # by the serial task; the controller task says of the gains that a board has lost them
+        # by the serial task
         self.command: Command | None = None
         self.manual_pwm: ManualPwm | None = None
         self.combined: CombinedSample | None = None
         self.gains = GainTable()
-        self.power = Power()
+        self.power = Power(True, True, True) if can.power_known else Power()
         self.servos: tuple[int, int] = (0, 0)
         self.received = 0
         self.velocity_count = 0
@@ -47,7 +50,7 @@ class State:
         self.control = Control()
         self.battery = Battery()
         # by the button task
-        self.panel = Panel()
+        self.panel = Panel(manual=False if can.pwm else None)
         self.backlight: float | None = None
         self.transmitted = 0  # by the odometry task
         self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them

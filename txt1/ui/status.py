@@ -12,7 +12,7 @@ from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.diagnostics import FAULTS
 from txt1.tasks.fields import BatteryState, Control, GainTable, Power, Traffic
-from txt1.tasks.mode import MODE, Mode, switch_text
+from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import screen as map_screen
@@ -89,7 +89,10 @@ def _robot(snapshot: Snapshot) -> Kept:
 
 
 def _switch(on: bool | None, power: Power) -> str:
-    return DASH if on is None else styled(switch_text(on, power), GOOD if on else WARNING)
+    """On or off, with a question mark when it was asked for and nobody has confirmed it."""
+    if on is None:
+        return DASH
+    return styled(f"{'on' if on else 'off'}{'' if power.confirmed else '?'}", GOOD if on else WARNING)
 
 
 def _velocity(v: float, omega: float) -> str:

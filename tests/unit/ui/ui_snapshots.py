@@ -79,7 +79,7 @@ def full(time: float = 83.4, screen: int = 0) -> Snapshot:
     return Snapshot(time, "sim", {}).replaced(
         {
             CAPABILITIES: SIM,
-            MODE: Mode(True, False, "", LinkState(True, False), Power(True, False), Panel(screen, 0, False)),
+            MODE: Mode(True, False, "", LinkState(True, False), Power(True, False, True), Panel(screen, 0, False)),
             FAULTS: {"bad_frames": 3, "stale_commands": 0, "clipped": 12},
             COMMAND: Command(0.5, 0.25, time - 0.05),
             GAIN_TABLE: GainTable(LINEAR_GAINS, Schedule(ANGULAR_GAINS), True),
