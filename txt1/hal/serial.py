@@ -349,6 +349,7 @@ class SerialHal:
             return  # somebody else's, or a late one
         self._rejections += not accepted
         self._gains_missing &= not accepted
+        self._report = None
         if accepted or self._rejections >= REJECTIONS_MAX:  # else it is sent again
             self._asked, self._rejections, self._pid_due = False, 0, inf
             self._heal_due = self._time() + HEAL_PERIOD if accepted else inf
@@ -361,6 +362,7 @@ class SerialHal:
             self._reason = reason
         self._heard_since = inf
         self._levels = None
+        self._gains_missing = self._pid_set is not None
         self._tell(reason)
 
     def _drop_link(self) -> None:
@@ -388,9 +390,9 @@ class SerialHal:
         report = self._report
         ready = time - self._heard_since >= SETTLED and not self._esc_comes_on
         if report is None or report.ready is not ready:
-            report = self._report = BoardLink(
-                ready, self._losses, self._reason, self._text, self._counts(), self.link is not None
-            )
+            gains, connected = not self._gains_missing, self.link is not None
+            told = ready, self._losses, self._reason, self._text, self._counts(), gains, connected
+            report = self._report = BoardLink(*told)
         return Inputs(
             odometry=self._odometry, odometry_time=self._run_time(self._heard),
             batteries=self._batteries, battery_time=self._run_time(self._batteries_heard), link=report,

@@ -86,7 +86,11 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
             state.encoders = STILL if counts == (0, 0) else tuple.__new__(Encoders, counts)
-            state.odometry, state.odometry_time = wheels.odometry, now
+            _put(state, wheels.odometry, now)
+
+
+def _put(state: State, odometry: Odometry, time: float) -> None:
+    state.odometry, state.odometry_time = odometry, time
 
 
 def take_odometry(state: State, inputs: Inputs, now: float) -> None:
@@ -96,7 +100,7 @@ def take_odometry(state: State, inputs: Inputs, now: float) -> None:
             state.tell(now, inputs.link.text)
         state.board = inputs.link
     if inputs.odometry is not None:
-        state.odometry, state.odometry_time = inputs.odometry, inputs.odometry_time
+        _put(state, inputs.odometry, inputs.odometry_time)
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:

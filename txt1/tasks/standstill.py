@@ -79,7 +79,8 @@ class Watch:
     def _check_obedience(self, now: float, v: float | None, outputs: Outputs) -> None:
         """Disarm when a speed was commanded for a second, all was ready, and nothing moved."""
         state = self.state
-        ready = state.gains.loaded and state.board is not None and state.board.ready and self.gate.armed
+        board = state.board
+        ready = self.gate.armed and state.gains.loaded and board is not None and board.ready and board.gains
         asked = outputs.v if abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
         unmoved = v is not None and abs(v) < UNMOVED
         if not (ready and asked and unmoved) or copysign(1.0, asked) != copysign(1.0, self._asked) or not self._asked:
