@@ -13,12 +13,14 @@ from txt1.cli import DISARMED, OK
 from txt1.cli.app import say
 from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
 from txt1.cli.trials import conduct
+from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
-from txt1.learning import experiment, plots
+from txt1.learning import experiment, plots, suite
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
-from txt1.learning.trial import Episode, task_of
+from txt1.learning.floor import floor_of
+from txt1.learning.trial import Episode, starts, task_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episodes": takes("N", "of each trial; 31 by default", count, default=31),
         "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
         "--resume": flag("carry on what was begun in DIR"),
+        "--worlds": takes("DIR", "learners in all worlds of DIR (config/worlds), and four drawn by --seed", Path),
+        "--world": takes("NAMES", "only these of them, separated by commas"),
+        "--floor": flag("only the best time that full knowledge reaches, of every start"),
         "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
     } | LOG | ROBOT | ARM)  # fmt: skip
 
@@ -41,6 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Do the trials and write what came of them; the exit code."""
     config = loaded(arguments).config
+    if arguments.floor:
+        return _floor(config, arguments.trials, arguments.episodes)
+    if arguments.worlds:
+        return _worlds(arguments, config)
     make(arguments.agent, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
     speed = robot_speed(arguments, config)
     plan = Plan(
@@ -90,3 +99,43 @@ def _tell(metrics: dict[str, Any]) -> None:
         print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
     if "ratio_at_episode" in metrics:
         print(f"{'ratio at episode':<20} {json.dumps(metrics['ratio_at_episode'])}")
+
+
+def _floor(config: Config, trials: int, episodes: int) -> int:
+    """Print the floor beside the geometric optimum, for every start."""
+    floor, task = floor_of(config), task_of(config)
+    print("trial,episode,bearing_rad,heading_rad,optimal_time_s,floor_s")
+    sums = [0.0, 0.0]
+    for trial in range(1, trials + 1):
+        for episode, start in enumerate(starts(config.seed, trial, episodes), 1):
+            best, least = start.optimal_time(task), floor.time(start)
+            print(f"{trial},{episode},{start.bearing:.6f},{start.heading:.6f},{best:.4f},{least:.1f}")
+            sums[0] += best
+            sums[1] += least
+    say(
+        f"floor {sums[1] / sums[0]:.4f} times the geometric optimum; a third piece of a plan still brought "
+        f"{floor.gap:.3%}{'' if floor.exists else '; from some bearings the goal cannot be reached'}"
+    )
+    return OK
+
+
+def _worlds(arguments: argparse.Namespace, config: Config) -> int:
+    """Have learners learn in a suite of worlds; the exit code."""
+    agents = arguments.agent.split(",")
+    for name in agents:
+        make(name, config, np.random.default_rng(0))
+    names = arguments.world.split(",") if arguments.world else []
+    some = suite.worlds(arguments.worlds, arguments.set or [], names)
+    if not names:
+        some += suite.drawn(config, config.seed)
+    out = arguments.out or (Path("out/worlds") if arguments.resume else unused(Path("out/worlds")))
+
+    def tell(result: dict[str, Any]) -> None:
+        print(f"{result['agent']:<8} {result['world']:<20} {suite.cell(suite.figures(result))}", flush=True)
+
+    suite.run_all(
+        some, agents, arguments.trials, arguments.episodes, config.seed, out, arguments.jobs or processors(),
+        bool(arguments.resume), tell,
+    )  # fmt: skip
+    say(f"the table is in {out / 'table.md'}, the raw results beside it")
+    return OK

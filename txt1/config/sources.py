@@ -75,6 +75,19 @@ def load(
         raise ConfigError(_explain(error, origins)) from None
 
 
+def with_values(config: Config, values: Mapping[str, Any]) -> Config:
+    """The configuration with some values changed, by dotted key; raises ConfigError as `load` does."""
+    tree = config.model_dump()
+    for key, value in values.items():
+        setting = Setting(tuple(key.split(".")), value, f"{key}={value}")
+        _check(setting)
+        _insert(tree, setting)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, {key: f"{key}={value}" for key, value in values.items()})) from None
+
+
 def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
     """Return a part's own settings, a dataclass with constraints, from free-form options.
 

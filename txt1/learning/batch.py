@@ -42,7 +42,7 @@ _lux_at = compiled(lux_at)
 
 
 @compiled
-def _control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains) -> None:
+def control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains) -> None:
     """The controller's tick, on the velocities that the encoders saw a tick before."""
     for i in range(robots.shape[1]):
         v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], robots[SENSED, i], robots[SENSED + 1, i]
@@ -66,7 +66,7 @@ def _control(robots: Array, commands: Array, motor_max: float, gains: Array, lin
 
 
 @compiled
-def _encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
+def encode(robots: Array, rolled: Array, dt: float, count_length: float, track_width: float) -> None:
     """The encoders' tick; `rolled` is where the two wheels were before it, shape (2, n)."""
     for i in range(robots.shape[1]):
         robots[PHASE, i] += (robots[RIGHT, i] - rolled[0, i]) / count_length
@@ -106,8 +106,8 @@ def _run(
             rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
                 move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
-            _control(block, commands[at:until], motor_max, gains, linear)
-            _encode(block, rolled, dt, count_length, track_width)
+            control(block, commands[at:until], motor_max, gains, linear)
+            encode(block, rolled, dt, count_length, track_width)
             if noise.shape[0]:
                 _look(block, noise[k][at:until], light)
         robots[:, at:until] = block

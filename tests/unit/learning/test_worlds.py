@@ -1,0 +1,96 @@
+"""Learners in other worlds: the suite's files and figures, the floor, and the learner that survives a change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from txt1.config import Config, load
+from txt1.learning import suite
+from txt1.learning.abreast import trials, world_at
+from txt1.learning.agents import make
+from txt1.learning.floor import floor_of
+from txt1.learning.trial import Trial, starts, task_of
+
+WORLDS = Path(__file__).parents[3] / "config" / "worlds"
+
+
+def raw(times: list[list[float]], won: list[list[int]]) -> dict[str, Any]:
+    """A result with an optimum of 4 s and a floor of 5 s."""
+    rows = [
+        [[0.0, 0.0, t, w, 4.0, 5.0] for t, w in zip(ts, ws, strict=True)] for ts, ws in zip(times, won, strict=True)
+    ]
+    return {"agent": "a", "world": "w", "seed": 1, "trials": len(times), "episodes": len(times[0]), "results": rows,
+            "provenance": {"code": "0"}, "config": Config().model_dump(mode="json")}  # fmt: skip
+
+
+def test_there_are_at_least_24_worlds_and_each_is_a_sound_configuration() -> None:
+    found = suite.worlds(WORLDS, [])
+    assert len(found) >= 24
+    for world in found:
+        assert all(world_at(world.config, episode, 31).learning.actions for episode in (1, 16, 31))
+
+
+def test_the_seed_of_the_day_draws_four_more_and_the_same_again() -> None:
+    first, again, other = (suite.drawn(Config(), seed) for seed in (5, 5, 6))
+    assert len(first) == 4 and first == again
+    assert all(one.config != two.config for one, two in zip(first, other, strict=True))
+
+
+def test_failures_are_counted_apart_and_in_no_ratio() -> None:
+    times = [[30.0] * 7 + [6.0, 300.0], [30.0] * 7 + [6.0, 6.0]]
+    one = suite.figures(raw(times, [[1] * 8 + [0], [1] * 9]))
+    assert (one["failures"], one["success"]) == (1, 0.75)
+    assert one["to_floor"] == pytest.approx(1.2) and one["to_optimum"] == pytest.approx(1.5)
+
+
+def test_a_change_is_in_force_from_its_episode_on_and_a_drift_goes_evenly() -> None:
+    config = load(
+        None,
+        [
+            "learning.changes=[{episode: 3, set: {sim.vehicle.scrub: 0.2}}]",
+            "learning.drift={sim.vehicle.slip: [0, 0.4]}",
+        ],
+    ).config
+    worlds = [world_at(config, episode, 5).sim.vehicle for episode in range(1, 6)]
+    assert [one.scrub for one in worlds] == [0.06, 0.06, 0.2, 0.2, 0.2]
+    assert [one.slip for one in worlds] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+
+
+def learned(agent: str, *settings: str, count: int = 4, episodes: int = 10) -> list[Trial]:
+    config = load(None, settings).config
+    return trials(config, lambda rng: make(agent, config, rng), range(1, count + 1), episodes, 3)
+
+
+@pytest.mark.long
+def test_nobody_is_quicker_than_the_floor_which_is_above_the_optimum() -> None:
+    floor, task = floor_of(Config()), task_of(Config())
+    some = [start for number in range(1, 20) for start in starts(1, number, 31)]
+    ratio = sum(floor.time(one) for one in some) / sum(one.optimal_time(task) for one in some)
+    assert floor.exists and 1.09 < ratio < 1.12
+    late = [one for trial in learned("sweeps") for one in trial.episodes[3:]]
+    assert sum(one.time for one in late) > 0.995 * sum(floor.time(one.start) for one in late)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("world", ["thesis", "sensors-turned", "sensor-dead", "steering-reversed", "speed-half"])
+def test_the_pilot_finds_the_light_whatever_its_sensors_and_its_steering_mean(world: str) -> None:
+    config = suite.worlds(WORLDS, [], [world])[0].config
+    every = trials(config, lambda rng: make("pilot", config, rng), range(1, 5), 10, 3)
+    late = [one for trial in every for one in trial.episodes[4:]]
+    assert all(one.success for one in late)
+    assert sum(one.time for one in late) < 1.25 * sum(one.optimal_time for one in late)
+
+
+@pytest.mark.long
+def test_the_pilot_carries_on_from_what_it_kept() -> None:
+    agent = learned("pilot", count=1, episodes=3)[0].agent
+    again = make("pilot", Config(), np.random.default_rng(0))
+    again.recall(agent.memory())
+    assert again.memory() == agent.memory()
+    agent.begin()
+    agent.void()
+    assert again.memory() == agent.memory()

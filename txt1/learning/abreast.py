@@ -1,0 +1,207 @@
+"""Trials of one world side by side: the same task and the same learners as on the running robot, many times as fast.
+
+The vehicles move by `txt1.sim.fleet`, their loops and encoders run as in `txt1.learning.batch`, the light is sampled
+every 16 ms, and a `Trial` each tells the learners when to act. Nothing else of the robot is there. All trials do their
+first episode, then all their second, so that a world which changes in mid-trial changes for everyone alike. Trials
+repeat bit for bit from the seed and their numbers. Decisions are multiples of 0.1 s apart.
+
+numba makes it quick (extra `fast`). Without numba it is the same, slowly.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import cos, nan, pi, sin
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.control.schedule import Schedule
+from txt1.learning.agent import Agent
+from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, control, encode
+from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
+from txt1.model.light import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
+from txt1.model.odometry import Odometry
+from txt1.sim.dynamics import Dynamics, dynamics
+from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
+from txt1.sim.light import PointLight, lux_at, noise_for_jitter
+
+DECISION_MS: Final = 100  # learners are asked so often
+LIGHT_MS: Final = 16  # between two samples of the light
+REST_MS: Final = 500  # on the start, before the first decision: 31 samples, which settle the filters
+ABREAST: Final = 7  # marks the stream of random values of the vehicles and sensors
+FROZEN, DEAD, NAN = 1.0, 2.0, 3.0  # faults of a sensor, as numbers
+CODES: Final = {SensorFault.NONE: 0.0, SensorFault.FROZEN: FROZEN, SensorFault.DEAD: DEAD, SensorFault.NAN: NAN}
+
+_lux_at = compiled(lux_at)
+
+
+@partial(compiled, nogil=True)
+def _advance(
+    robots: Array, odometry: Array, frozen: Array, commands: Array, first: int, drag: Array, noise: Array,
+    lux: Array, seen_from: Array, p: Dynamics, light: PointLight, mount: Mount, gains: Array, faults: Array,
+    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any,
+) -> int:  # fmt: skip
+    """Move all by len(drag) ticks after tick `first`; the samples of the light are written, and counted.
+
+    `lux` takes them, shape (samples, n, 4), and `seen_from` the odometry with each, shape (samples, n, 5).
+    """
+    n = robots.shape[1]
+    rolled, target, remaining = robots[:2].copy(), robots[0].copy(), robots[0].copy()
+    sample = 0
+    for k in range(drag.shape[0]):
+        tick = first + k + 1
+        dt = tick * TICK_MS / 1000.0 - (tick - 1) * TICK_MS / 1000.0
+        rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
+        before = robots[:3].copy()
+        move(robots, robots[OUTPUT], robots[OUTPUT + 1], drag[k], dt, p, target, remaining)
+        until = tick * TICK_MS
+        due = ((until - TICK_MS) // LIGHT_MS + 1) * LIGHT_MS
+        while due <= until:
+            share = (due - (until - TICK_MS)) / TICK_MS
+            for i in range(n):
+                turned = robots[THETA, i] - before[2, i]
+                turned -= 2.0 * pi * np.round(turned / (2.0 * pi))
+                x = before[0, i] + share * (robots[X, i] - before[0, i])
+                y = before[1, i] + share * (robots[Y, i] - before[1, i])
+                seen = _lux_at(x, y, before[2, i] + share * turned, light, mount)
+                for s in range(4):
+                    reading = gains[s] * seen[s] * (1.0 + noise[sample, i, s])
+                    reading = min(max(reading, LUX_MIN), LUX_MAX)
+                    if faults[s] == FROZEN and frozen[s, i] > 0.0:
+                        reading = frozen[s, i]
+                    frozen[s, i] = reading
+                    lux[sample, i, s] = 0.0 if faults[s] == DEAD else nan if faults[s] == NAN else reading
+                for s in range(3):
+                    seen_from[sample, i, s] = odometry[s, i]
+                seen_from[sample, i, 3], seen_from[sample, i, 4] = robots[SENSED, i], robots[SENSED + 1, i]
+            sample += 1
+            due += LIGHT_MS
+        control(robots, commands, motor_max, schedule, linear)
+        encode(robots, rolled, dt, count_length, track_width)
+        for i in range(n):
+            v, omega = robots[SENSED, i], robots[SENSED + 1, i]
+            half = 0.5 * omega * dt  # along an arc, (2.2); the chord is its length but for a part in 10^5
+            odometry[0, i] += v * dt * cos(odometry[2, i] + half)
+            odometry[1, i] += v * dt * sin(odometry[2, i] + half)
+            theta = odometry[2, i] + 2.0 * half
+            odometry[2, i] = theta - 2.0 * pi * np.round(theta / (2.0 * pi))
+    return sample
+
+
+class Abreast:
+    """Vehicles of one world, each on a start of its own; see the module."""
+
+    def __init__(self, config: Config, poses: Array, rng: np.random.Generator) -> None:
+        self.robots: Array = np.zeros((ROWS, len(poses)))
+        self.robots[:3] = poses.T
+        self.robots[PHASE : PHASE + 2] = rng.random((2, len(poses)))
+        self.robots[COUNT : COUNT + 2] = 0.0
+        self.odometry: Array = np.zeros((3, len(poses)))
+        self.frozen: Array = np.zeros((4, len(poses)))
+        self.tick = 0
+        self._rng = rng
+        sim, light = config.sim, config.sim.light
+        exponent = float(light.exponent)
+        self._noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
+        self._drag = sim.noise.drag
+        self._dynamics = dynamics(sim.vehicle, config.geometry)
+        self._light = PointLight(*sim.room.light, light.intensity, exponent)
+        self._mount, self._gains = light.mount, np.array(light.gains)
+        self._faults = np.array([CODES[fault] for fault in light.faults])
+        self._motor_max = float(config.safety.motor_max)
+        self._body = config.geometry
+        self._linear = config.control.linear.gains()
+        self._schedule = gains_table(config.control.schedule())
+
+    def advance(self, which: NDArray[np.intp], commands: Array, ticks: int) -> tuple[Array, Array]:
+        """Let some drive on at commands (v, omega), shape (len(which), 2); their samples, and the odometry with each.
+
+        Shapes (samples, len(which), 4), lux, and (samples, len(which), 5), m, rad, m/s and rad/s.
+        """
+        robots, odometry = self.robots[:, which], self.odometry[:, which]
+        frozen = self.frozen[:, which]
+        begin, end = self.tick * TICK_MS // LIGHT_MS, (self.tick + ticks) * TICK_MS // LIGHT_MS
+        shape = (end - begin, len(which))
+        drag = self._drag * self._rng.standard_normal((ticks, len(which)))
+        noise = self._noise * self._rng.standard_normal((*shape, 4))
+        lux, seen_from = np.empty((*shape, 4)), np.empty((*shape, 5))
+        _advance(
+            robots, odometry, frozen, commands, self.tick, drag, noise, lux, seen_from, self._dynamics, self._light,
+            self._mount, self._gains, self._faults, self._motor_max, self._body.count_length, self._body.track_width,
+            self._schedule, self._linear,
+        )  # fmt: skip
+        self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = robots, odometry, frozen
+        self.tick += ticks
+        return lux, seen_from
+
+
+def gains_table(schedule: Schedule) -> Array:
+    """A gain schedule as rows v_max, kp, ki, kd."""
+    return np.array([[s.v_max, *s.gains] for s in schedule.sets])
+
+
+def world_at(config: Config, episode: int, episodes: int) -> Config:
+    """The configuration in force in an episode, from 1: with the changes up to it, and what drifts."""
+    values: dict[str, Any] = {}
+    for change in config.learning.changes:
+        if change.episode <= episode:
+            values |= change.set
+    share = (episode - 1) / max(1, episodes - 1)
+    for key, (first, last) in config.learning.drift.items():
+        values[key] = first + share * (last - first)
+    return with_values(config, values) if values else config
+
+
+def trials(
+    config: Config,
+    make: Callable[[np.random.Generator], Agent],
+    numbers: Sequence[int],
+    episodes: int,
+    seed: int,
+    done: Callable[[int, Trial], None] = lambda episode, trial: None,
+) -> list[Trial]:
+    """Do trials of these numbers, `make` giving each its learner; `done` is told as each episode of a trial ends."""
+    rng = stream(seed, numbers[0], ABREAST)
+    task = task_of(config)
+    every = [
+        Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.learning.actions) for k in numbers
+    ]
+    for episode in range(1, episodes + 1):
+        world = world_at(config, episode, episodes)
+        for trial in every:
+            trial.task, trial.commands = task_of(world), world.learning.actions
+        _episode(world, every, rng)
+        for trial in every:
+            done(episode, trial)
+    return every
+
+
+def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) -> None:
+    """Let everyone do an episode."""
+    cars = Abreast(world, np.array([trial.start for trial in every]), rng)
+    for trial in every:
+        trial.placed(0.0)
+    ticks = REST_MS // TICK_MS
+    which = np.arange(len(every))
+    commands = np.zeros((len(every), 2))
+    while len(which):
+        lux, seen_from = cars.advance(which, commands, ticks)
+        ticks = DECISION_MS // TICK_MS
+        now = cars.tick * TICK_MS / 1000.0
+        poses = cars.robots[:3, which].T.tolist()
+        velocities = cars.robots[SENSED : SENSED + 2, which].T.tolist()
+        places = cars.odometry[:, which].T.tolist()
+        driving, given = [], []
+        for k, index in enumerate(which.tolist()):
+            trial = every[index]
+            see = trial.agent.see
+            for reading, odometry in zip(lux[:, k].tolist(), seen_from[:, k].tolist(), strict=True):
+                see(Readings(*reading), Odometry(*odometry))
+            command = trial.tick(now, True, tuple(poses[k]), Odometry(*places[k], *velocities[k]))
+            if trial.phase is Phase.REST or trial.phase is Phase.DRIVE:
+                driving.append(index)
+                given.append(command)
+        which, commands = np.array(driving, np.intp), np.array(given).reshape(-1, 2)

@@ -1,0 +1,125 @@
+"""The floor of a world: the best time that full knowledge reaches through the real loops and the goal's sampling.
+
+For each start plans "a for m decisions, b for n, then c" are driven through the simulated vehicle, its loops and its
+encoders, without noise; the floor is the earliest decision at which one of them has the goal. By the light's symmetry
+a start is one number, the bearing of the light in the robot's frame; between the bearings that are driven the time is
+interpolated before it is rounded up to a decision. Decisions are 0.1 s apart, whatever the learner's own.
+
+The search is over these plans, so the floor is a time that can be reached; nothing can be quicker than the geometric
+optimum (`txt1.model.optimal`), and `gap` tells how much a third piece still brought: what further pieces would bring is
+a fraction of that.
+"""
+
+from functools import partial
+from math import cos, pi, sin
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config
+from txt1.control.pid import Gains
+from txt1.learning.abreast import DECISION_MS, gains_table
+from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode
+from txt1.learning.trial import Start, Task, task_of
+from txt1.sim.dynamics import Dynamics, dynamics
+from txt1.sim.fleet import LEFT, RIGHT, Array, X, Y, compiled, move
+
+BEARINGS: Final = 120  # that are driven, 3 degrees apart
+TICKS: Final = DECISION_MS // TICK_MS
+
+
+class Floor(NamedTuple):
+    """The floor by the light's bearing in the robot's frame at the start."""
+
+    times: tuple[float, ...]  # s, unrounded, for bearings from -pi on, evenly; inf: no plan reaches the goal
+    gap: float  # mean share by which a third piece of the plan still brought the time down
+
+    @property
+    def exists(self) -> bool:
+        """Whether the goal can be reached from everywhere."""
+        return bool(np.isfinite(self.times).all())
+
+    def time(self, start: Start) -> float:
+        """The least time from a start, s, at a decision."""
+        bearing = (start.bearing + pi - start.heading + pi) % (2.0 * pi)
+        time = float(np.interp(bearing / (2.0 * pi) * BEARINGS, range(BEARINGS + 1), (*self.times, self.times[0])))
+        return float(np.ceil(time / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
+
+
+@partial(compiled, nogil=True)
+def _drive(
+    robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
+    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains,
+) -> Array:  # fmt: skip
+    """Time at which each robot has the goal, s, by its plan (a, m, b, n, c); inf: it never has. `late`: in ticks."""
+    count = robots.shape[1]
+    rolled, target, remaining = robots[:2].copy(), robots[0].copy(), robots[0].copy()
+    still, given, arrived = np.zeros(count), np.zeros((count, 2)), np.full(count, np.inf)
+    before = np.full(count, np.inf)
+    left = count
+    for tick in range(1, decisions * TICKS + 1):
+        since = tick - 1 - late
+        for i in range(count):
+            a, m, b, n, c = plans[i]
+            decision = since // TICKS
+            if since >= 0:
+                action = a if decision < m else b if decision < m + n else c
+                given[i] = commands[action]
+        rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
+        control(robots, given, motor_max, schedule, linear)  # as a decision takes effect before the vehicle moves on
+        dt = TICK_MS / 1000.0
+        move(robots, robots[OUTPUT], robots[OUTPUT + 1], still, dt, p, target, remaining)
+        encode(robots, rolled, dt, count_length, track_width)
+        for i in range(count):
+            if arrived[i] == np.inf:
+                away = np.hypot(robots[X, i] - light[0], robots[Y, i] - light[1])
+                if away <= goal:
+                    arrived[i] = (tick - (goal - away) / max(before[i] - away, 1e-12)) * dt
+                    left -= 1
+                before[i] = away
+        if left == 0:
+            break
+    return arrived
+
+
+def floor_of(config: Config) -> Floor:
+    """Search for the floor of a world; seconds with numba."""
+    task = task_of(config)
+    actions = len(config.learning.actions)
+    usual = max(1e-3, task.speed) * 0.001 * DECISION_MS
+    turn = int(2.0 * pi * task.radius_min / usual)
+    horizon = int((2.0 * pi * task.radius_min + task.start_radius) / usual) + 20
+    switches = [m for m in range(turn) if m < 6 or m % 2 == 0]
+    two = [(a, m, b, 0, b) for a in range(actions) for m in switches for b in range(actions) if (b != a) == (m > 0)]
+    times, gaps = [], []
+    for bearing in np.arange(BEARINGS) * (2.0 * pi / BEARINGS) - pi:
+        arrived = _arrivals(config, task, float(bearing), np.array(two), horizon)
+        best = two[int(arrived.argmin())]
+        reached = float(arrived.min())
+        near = range(max(0, best[1] - 3), best[1] + 4)
+        rest = max(0, int(reached * 10.0) - best[1]) if np.isfinite(reached) else turn
+        three = [
+            (best[0], m, b, n, c)
+            for m in near for b in range(actions) for n in range(1, rest, 2) for c in range(actions) if c != b
+        ]  # fmt: skip
+        if three:
+            finer = float(_arrivals(config, task, float(bearing), np.array(three), horizon).min())
+            if np.isfinite(reached):
+                gaps.append(max(0.0, reached - finer) / reached)
+            reached = min(reached, finer)
+        times.append(reached)
+    return Floor(tuple(times), float(np.mean(gaps)) if gaps else 0.0)
+
+
+def _arrivals(config: Config, task: Task, bearing: float, plans: NDArray[np.int64], horizon: int) -> Array:
+    robots = np.zeros((ROWS, len(plans)))
+    robots[PHASE : PHASE + 2] = 0.5
+    light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
+    body, parameters = config.geometry, dynamics(config.sim.vehicle, config.geometry)
+    arrived: Any = _drive(
+        robots, plans, np.array(config.learning.actions), round(task.delay * 1000.0 / TICK_MS), horizon, light,
+        task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
+        gains_table(config.control.schedule()), config.control.linear.gains(),
+    )  # fmt: skip
+    return np.asarray(arrived)

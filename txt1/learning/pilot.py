@@ -1,0 +1,699 @@
+"""A learner that surveys its own sensors, keeps the light on a map, and plots the quickest course to it.
+
+It is told neither where its sensors sit nor which way an action turns nor how fast. It knows that the light is one
+point whose brightness falls by some power of the distance, that sensors sit somewhere on the robot, and that odometry
+tells how far it went and how much it turned (perhaps by a wrong scale). Lengths are odometry's, times are decisions:
+
+    z     <- log of the mean of the readings since the last decision
+    d, h  <- distance and turn since then, by odometry
+    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action that was in force (least squares that forget)
+    q     <- place of the light in the robot's frame: moved by d, h, corrected by z (Kalman filter)
+    if lost, or at an episode's end:
+        survey: p, g, n, s and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
+    a     <- first action of the quickest plan "a for m decisions, then b" to the goal's distance
+
+with sensors at p, of brightness g, power n, and a turn of s h for the h that odometry says. It is lost at first,
+when the readings fit no longer, and when it has not arrived in twice the time that it had planned: then it forgets its
+survey, tries each action again, and surveys anew from several guesses at where the light is.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from math import atan2, cos, exp, hypot, inf, isfinite, log, pi, sin, sqrt
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config, checked
+from txt1.learning.agent import Decision
+from txt1.learning.qtable import StoredTable
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.odometry import Odometry
+from txt1.sim.fleet import compiled as compiled_anew
+from txt1.units import NotNegative, Positive, PositiveInt, Share
+
+Array = NDArray[np.float64]
+Place = tuple[float, float]  # (forward, left) of the robot, in odometry's metres
+
+SENSORS: Final = 4
+POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
+NUMBERS: Final = 14
+compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
+
+TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The hyper-parameters, which `learning.pilot` sets."""
+
+    period: Positive = 0.1  # time from one decision to the next, s
+    tries: PositiveInt = 5  # decisions for which each action is tried when it is lost, in one go
+    forgets: Share = 0.99  # weight of the past in what an action does, per decision that it is in force
+    window: PositiveInt = 250  # decisions that a survey looks back on
+    anew: PositiveInt = 5  # decisions from one survey to the next when it is lost
+    doubt: Positive = 2.5  # mean square of the readings' misfit, in its own deviations, from which it is lost
+    slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
+    model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
+    ahead: PositiveInt = 130  # decisions after which a plan's first action ends at the latest
+    delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
+
+
+SETTINGS: Final = Settings()
+
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
+    """Return a learner as configured, or one that drives by a stored survey; ValueError: it has another shape."""
+    settings = checked(Settings, config.learning.pilot, "learning.pilot")
+    agent = PilotAgent(rng, len(config.learning.actions), settings)
+    if table is not None:
+        table.shaped(*agent.table().values.shape)
+        agent.recall({**agent.memory(), **table.about["memory"]})
+    return agent
+
+
+class Effects:
+    """What each action does to distance and curvature, were it in force 0, 1, 2, ... decisions after it was taken.
+
+    y' = k y + c(a), with one k for all, by least squares that forget; the last action stands for none.
+    """
+
+    def __init__(self, actions: int, delays: int) -> None:
+        self.sums = np.zeros((delays, 2, actions + 1, 5))  # of 1, y, y', y^2, y y': of distance, and of curvature
+        self.sums[..., 3] = 1e-6
+        self.error = np.zeros(delays)  # mean squares of what was foretold wrong
+        self.k = np.zeros((delays, 2))
+        self.c = np.zeros((delays, 2, actions + 1))
+
+    def learn(self, taken: Array, distance: Place, curvature: Place, forgets: float) -> None:
+        """Take distances and curvatures before and after a decision; `taken` are the last actions, the latest first."""
+        learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
+
+
+@compiled
+def learn_effects(
+    sums: Array, error: Array, k: Array, c: Array, taken: Array, distance: Place, curvature: Place, forgets: float
+) -> None:
+    """See `Effects.learn`."""
+    weight = distance[1] * distance[1]
+    for delay in range(sums.shape[0]):
+        a = taken[delay]
+        miss = (k[delay, 1] * curvature[0] + c[delay, 1, a] - curvature[1]) ** 2 * weight
+        miss += (k[delay, 0] * distance[0] + c[delay, 0, a] - distance[1]) ** 2
+        error[delay] += 0.03 * (miss - error[delay])
+        for row in range(2):
+            y, y_next = distance if row == 0 else curvature
+            w = 1.0 if row == 0 else weight
+            one = sums[delay, row]
+            one[a] *= forgets
+            one[a, 0] += w
+            one[a, 1] += w * y
+            one[a, 2] += w * y_next
+            one[a, 3] += w * y * y
+            one[a, 4] += w * y * y_next
+            within = across = 1e-12
+            for b in range(one.shape[0]):
+                within += one[b, 3] - one[b, 1] * one[b, 1] / (one[b, 0] + 1e-12)
+                across += one[b, 4] - one[b, 1] * one[b, 2] / (one[b, 0] + 1e-12)
+            k[delay, row] = min(max(across / within, 0.0), 0.95)
+            for b in range(one.shape[0]):
+                c[delay, row, b] = (one[b, 2] - k[delay, row] * one[b, 1]) / (one[b, 0] + 1e-12)
+
+
+class PilotAgent:
+    """The learner; see the module."""
+
+    name = "pilot"
+
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        self.settings = settings
+        self.actions = actions
+        self.episode = 0
+        self.effects = Effects(actions, settings.delays)
+        self.survey = np.zeros(NUMBERS)  # see POWER, PLACES, SCALE
+        self.survey[POWER], self.survey[SCALE] = 2.0, 1.0
+        self.spread = np.full(SENSORS, 0.1)  # mean square of one sample, as a share of its mean
+        self.goal = 0.0  # distance from the light at which an episode ends; 0: not known
+        self.lost = True
+        self.misfit = 1.0
+        self._rng = rng
+        self._untried = self._all()
+        self._past: list[Array] = []  # of each episode, rows of _RECORD numbers a decision
+        self._before = self.memory()
+        self.begin()
+
+    def _all(self) -> list[int]:
+        return [int(a) for a in self._rng.permutation(self.actions) for _ in range(self.settings.tries)]
+
+    # -- the learner as the trial sees it ------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._before = self.memory()
+        self._rows: list[list[float]] = []
+        self._clear()
+        self._taken = [self.actions] * self.settings.delays  # actions, the latest first
+        self._at: Odometry | None = None
+        self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
+        self._due = 0.0
+        self._acting = False
+        self._light: Belief | None = None  # its place in the robot's frame
+        self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
+        self._deadline = inf
+        self.plan = inf  # decisions that the plan takes
+
+    def _clear(self) -> None:
+        """Begin a new mean of the readings."""
+        self._count = 0
+        self._sum, self._squares = [0.0] * SENSORS, [0.0] * SENSORS
+        self._usable = [True] * SENSORS
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        del odometry
+        self._count += 1
+        total, squares = self._sum, self._squares
+        for k, lux in enumerate(readings):
+            if not LUX_MIN < lux < LUX_MAX:  # dead, dazzled, or no number
+                self._usable[k] = False
+            else:
+                total[k] += lux
+                squares[k] += lux * lux
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen anything."""
+        return self._count > 5
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        del odometry
+        return self._acting and now < self._due - 1e-9
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from what came of the last action, and choose the next one."""
+        self._acting, self._due = True, now + self.settings.period
+        self._learn(odometry)
+        if self.lost and len(self._rows) % self.settings.anew == 0:
+            self._survey_anew()
+        if not self.lost and (self.misfit > self.settings.doubt or len(self._rows) > self._deadline):
+            self._lose()
+        a = self._choose()
+        self._taken = [a, *self._taken[:-1]]
+        return a
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The episode is over."""
+        self._learn(odometry)
+        self.episode += 1
+        if len(self._rows) > 2:
+            self._past.append(np.array(self._rows))
+        if success and self._light is not None:
+            seen = 0.5 * (self._range[0] + self._range[1])  # outside before, inside now
+            self.goal += (seen - self.goal) * (1.0 if self.goal == 0.0 or self.lost else 0.3)
+            self.lost = False
+            self.misfit = 1.0
+        self._trim()
+        if self._past:
+            self._survey_on()
+
+    # -- learning ------------------------------------------------------------------------------------------------
+
+    def _learn(self, odometry: Odometry) -> None:
+        """Take the readings and the odometry since the last decision."""
+        z, noise = self._readings()
+        distance = turn = 0.0
+        if self._at is not None:
+            turn = wrap_angle(odometry.theta - self._at.theta)
+            middle = self._at.theta + 0.5 * turn
+            distance = (odometry.x - self._at.x) * cos(middle) + (odometry.y - self._at.y) * sin(middle)
+            pace = distance, (turn / distance if abs(distance) > 0.1 * abs(self._usual()) > 0.0 else self._pace[1])
+            taken = np.array(self._taken)
+            self.effects.learn(taken, (self._pace[0], pace[0]), (self._pace[1], pace[1]), self.settings.forgets)
+            self._pace = pace
+        self._at = odometry
+        self._rows.append([distance, turn, *z, *noise])
+        self._track(distance, turn, z, noise)
+
+    def _usual(self) -> float:
+        """The longest distance that an action leads to, in a decision."""
+        return float(np.abs(self.effects.c[0, 0] / (1.0 - self.effects.k[0, 0])).max()) or 1e-9
+
+    def _readings(self) -> tuple[Array, Array]:
+        """The logarithms of the mean readings, and their variances; infinite where a sensor is of no use."""
+        n = self._count
+        z, noise = np.zeros(SENSORS), np.full(SENSORS, inf)
+        varies = [n > 1 and self._squares[k] * n - self._sum[k] ** 2 > 1e-9 * self._sum[k] ** 2 for k in range(SENSORS)]
+        for k in range(SENSORS):
+            if n and self._usable[k] and (varies[k] or not any(varies)):  # one that is frozen is of no use
+                mean = self._sum[k] / n
+                if n > 2:
+                    share = (self._squares[k] / n - mean * mean) / (mean * mean) * n / (n - 1)
+                    self.spread[k] += 0.02 * (max(share, 0.0) - self.spread[k])
+                z[k], noise[k] = log(mean), self.spread[k] / n + self.settings.model**2
+        self._clear()
+        return z, noise
+
+    def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
+        """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
+        slip = self.settings.slip
+        if self._light is not None:
+            turn *= float(self.survey[SCALE])
+            halfway = moved(self._light, 0.5 * distance, 0.5 * turn, slip)
+            there, square, count = corrected(halfway, self.survey, z, noise)
+            if count:
+                self.misfit += 0.05 * (square / count - self.misfit)
+            self._light = moved(there, 0.5 * distance, 0.5 * turn, slip)
+        elif not self.lost:
+            self._light = sighted(self.survey, z, noise)
+        if self._light is not None:
+            self._range = self._range[1], hypot(*self._light[:2])
+
+    def _lose(self) -> None:
+        """Forget the survey: nothing fits."""
+        self.lost = True
+        self.misfit = 1.0
+        self._past = []
+        self._rows = self._rows[-10:]
+        self._light = None
+        self._deadline = inf
+        self._untried = self._all()
+
+    def _trim(self) -> None:
+        """Keep the latest episodes only."""
+        while len(self._past) > 1 and sum(map(len, self._past)) - len(self._past[0]) > self.settings.window:
+            self._past.pop(0)
+        self._past[-1:] = [rows[-self.settings.window :] for rows in self._past[-1:]]
+
+    def _prior(self) -> tuple[Array, Array]:
+        """What a survey would say without readings, and the square of its deviations: sensors alike, on the robot."""
+        curvature = np.abs(self.effects.c[0, 1] / (1.0 - self.effects.k[0, 1])).max()
+        on_robot = 0.5 / max(curvature, 1e-3)  # half its smallest turning circle
+        deviations = np.array([0.2] * 4 + [0.7] + [on_robot] * 8 + [0.1])
+        mean = np.zeros(NUMBERS)
+        mean[POWER], mean[SCALE] = 2.0, 1.0
+        return mean, deviations**2
+
+    def _survey_anew(self) -> None:
+        """Survey from guesses at where the light is, with what was seen in this episode."""
+        rows = np.array(self._rows[-self.settings.window :])
+        if len(rows) < 2 * self.settings.anew or self._untried:
+            return
+        mean, square = self._prior()
+        radius = 2.0 * sqrt(square[PLACES])
+        which = np.zeros(len(rows), np.int64)
+        best = inf
+        for r in (radius, 3.0 * radius):
+            for bearing in np.arange(8) * (pi / 4.0):
+                guess = mean.copy()
+                guess[:4] = np.median(rows[:, 2:6]) + guess[POWER] * log(r)
+                light = np.array([[r * cos(bearing), r * sin(bearing)]])
+                found, lights, cost, doubt = surveyed(rows, which, guess, light, mean, square, 12)
+                if cost < best:
+                    best, self.survey = cost, found
+                    self._follow(rows, lights[0], doubt)
+
+    def _follow(self, rows: Array, light: Array, doubt: Array) -> None:
+        """Have the light where a survey put it on the map of this episode."""
+        x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
+        on_map = light[0], light[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
+        distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
+        there = moved(moved(on_map, 0.0, bearing, 0.0), distance, 0.0, 0.0)
+        self._light = moved(there, 0.0, heading[-1] - bearing, 0.0)
+        self._range = self._range[1], hypot(*self._light[:2])
+
+    def _survey_on(self) -> None:
+        """Survey again from what is known, with the latest episodes."""
+        mean, square = self._prior()
+        lights = np.array([self._sight(rows) for rows in self._past])
+        which = np.repeat(np.arange(len(self._past)), [len(rows) for rows in self._past])
+        found, _, cost, _ = surveyed(np.concatenate(self._past), which, self.survey, lights, mean, square, 6)
+        if isfinite(cost):
+            self.survey = found
+
+    def _sight(self, rows: Array) -> Place:
+        """Where the light was on the map of an episode, as far as the survey tells."""
+        x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
+        ahead, left, _, _, _ = seen_along(self.survey, rows, self.settings.slip)
+        c, s = cos(heading[-1]), sin(heading[-1])
+        return float(x[-1] + c * ahead - s * left), float(y[-1] + s * ahead + c * left)
+
+    # -- choosing ------------------------------------------------------------------------------------------------
+
+    def _choose(self) -> int:
+        if self.lost and self._untried:
+            return self._untried.pop(0)
+        if self._light is None:
+            return int(self._rng.integers(self.actions))
+        delay = int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
+        k, c = self.effects.k[delay], self.effects.c[delay]
+        pending = np.array(self._taken[:delay][::-1], np.int64)
+        goal = self.goal or 0.25 * sqrt(self._prior()[1][PLACES])
+        a, self.plan = quickest(
+            self._light[0], self._light[1], self._pace[0], self._pace[1], pending, k,
+            c[:, : self.actions].copy(), c, float(self.survey[SCALE]), goal, self.settings.ahead,
+        )  # fmt: skip
+        if self._deadline == inf:
+            self._deadline = len(self._rows) + 2.0 * self.plan + 20.0
+        return int(a)
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """The bearing's cell of 5 degrees, 0 behind; the misfit; distance and bearing of the light, and the plan."""
+        del odometry
+        if self._light is None:
+            return Decision(None, None, ())
+        bearing = atan2(self._light[1], self._light[0])
+        values = hypot(*self._light[:2]), bearing, min(self.plan, 1e6)
+        return Decision(round((bearing + pi) / (2.0 * pi) * 72) % 72, self.misfit, values)
+
+    # -- what it keeps -------------------------------------------------------------------------------------------
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        self.recall(self._before)
+
+    def table(self) -> StoredTable:
+        """The survey: a row for each sensor with brightness, power, place; about: the rest of what it learned."""
+        places = self.survey[PLACES:SCALE].reshape(4, 2)
+        values = np.column_stack([self.survey[:4], np.full(4, self.survey[POWER]), places])
+        memory = self.memory()
+        del memory["rng"]
+        return StoredTable(values, {"agent": self.name, "episodes": self.episode, "memory": memory})
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        effects = {name: getattr(self.effects, name).tolist() for name in ("sums", "error", "k", "c")}
+        return {
+            "effects": effects, "survey": self.survey.tolist(), "spread": self.spread.tolist(), "goal": self.goal,
+            "lost": self.lost, "untried": list(self._untried), "episode": self.episode,
+            "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
+            "rng": self._rng.bit_generator.state,
+        }  # fmt: skip
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""
+        for name, kept in memory["effects"].items():
+            setattr(self.effects, name, np.array(kept))
+        self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
+        self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
+        self._untried = list(memory["untried"])
+        self._past = [np.array(rows) for rows in memory["past"]]
+        for rows in self._past:
+            rows[:, 6:][rows[:, 6:] < 0.0] = inf
+        self._rng.bit_generator.state = memory["rng"]
+
+
+# -- the light on the robot's map ------------------------------------------------------------------------------------
+
+Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
+
+
+@compiled
+def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
+    """The light in the robot's frame after the robot went on, which odometry tells but for a share `slip`."""
+    x, y, xx, yy, xy = belief
+    c, s = cos(turn), sin(turn)
+    x, y = x - distance * cos(0.5 * turn), y - distance * sin(0.5 * turn)
+    xx += slip * slip * (distance * distance + turn * turn * y * y)
+    yy += slip * slip * turn * turn * x * x
+    xy -= slip * slip * turn * turn * x * y
+    x, y = c * x + s * y, c * y - s * x
+    return (
+        x, y, c * c * xx + s * s * yy + 2.0 * c * s * xy, c * c * yy + s * s * xx - 2.0 * c * s * xy,
+        c * s * (yy - xx) + (c * c - s * s) * xy,
+    )  # fmt: skip
+
+
+@compiled
+def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Belief, float, int]:
+    """The light's place after readings; the sum of their squared misfits, in deviations, and how many they were."""
+    x, y, xx, yy, xy = belief
+    total, count = 0.0, 0
+    for k in range(SENSORS):
+        if noise[k] == inf:
+            continue
+        apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
+        square = apart_x * apart_x + apart_y * apart_y + 1e-4
+        slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
+        miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+        along_x, along_y = xx * slope_x + xy * slope_y, xy * slope_x + yy * slope_y
+        variance = slope_x * along_x + slope_y * along_y + noise[k]
+        total += miss * miss / variance
+        count += 1
+        step_x, step_y = along_x / variance * miss, along_y / variance * miss
+        short = min(1.0, 0.5 * hypot(x, y) / max(hypot(step_x, step_y), 1e-9))
+        x, y = x + short * step_x, y + short * step_y
+        xx, yy, xy = (
+            xx - along_x * along_x / variance, yy - along_y * along_y / variance, xy - along_x * along_y / variance,
+        )  # fmt: skip
+    return (x, y, xx, yy, xy), total, count
+
+
+@compiled
+def sighted(survey: Array, z: Array, noise: Array) -> Belief:
+    """Place of the light from one set of readings: the best of sixteen bearings, by Gauss-Newton."""
+    level, weights = 0.0, 1e-12
+    for k in range(SENSORS):
+        if noise[k] < inf:
+            level += (survey[k] - z[k]) / noise[k]
+            weights += 1.0 / noise[k]
+    far = exp(min(max(level / weights / survey[POWER], -3.0), 3.0))
+    best = inf
+    found = (far, 0.0, far * far, far * far, 0.0)
+    for guess in range(16):
+        x, y = far * cos(guess * pi / 8.0), far * sin(guess * pi / 8.0)
+        xx = yy = xy = cost = 0.0
+        for _ in range(6):
+            xx = yy = 1e-2 / (far * far)
+            xy = to_x = to_y = cost = 0.0
+            for k in range(SENSORS):
+                if noise[k] == inf:
+                    continue
+                apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
+                square = apart_x * apart_x + apart_y * apart_y + 1e-4
+                slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
+                miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+                cost += miss * miss / noise[k]
+                xx += slope_x * slope_x / noise[k]
+                yy += slope_y * slope_y / noise[k]
+                xy += slope_x * slope_y / noise[k]
+                to_x += slope_x * miss / noise[k]
+                to_y += slope_y * miss / noise[k]
+            area = xx * yy - xy * xy
+            step_x, step_y = (yy * to_x - xy * to_y) / area, (xx * to_y - xy * to_x) / area
+            short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
+            x, y = x + short * step_x, y + short * step_y
+        if cost < best:
+            best = cost
+            area = xx * yy - xy * xy
+            found = (x, y, yy / area, xx / area, -xy / area)
+    return found
+
+
+@compiled
+def seen_along(survey: Array, rows: Array, slip: float) -> Belief:
+    """Place of the light at the end of an episode's rows, as the survey has it."""
+    belief: Belief = sighted(survey, rows[0, 2:6], rows[0, 6:])
+    for k in range(1, rows.shape[0]):
+        turn = survey[SCALE] * rows[k, 1]
+        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
+        belief, _, _ = corrected(belief, survey, rows[k, 2:6], rows[k, 6:])
+        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
+    return belief
+
+
+# -- the survey ------------------------------------------------------------------------------------------------------
+
+
+def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
+    """The way on the map of an episode: x, y and heading after each decision; it begins at 0, 0, 0."""
+    heading = np.cumsum(turn)
+    middle = heading - 0.5 * turn
+    return np.cumsum(distance * np.cos(middle)), np.cumsum(distance * np.sin(middle)), heading
+
+
+@compiled
+def _cost(
+    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, gradient: Array, normal: Array
+) -> float:
+    """Cost of a survey and of the light's places; `gradient` and `normal` are overwritten with its slopes."""
+    gradient[:] = 0.0
+    normal[:] = 0.0
+    level = (survey[0] + survey[1] + survey[2] + survey[3]) / SENSORS
+    cost = 0.0
+    for i in range(NUMBERS):
+        off = survey[i] - (level if i < SENSORS else mean[i])
+        cost += off * off / square[i]
+        gradient[i] += off / square[i]
+        normal[i, i] += 1.0 / square[i]
+    column = np.zeros(7, np.int64)
+    slope = np.zeros(7)
+    x = y = heading = x_by = y_by = heading_by = 0.0  # on the map, and how they change with the scale of turns
+    for t in range(rows.shape[0]):
+        e = which[t]
+        if t > 0 and which[t - 1] != e:
+            x = y = heading = x_by = y_by = heading_by = 0.0
+        distance, turn = rows[t, 0], rows[t, 1]
+        for half in range(2):  # the readings are those of the middle of a decision's way
+            middle, middle_by = (
+                heading + (0.25 + 0.5 * half) * survey[SCALE] * turn,
+                heading_by + (0.25 + 0.5 * half) * turn,
+            )
+            c, s = cos(middle), sin(middle)
+            x, y = x + 0.5 * distance * c, y + 0.5 * distance * s
+            x_by, y_by = x_by - 0.5 * distance * s * middle_by, y_by + 0.5 * distance * c * middle_by
+            if half == 1:
+                continue
+            here, here_by = heading + 0.5 * survey[SCALE] * turn, heading_by + 0.5 * turn
+            c, s = cos(here), sin(here)
+            east, north = lights[e, 0] - x, lights[e, 1] - y
+            ahead, left = c * east + s * north, c * north - s * east
+            ahead_by = left * here_by - c * x_by - s * y_by
+            left_by = -ahead * here_by - c * y_by + s * x_by
+            for k in range(SENSORS):
+                if rows[t, 6 + k] == inf:
+                    continue
+                root = 1.0 / sqrt(rows[t, 6 + k])
+                apart_x, apart_y = ahead - survey[PLACES + 2 * k], left - survey[PLACES + 2 * k + 1]
+                far = apart_x * apart_x + apart_y * apart_y + 1e-4
+                miss = (survey[k] - 0.5 * survey[POWER] * log(far) - rows[t, 2 + k]) * root
+                by_x, by_y = -survey[POWER] * apart_x / far * root, -survey[POWER] * apart_y / far * root
+                cost += TAIL * log(1.0 + miss * miss / TAIL)
+                trust = 1.0 / (1.0 + miss * miss / TAIL)
+                column[0], slope[0] = k, root
+                column[1], slope[1] = POWER, -0.5 * log(far) * root
+                column[2], slope[2] = PLACES + 2 * k, -by_x
+                column[3], slope[3] = PLACES + 2 * k + 1, -by_y
+                column[4], slope[4] = SCALE, by_x * ahead_by + by_y * left_by
+                column[5], slope[5] = NUMBERS + 2 * e, by_x * c - by_y * s
+                column[6], slope[6] = NUMBERS + 2 * e + 1, by_x * s + by_y * c
+                for i in range(7):
+                    gradient[column[i]] += trust * miss * slope[i]
+                    for j in range(7):
+                        normal[column[i], column[j]] += trust * slope[i] * slope[j]
+        heading, heading_by = heading + survey[SCALE] * turn, heading_by + turn
+    return cost
+
+
+@compiled
+def surveyed(
+    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, rounds: int
+) -> tuple[Array, Array, float, Array]:
+    """A survey by Gauss-Newton from a guess; the light's place in each episode, the cost, and the last's covariance.
+
+    `rows` are those of all decisions: distance, turn, four log readings, their four variances; `which` tells the
+    episode of each. Deviations from `mean` cost their square over `square`, brightnesses those from each other.
+    """
+    size = NUMBERS + 2 * lights.shape[0]
+    gradient, normal = np.zeros(size), np.zeros((size, size))
+    new_gradient, new_normal = np.zeros(size), np.zeros((size, size))
+    cost = _cost(rows, which, survey, lights, mean, square, gradient, normal)
+    damping = 1e-2
+    for _ in range(rounds):
+        damped = normal.copy()
+        for i in range(size):
+            damped[i, i] += damping * normal[i, i] + 1e-6
+        step = np.linalg.solve(damped, gradient)
+        trial = survey - step[:NUMBERS]
+        trial[POWER] = min(max(trial[POWER], 0.5), 6.0)
+        trial[SCALE] = min(max(trial[SCALE], 0.5), 2.0)
+        moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
+        new = _cost(rows, which, trial, moved_lights, mean, square, new_gradient, new_normal)
+        if new < cost:
+            gain = cost - new
+            survey, lights, cost = trial, moved_lights, new
+            gradient[:], normal[:] = new_gradient, new_normal
+            damping *= 0.3
+            if gain < 1e-3 * cost:
+                break
+        else:
+            damping *= 8.0
+    for i in range(size):
+        normal[i, i] += 1e-6
+    return survey, lights, cost, np.linalg.inv(normal)[-2:, -2:].copy()
+
+
+# -- the plan --------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> float:
+    """Distance along an arc to the circle of radius `goal` around a light at (ahead, left); inf: it misses it."""
+    if abs(curvature) < 1e-3:
+        if abs(left) > goal or ahead < 0.0:
+            return inf
+        return ahead - sqrt(goal * goal - left * left)
+    if curvature < 0.0:
+        left = -left
+    radius = 1.0 / abs(curvature)
+    rho = hypot(ahead, left - radius)
+    cosine = (rho * rho + radius * radius - goal * goal) / (2.0 * rho * radius + 1e-12)
+    if abs(cosine) > 1.0:
+        return inf
+    angle = atan2(left - radius, ahead) - np.arccos(cosine) + 0.5 * pi
+    length: float = radius * (angle - 2.0 * pi * np.floor(angle / (2.0 * pi)))
+    return length
+
+
+@compiled
+def quickest(
+    ahead: float, left: float, distance: float, curvature: float, pending: NDArray[np.int64], k: Array, c: Array,
+    every: Array, scale: float, goal: float, horizon: int,
+) -> tuple[int, float]:  # fmt: skip
+    """The first action of the quickest plan "a for m decisions, then b", and how many decisions it takes.
+
+    The light is at (ahead, left); distance and curvature are those of the last decision. Actions that are under way
+    come first. `k`, `c` and `every` (with the action that stands for none): see `Effects`.
+    """
+    settle = 6  # decisions after which distance and curvature of an action have come to rest
+    for a in pending:
+        distance = k[0] * distance + every[0, a]
+        curvature = k[1] * curvature + every[1, a]
+        turn = scale * curvature * distance
+        cos_turn, sin_turn = cos(turn), sin(turn)
+        x, y = ahead - distance * cos(0.5 * turn), left - distance * sin(0.5 * turn)
+        ahead, left = cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x
+    best, action = inf, 0
+    for a in range(c.shape[1]):
+        at_x, at_y, step, bend = ahead, left, distance, curvature
+        for m in range(horizon):
+            if m <= 6 or m % 3 == 0:
+                for b in range(c.shape[1]):
+                    if b == a and m > 0:
+                        continue
+                    x, y, d, e = at_x, at_y, step, bend
+                    time = float(m)
+                    r = hypot(x, y)
+                    for _ in range(settle):
+                        d = k[0] * d + c[0, b]
+                        e = k[1] * e + c[1, b]
+                        turn = scale * e * d
+                        cos_turn, sin_turn = cos(turn), sin(turn)
+                        x, y = x - d * cos(0.5 * turn), y - d * sin(0.5 * turn)
+                        x, y = cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x
+                        before, r = r, hypot(x, y)
+                        if r <= goal:
+                            time += (before - goal) / max(before - r, 1e-9)
+                            break
+                        time += 1.0
+                    if r > goal:
+                        d, e = c[0, b] / (1.0 - k[0]), scale * c[1, b] / (1.0 - k[1])
+                        if abs(d) < 1e-9:
+                            continue
+                        length = _to_circle(x, y, e, goal) if d > 0.0 else _to_circle(-x, y, -e, goal)
+                        if length == inf:  # as long as if it went there after another circle
+                            length = r + 2.0 * pi / max(abs(e), 1e-3) + 100.0 * abs(d)
+                        time += length / abs(d)
+                    if time < best:
+                        best, action = time, a if m > 0 else b
+            step = k[0] * step + c[0, a]
+            bend = k[1] * bend + c[1, a]
+            turn = scale * bend * step
+            cos_turn, sin_turn = cos(turn), sin(turn)
+            at_x, at_y = at_x - step * cos(0.5 * turn), at_y - step * sin(0.5 * turn)
+            at_x, at_y = cos_turn * at_x + sin_turn * at_y, cos_turn * at_y - sin_turn * at_x
+            if hypot(at_x, at_y) <= goal:
+                break
+    return action, best

@@ -1,0 +1,234 @@
+"""Learners over a suite of worlds: trials side by side, results as files, and a table learner x world.
+
+    DIR/LEARNER/WORLD.json   raw: each episode's start, time, success, optimum and floor, and where it came from
+    DIR/table.md             learner x world: success and ratios after the 7th episode
+
+A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config, load
+from txt1.config.sources import with_values
+from txt1.errors import ConfigError
+from txt1.learning.abreast import trials, world_at
+from txt1.learning.agents import make
+from txt1.learning.floor import Floor, floor_of
+from txt1.learning.provenance import provenance
+from txt1.learning.qtable import replace_file
+from txt1.learning.trial import Episode
+
+FORMAT: Final = "txt1 world result"
+LEARNED: Final = 7  # episodes after which a learner is judged
+DRAWN: Final = 4  # worlds drawn by a seed
+STAGES: Final = 4  # floors are computed for so many stages of a world that drifts
+RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
+BACK: Final = 1.1  # ratio to the floor at which a learner has come back after a change
+
+RANGES: Final = {
+    "speed": (0.1, 0.6),  # m/s
+    "radius": (0.56, 0.9),  # of the turns to either side, m
+    "start": (0.9, 2.5),  # m
+    "goal": (0.35, 0.6),  # m
+    "noise": (0.0, 0.5),  # of a reading, as a share
+    "gain": (0.6, 1.4),  # of each sensor
+    "slip": (0.0, 0.15),
+    "drag": (0.0, 0.1),  # noise of the floor's drag, as a share of the speed
+    "delay": (0.0, 0.3),  # s, in steps of 0.1
+    "plate": (0.6, 1.3),  # of the sensors' plate, which is turned by any angle, beside the usual
+}
+
+
+class World(NamedTuple):
+    """A world by name."""
+
+    name: str
+    config: Config
+
+
+def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ()) -> list[World]:
+    """The worlds of a directory, or some of them; raises ConfigError: there is no such world, or its file is wrong."""
+    files = {path.stem: path for path in sorted(directory.glob("*.yaml"))}
+    wanted = list(names) or list(files)
+    if not wanted:
+        raise ConfigError(f"--worlds {directory}: no *.yaml there")
+    for name in wanted:
+        if name not in files:
+            raise ConfigError(f"--worlds: no {name}.yaml in {directory}; there are {', '.join(files)}")
+    return [World(name, load(files[name], overrides).config) for name in wanted]
+
+
+def drawn(config: Config, seed: int) -> list[World]:
+    """Worlds drawn at random from `RANGES`."""
+    found = []
+    for number in range(DRAWN):
+        rng = np.random.default_rng([seed, number])
+        one = {name: float(rng.uniform(*each)) for name, each in RANGES.items() if name != "gain"}
+        v, order, turned = one["speed"], rng.permutation(4), float(rng.uniform(-np.pi, np.pi))
+        left, right = (v / float(rng.uniform(*RANGES["radius"])) for _ in range(2))
+        c, s = one["plate"] * np.cos(turned), one["plate"] * np.sin(turned)
+        places = [config.sim.light.mount[k] for k in order]
+        values = {
+            "learning.actions": [[v, -right], [v, 0.0], [v, left]],
+            "learning.start_radius": one["start"],
+            "learning.goal_radius": one["goal"],
+            "learning.delay": round(one["delay"], 1),
+            "sim.light.noise": one["noise"],
+            "sim.light.gains": rng.uniform(*RANGES["gain"], 4).tolist(),
+            "sim.light.mount": [[c * x - s * y, s * x + c * y] for x, y in places],
+            "sim.vehicle.slip": one["slip"],
+            "sim.noise.drag": one["drag"],
+        }
+        found.append(World(f"drawn-{seed}-{number + 1}", with_values(config, values)))
+    return found
+
+
+def floors(config: Config, episodes: int) -> list[Floor]:
+    """The floor of each episode's world."""
+    return [_floor(_stage(config, episode, episodes).model_dump_json()) for episode in range(1, episodes + 1)]
+
+
+@cache
+def _floor(config: str) -> Floor:
+    return floor_of(Config.model_validate_json(config))
+
+
+def _stage(config: Config, episode: int, episodes: int) -> Config:
+    """The world of an episode; one that drifts in a few stages, each as it is in its middle."""
+    if config.learning.drift:
+        length = -(-episodes // STAGES)
+        episode = min(episodes, (episode - 1) // length * length + (length + 1) // 2)
+    plain = world_at(config, episode, episodes)
+    return plain.model_copy(update={"learning": plain.learning.model_copy(update={"drift": {}, "changes": ()})})
+
+
+def run(world: World, agent: str, count: int, episodes: int, seed: int) -> dict[str, Any]:
+    """The raw result of a learner in a world: JSON values."""
+    config = world.config
+    every = trials(config, lambda rng: make(agent, config, rng), range(1, count + 1), episodes, seed)
+    floor = floors(config, episodes)
+    return {
+        "format": FORMAT,
+        "world": world.name,
+        "agent": agent,
+        "seed": seed,
+        "trials": count,
+        "episodes": episodes,
+        "provenance": provenance(),
+        "config": config.model_dump(mode="json", exclude={"seed"}),
+        "floor_exists": all(each.exists for each in floor),
+        "floor_gap": max(each.gap for each in floor),
+        "columns": ["bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s"],
+        "results": [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every],
+    }
+
+
+def _row(one: Episode, floor: Floor) -> list[float]:
+    values = (*one.start, one.time, one.success, one.optimal_time, floor.time(one.start))
+    return [round(float(value), 6) for value in values]
+
+
+def run_all(
+    some: Sequence[World], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, jobs: int,
+    resume: bool, tell: Callable[[dict[str, Any]], None],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done."""
+    results, missing = [], []
+    for agent in agents:
+        for world in some:
+            path = out / agent / f"{world.name}.json"
+            if not path.exists():
+                missing.append((world, agent))
+                continue
+            if not resume:
+                raise ConfigError(f"--out {out}: holds {path.name} of {agent}; --resume carries on, or give another")
+            before = json.loads(path.read_text(encoding="utf-8"))
+            if before["provenance"]["code"] != provenance()["code"]:
+                raise ConfigError(f"--resume: {path} came from other code; give another directory")
+            if (before["trials"], before["episodes"], before["seed"]) != (count, episodes, seed):
+                raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")
+            results.append(before)
+    out.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        futures = [pool.submit(run, world, agent, count, episodes, seed) for world, agent in missing]
+        for future in futures:
+            result = future.result()
+            path = out / result["agent"] / f"{result['world']}.json"
+            path.parent.mkdir(exist_ok=True)
+            replace_file(path, json.dumps(result) + "\n")
+            results.append(result)
+            tell(result)
+    replace_file(out / "table.md", table(results))
+    return results
+
+
+# -- figures --------------------------------------------------------------------------------------------------------
+
+
+def figures(result: dict[str, Any]) -> dict[str, Any]:
+    """What a result amounts to. Failures are counted apart: no time of theirs is in a ratio."""
+    data = np.array(result["results"], float)  # (trials, episodes, 6)
+    late = data[:, min(LEARNED, data.shape[1] - 1) :]
+    won = late[..., 3] == 1.0
+    rng = np.random.default_rng(0)
+    found: dict[str, Any] = {
+        "episodes": int(won.size), "failures": int((~won).sum()), "success": float(won.mean()),
+        "failures_before": int((data[:, :LEARNED, 3] == 0.0).sum()),
+    }  # fmt: skip
+    for name, column in (("to_floor", 5), ("to_optimum", 4)):
+        found[name] = _ratio(late, won, column)
+        again = [rng.integers(0, len(late), len(late)) for _ in range(RESAMPLES if len(late) > 1 else 0)]
+        spread = [_ratio(late[k], won[k], column) for k in again]
+        found[f"{name}_95"] = [float(x) for x in np.nanpercentile(spread, (2.5, 97.5))] if spread else None
+    curve = [_ratio(data[:, k : k + 1], data[:, k : k + 1, 3] == 1.0, 5) for k in range(data.shape[1])]
+    found["to_floor_at_episode"] = curve
+    second = data[:, 1:2]
+    found["to_optimum_at_2"] = _ratio(second, second[..., 3] == 1.0, 4)
+    for change in result["config"]["learning"]["changes"]:
+        after = curve[change["episode"] - 1 :]
+        found["back_after"] = next((k for k in range(len(after)) if max(after[k:]) <= BACK), None)
+        first = data[:, change["episode"] - 1]
+        found["failures_at_change"] = int((first[:, 3] == 0.0).sum())
+    return found
+
+
+def _ratio(data: NDArray[np.float64], won: NDArray[np.bool_], column: int) -> float:
+    """Times over least times, of successes; NaN without any."""
+    least = float(data[..., column][won].sum())
+    return float(data[..., 2][won].sum()) / least if least else float("nan")
+
+
+def table(results: Sequence[dict[str, Any]]) -> str:
+    """A table learner x world in Markdown: success after the 7th episode, and the ratio of successes to the floor."""
+    agents = list(dict.fromkeys(one["agent"] for one in results))
+    names = list(dict.fromkeys(one["world"] for one in results))
+    by = {(one["agent"], one["world"]): figures(one) for one in results}
+    lines = ["| world | " + " | ".join(agents) + " |", "|---" * (len(agents) + 1) + "|"]
+    for name in names:
+        cells = [cell(by[agent, name]) if (agent, name) in by else "-" for agent in agents]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    head = f"Success after episode {LEARNED}; ratio of successes to the floor, with its interval of 95 % over trials"
+    head += "; ratio to the geometric optimum."
+    for one in results[:1]:
+        head += f" {one['trials']} trials of {one['episodes']} episodes, seed {one['seed']}"
+        head += f", code {one['provenance']['code']}."
+    return head + "\n\n" + "\n".join(lines) + "\n"
+
+
+def cell(one: dict[str, Any]) -> str:
+    """A learner in a world, in a few words."""
+    low, high = one["to_floor_95"] or (float("nan"),) * 2
+    text = f"{100.0 * one['success']:.2f} %, {one['to_floor']:.3f} ({low:.3f} to {high:.3f}), {one['to_optimum']:.3f}"
+    if "back_after" in one:
+        back = one["back_after"]
+        text += f"; back after {back} episodes" if back is not None else "; not back"
+    return text
