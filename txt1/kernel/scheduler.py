@@ -249,7 +249,7 @@ class Scheduler:
                 self._suspended_ns += slept_ns
                 self.on_sleep(slept_ns / NS_PER_S)
         self._dispatching = True
-        late_cycles = 0
+        late_cycles, due_ns = 0, NEVER
         try:
             while self._running:
                 now_ns = self._elapsed_ns()
@@ -273,7 +273,7 @@ class Scheduler:
         finally:
             self._dispatching = False
         if self._running:
-            self._set_timer()
+            self._set_timer(due_ns)
 
     def _run_punctual(self, due_ns: int, jumps: Jumps) -> bool:
         """Run what is due at an instant that virtual time has just reached, and at those it jumps to from there.
@@ -371,11 +371,11 @@ class Scheduler:
     def _next_due_ns(self) -> int:
         """When something is due next, in ns since the start; NEVER when nothing is."""
         due_ns = self._waiting[0] >> TASKS_BITS if self._waiting else NEVER
-        return min(due_ns, self._stop_ns)
+        return due_ns if due_ns < self._stop_ns else self._stop_ns
 
-    def _set_timer(self) -> None:
-        """See to it that what is due next is dispatched in time."""
-        due_ns = self._next_due_ns() + self._origin_ns
+    def _set_timer(self, due_ns: int) -> None:
+        """See to it that what is due next, at `due_ns` since the start, is dispatched in time."""
+        due_ns += self._origin_ns
         self._timer = None
         if due_ns < NEVER:
             if self._jumps is not None:
