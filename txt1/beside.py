@@ -80,6 +80,7 @@ class Beside:
     options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
+    on_terminal: bool = False  # stays in the terminal's session; else it has its own, and a share of the processor
     silence: float | None = None  # s without a heartbeat after which it is ended as hung; None: never
     tell: Callable[[str], None] = lambda text: None  # told in words when it fails, falls silent or is started again
     lost: Callable[[], None] = lambda: None  # called at once when it has gone
@@ -150,7 +151,7 @@ class Beside:
         try:
             with theirs:
                 # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
-                self._child = await asyncio.to_thread(_start, theirs.fileno(), command)
+                self._child = await asyncio.to_thread(_start, theirs.fileno(), command, self.on_terminal)
         except BaseException:
             ours.close()
             raise
@@ -305,15 +306,22 @@ class Beside:
                 self._drop("")
 
 
-def _start(fd: int, command: list[str]) -> subprocess.Popen[bytes]:
-    """The process, which inherits the terminal and the socket `fd`; to be called in a thread."""
+def _start(fd: int, command: list[str], on_terminal: bool) -> subprocess.Popen[bytes]:
+    """The process, which inherits the socket `fd`, and the terminal's session or none; to be called in a thread."""
     # Ctrl-C goes to the whole foreground group: the child is born deaf to it, before it can say so itself
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        child = subprocess.Popen([sys.executable, "-m", "txt1.beside", str(fd), *command], pass_fds=(fd,))  # noqa: S603
+        child = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-m", "txt1.beside", str(fd), *command],
+            pass_fds=(fd,),
+            # Linux shares the processor out among sessions first: in ours it would use up the loop's own share
+            start_new_session=not on_terminal,
+        )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
     turns.ordinary(child.pid, NICENESS)
+    if not on_terminal:
+        turns.whole_session(child.pid, NICENESS)
     with suppress(OSError):  # it has ended already
         if hasattr(resource, "prlimit"):
             resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))

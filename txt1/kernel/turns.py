@@ -10,6 +10,7 @@ import platform
 import struct
 import sys
 from contextlib import suppress
+from pathlib import Path
 from typing import Final
 
 SHORT: Final = 100_000  # ns, the shortest there is
@@ -31,6 +32,12 @@ def ordinary(process: int, niceness: int) -> None:
         os.setpriority(os.PRIO_PROCESS, process, niceness)
         if sys.platform == "linux":
             _set(process, niceness, 0)
+
+
+def whole_session(process: int, niceness: int) -> None:
+    """Set the niceness of a process's whole session, where sessions are what the processor is shared out among."""
+    with suppress(OSError):
+        Path(f"/proc/{process}/autogroup").write_text(str(niceness), encoding="ascii")
 
 
 def _set(thread: int, niceness: int, turn: int) -> None:

@@ -41,7 +41,7 @@ class Painter:
         size = width, height = window()
         console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
         with console.capture() as capture:
-            console.print(render(snapshot, viewer, width, height), end="")
+            console.print(render(snapshot, viewer, width, height), end="", crop=False)  # it fits
         lines = capture.get().split("\n")[:height]
         output = "\x1b[0m\x1b[2J" if size != self.size else ""
         repaint = size != self.size or self._frames % REPAINT == 0

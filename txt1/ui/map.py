@@ -16,7 +16,7 @@ from rich.text import Text
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.text import DIM
+from txt1.ui.text import DIM, Kept
 from txt1.ui.viewer import Viewer, pose_of
 
 BODY_DOTS: Final = 9.0  # the robot is drawn at least so many dots long, or its heading could not be seen
@@ -34,10 +34,21 @@ Point = tuple[float, float]  # x and y, m
 Bounds = tuple[float, float, float, float]  # left, bottom, right and top of a rectangle, m
 
 
-def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Panel:
-    """MAP for a body, or a part of one, of width x rows cells."""
-    picture = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
-    return Panel(picture, title="MAP", padding=0, border_style=DIM)
+_kept: dict[tuple[int, int], tuple[object, Kept]] = {}  # by size: all that was drawn last, and the picture
+
+
+def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
+    """MAP for a body, or a part of one, of width x rows cells; one that is as before is not drawn again."""
+    path = viewer.path
+    about, others = snapshot.get(SURROUNDINGS), snapshot.get(VEHICLES)
+    key = (pose_of(snapshot), snapshot.get(POSE) is None, about, others, len(path), path[:1], path[-1:], viewer.spacing)
+    known, picture = _kept.get((width, rows), (None, None))
+    if picture is None or known != key:
+        lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
+        picture = Kept(Panel(lines, title="MAP", padding=0, border_style=DIM))
+        _kept.clear()  # of other sizes: the window has changed
+        _kept[width, rows] = key, picture
+    return picture
 
 
 class Canvas:

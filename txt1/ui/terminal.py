@@ -56,7 +56,9 @@ class Terminal:
         self._teleop = teleop or Teleop()
         self._more = more or {}
         target, options = "txt1.ui.drawing:main", {"keys": shown}
-        self._beside = Beside(target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost)
+        self._beside = Beside(
+            target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost, on_terminal=True
+        )
         self._quit = asyncio.Event()
         self.screens = self._beside.serve
         """A task for the robot's scheduler, of the lowest priority: there the snapshots are sent from now on.

@@ -12,7 +12,7 @@ from txt1.sim.parameters import Post
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar
+from txt1.ui.map import Canvas, draw_map, fitting_scale, round_up, scale_bar, screen
 from txt1.ui.viewer import Viewer
 
 
@@ -171,3 +171,21 @@ def test_obstacles_and_the_other_robots_are_drawn_and_come_through_the_snapshots
     assert any(x < 78 and y < 36 for x, y in changed), "the post, on the upper left"
     assert any(x > 78 and y > 36 for x, y in changed), "the robot, on the lower right"
     assert all((x < 78) == (y < 36) for x, y in changed)
+
+
+def test_a_map_that_is_as_before_is_not_drawn_again() -> None:
+    viewer, first = Viewer(), full()
+    viewer.follow(first)
+    picture = screen(first, viewer, 80, 20)
+    assert screen(first.replaced({}, time=first.time + 0.1), viewer, 80, 20) is picture
+    pose = first[POSE]
+    for other in (
+        first.replaced({POSE: (pose[0] + 0.3, pose[1], pose[2])}),
+        first.replaced({VEHICLES: ((1.0, 1.0, 0.0),)}),
+        first.replaced({SURROUNDINGS: first[SURROUNDINGS]._replace(light=None)}),
+    ):
+        assert screen(other, viewer, 80, 20) is not picture
+        picture = screen(other, viewer, 80, 20)
+    viewer.path.append((0.5, 0.5))
+    assert screen(other, viewer, 80, 20) is not picture
+    assert screen(other, viewer, 90, 20) is not screen(other, viewer, 80, 20)
