@@ -39,9 +39,9 @@ torture: $(VENV)/.dev  ## faults, mutants and random bytes in great numbers, int
 	$(BIN)/python -m torture soak --page
 	$(BIN)/python -m torture mutation --page
 
-bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside a peer or a limit
+bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits: docs/benchmarks.md
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
-	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks
+	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/benchmarks.md
 
 clean:
 	rm -rf $(VENV) $(BENCH) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
@@ -60,6 +60,6 @@ $(VENV)/.dev: $(VENV)/.installed
 # The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.
 $(BENCH)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(BENCH)
-	$(BENCH)/bin/python $(PIP_INSTALL) '.[dev]'
+	$(BENCH)/bin/python $(PIP_INSTALL) '.[dev,bench]'
 	pwd > $$($(BENCH)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/benchmarks.pth
 	@touch $@

@@ -5,6 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from importlib.metadata import version
+from importlib.util import find_spec
+from io import StringIO
+from pathlib import Path
+from typing import Final
 
 from benchmarks import (
     decoder,
@@ -16,7 +24,18 @@ from benchmarks import (
     simulation_speed,
     statistics_cost,
 )
+from txt1 import __version__
 from txt1.kernel import scheduler
+
+PEERS: Final = ("pymavlink", "gymnasium", "numba", "numpy", "mcap", "pydantic")
+PAGE: Final = """\
+# Benchmarks
+
+`make bench` makes this page: it builds the compiled wheel, installs it with its peers into a virtual environment of its
+own, and runs `python -m benchmarks --page docs/benchmarks.md` there. Contestants take turns; given is the median over
+the rounds, with the smallest and the largest in brackets. On a machine that does other things, too, ratios say more
+than times.
+"""
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
@@ -34,17 +53,47 @@ def main() -> None:
     """Run the benchmarks named on the command line, one after the other."""
     parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(BENCHMARKS)}; default all")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write what is printed to this page, too")
     parser.add_argument("--quick", action="store_true", help="fewer and shorter rounds, to see that it works")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in BENCHMARKS]
     if unknown:
         parser.error(f"there is no benchmark '{unknown[0]}', only {', '.join(BENCHMARKS)}")
-    load = os.getloadavg()[0]
+    with nullcontext() if arguments.page is None else page(arguments.page):
+        print("\n".join(machine()))
+        for name in arguments.names or BENCHMARKS:
+            BENCHMARKS[name](quick=arguments.quick)
+
+
+def machine() -> Iterator[str]:
+    """What was measured, with which versions, and on which machine."""
     form = "from source" if str(scheduler.__file__).endswith(".py") else "compiled"
-    python = f"Python {platform.python_version()}, {platform.machine()}"
-    print(f"txt1 {form}, {python}, {os.cpu_count()} processors, load {load:.2f}")
-    for name in arguments.names or BENCHMARKS:
-        BENCHMARKS[name](quick=arguments.quick)
+    yield f"txt1 {__version__} {form}, Python {platform.python_version()}, Linux {platform.release()}"
+    told = Path("/proc/cpuinfo").read_text(encoding="utf-8") if sys.platform == "linux" else ""
+    models = {line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")}
+    processor = ", ".join(models) or platform.machine()
+    yield f"{os.cpu_count()} processors: {processor}; load {os.getloadavg()[0]:.2f} at the start"
+    installed = [name for name in PEERS if find_spec(name)]
+    yield "with " + ", ".join(f"{name} {version(name)}" for name in installed)
+
+
+@contextmanager
+def page(path: Path) -> Iterator[None]:
+    """Write all that is printed to a page, too, when it is complete."""
+    printed, screen = StringIO(), sys.stdout
+
+    class Both(StringIO):
+        def write(self, text: str) -> int:
+            screen.write(text)
+            return printed.write(text)
+
+        def flush(self) -> None:
+            screen.flush()
+
+    with redirect_stdout(Both()):
+        yield
+    block = "\n".join(f"    {line}".rstrip() for line in printed.getvalue().splitlines())
+    path.write_text(f"{PAGE}\n{block}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
