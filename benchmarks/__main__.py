@@ -16,6 +16,7 @@ from typing import Final
 
 from benchmarks import (
     decoder,
+    estimation,
     firmware,
     learning_time,
     punctuality,
@@ -45,6 +46,7 @@ BENCHMARKS = {
     "decoder": decoder.main,
     "recording": recording.main,
     "firmware": firmware.main,
+    "estimation": estimation.main,
     "learning_time": learning_time.main,
 }
 

@@ -281,6 +281,12 @@ class Runtime:
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
 
+    def wheels(self) -> Wheels:
+        """The robot's own part of a cycle of the filter."""
+        state = self.state
+        steering = float(state.control.outputs.rear) if self.hal.capabilities.pwm else None
+        return Wheels(state.odometry, state.odometry_time, steering, state.control.v != 0.0)
+
     def _configured_sensors(self) -> dict[str, SensorConfig]:
         """The configured sensors, and simulated ones for those to be fused that are not among them."""
         sensors = dict(self.config.sensors)
@@ -295,7 +301,7 @@ class Runtime:
 
     def _begin_estimation(self) -> None:
         """Start the filter, and have it told what its sensors read."""
-        config, state = self.config.estimation, self.state
+        config = self.config.estimation
         kinds = {name: self.sensors[name].sensor.topic.type for name in config.names if name != ENCODERS}
         for name, kind in kinds.items():
             if not fusable(kind):
@@ -304,17 +310,12 @@ class Runtime:
         for name in kinds:
             self.sensors[name].listeners.append(partial(estimator.take, name))
 
-        def wheels() -> Wheels:
-            control = state.control
-            steering = float(control.outputs.rear) if self.hal.capabilities.pwm else None
-            return Wheels(state.odometry, state.odometry_time, steering, control.v != 0.0)
-
         def offer(estimate: Estimate) -> None:
             x, y, theta, v, omega = estimate[:5]
             self.post(CombinedOdometry(x, y, theta, v, omega), self.now)
 
         task = partial(
-            estimation, estimator=estimator, wheels=wheels, offer=offer if config.loops else None, tell=self.tell
+            estimation, estimator=estimator, wheels=self.wheels, offer=offer if config.loops else None, tell=self.tell
         )
         self.bus.offer(FILTERED, lambda: estimator.estimate)
         self.bus.offer(TRUSTS, estimator.fusion.trusts)

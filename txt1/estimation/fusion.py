@@ -138,7 +138,7 @@ class _Judge:
     beyond_since: float = 0.0
     same: int = 0  # readings in a row that were equal
     last: tuple[float, ...] = ()
-    misses: Array = field(default_factory=lambda: np.zeros(3))  # mean of the misses, in standard deviations
+    misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
     fitting_since: float = 0.0
 
@@ -316,7 +316,7 @@ class Fusion:
             return self._locate(belief, measurement)
         after, nis, s = update(belief, residual, h, noise, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
-        self._judge(judge, measurement, belief, nis, residual / np.sqrt(s.diagonal()), gate)
+        self._judge(judge, measurement, belief, nis, residual, s, gate)
         return after
 
     def _expect(self, mean: Array, measurement: Measurement) -> tuple[Array, Array]:
@@ -362,9 +362,17 @@ class Fusion:
     # -- belief ----------------------------------------------------------------------------------------------------
 
     def _judge(
-        self, judge: _Judge, measurement: Measurement, belief: Belief, nis: float, misses: Array, gate: float
+        self,
+        judge: _Judge,
+        measurement: Measurement,
+        belief: Belief,
+        nis: float,
+        residual: Array,
+        s: Array,
+        gate: float,
     ) -> None:
-        count = len(misses)
+        """Weigh a new reading: its NIS, its residual and that one's covariance."""
+        count = len(measurement.values)
         fits = nis <= gate
         judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
         still = measurement.values == judge.last and measurement.kind is not Kind.ENCODERS
@@ -398,14 +406,17 @@ class Fusion:
             return
         judge.used += 1
         judge.beyond = 0
-        mean = judge.misses[:count]
-        mean += (misses - mean) / MEMORY
-        if abs(mean).max() > ONE_SIDED:
+        means = judge.misses
+        one_sided = False
+        for place, (miss, variances) in enumerate(zip(residual.tolist(), s.tolist(), strict=True)):
+            means[place] = mean = means[place] + (miss / sqrt(variances[place]) - means[place]) / MEMORY
+            one_sided = one_sided or abs(mean) > ONE_SIDED
+        if one_sided:
             self._doubt(judge, "drifts away from the others")
 
     def _doubt(self, judge: _Judge, reason: str) -> None:
         judge.fitting = judge.beyond = 0
-        judge.misses[:] = 0.0
+        judge.misses = [0.0, 0.0, 0.0]
         if judge.believed:
             self.changes.append(f"'{judge.name}' is not believed any more: {reason}")
         judge.believed, judge.reason = False, reason

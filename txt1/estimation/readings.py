@@ -1,5 +1,6 @@
 """Makes measurements for the filter of sensors' readings, by the type of their values."""
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from txt1.config.schema import FusedConfig, Quantity
@@ -13,14 +14,18 @@ QUANTITIES: Final[dict[Kind, tuple[Quantity, ...]]] = {
     Kind.GYRO: ("omega",),
 }
 
-SIGMAS: Final = {
+SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
     ImuReading: {"omega": 0.006},  # rad/s; assumed for a 3DM-GX2
     FixReading: {"x": 1.0, "y": 1.0, "theta": 0.2},  # m, where the receiver tells none; rad
     TrackerReading: {"x": 0.002, "y": 0.002, "theta": 0.003, "v": 0.05, "omega": 0.1},  # m, rad; assumed
 }
 """Standard deviations of readings that tell none."""
 
-USUAL: Final = {ImuReading: ("omega",), FixReading: ("x", "y"), TrackerReading: ("x", "y", "theta")}
+USUAL: Final[dict[type, tuple[Quantity, ...]]] = {
+    ImuReading: ("omega",),
+    FixReading: ("x", "y"),
+    TrackerReading: ("x", "y", "theta"),
+}
 """The quantities that are taken where nothing else is configured."""
 
 
@@ -29,26 +34,39 @@ def fusable(kind: type) -> bool:
     return kind in USUAL
 
 
-def measurements(name: str, reading: Reading[Any], settings: FusedConfig) -> list[Measurement]:
-    """A sensor's reading as measurements, one for each kind of quantity in it; none of a value of another type."""
-    value = reading.value
-    kind = type(value)
-    wanted = USUAL.get(kind, ()) if settings.fields is None else settings.fields
-    time = reading.time - settings.delay
-    made = []
-    for what in (Kind.GYRO,) if kind is ImuReading else (Kind.POSE, Kind.VELOCITY):
-        rows, values, sigmas = [], [], []
-        for row, quantity in enumerate(QUANTITIES[what]):
-            told = value.rates[2] if what is Kind.GYRO else getattr(value, quantity, None)
-            if quantity in wanted and told is not None:
-                own = getattr(value, f"sigma_{quantity}", None)
-                rows.append(row)
-                values.append(told)
-                sigmas.append(settings.sigma.get(quantity) or own or SIGMAS[kind].get(quantity, 0.1))
-        if rows:
-            at = value.mount.x, value.mount.y
-            made.append(Measurement(time, name, what, tuple(rows), tuple(values), tuple(sigmas), at))
-    return made
+def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]], list[Measurement]]:
+    """The function that makes measurements of a sensor's readings, one for each kind of quantity in it."""
+    wanted = USUAL[kind] if settings.fields is None else settings.fields
+    given, assumed, delay = settings.sigma, SIGMAS[kind], settings.delay
+    if kind is ImuReading:
+        rate = given.get("omega", assumed["omega"])
+
+        def turning(reading: Reading[ImuReading]) -> list[Measurement]:
+            return [Measurement(reading.time - delay, name, Kind.GYRO, (0,), (reading.value.rates[2],), (rate,))]
+
+        return turning if "omega" in wanted else lambda reading: []
+
+    parts = [
+        (what, [(row, quantity) for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted])
+        for what in (Kind.POSE, Kind.VELOCITY)
+    ]
+
+    def moving(reading: Reading[Any]) -> list[Measurement]:
+        value, time = reading.value, reading.time - delay
+        made = []
+        for what, quantities in parts:
+            told = [(row, quantity, getattr(value, quantity)) for row, quantity in quantities]
+            told = [each for each in told if each[2] is not None]
+            if told:
+                sigmas = tuple(
+                    given.get(quantity) or getattr(value, f"sigma_{quantity}", None) or assumed.get(quantity, 0.1)
+                    for _, quantity, _ in told
+                )
+                rows, values = tuple(each[0] for each in told), tuple(each[2] for each in told)
+                made.append(Measurement(time, name, what, rows, values, sigmas, value.mount[:2]))
+        return made
+
+    return moving
 
 
 def tells_pose(kind: type, settings: FusedConfig) -> bool:

@@ -1,12 +1,12 @@
 """The estimation task: every 20 ms one estimate of all that the sensors have told."""
 
-from collections.abc import Callable, Mapping, Sequence
-from math import hypot, sqrt, tan
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import cos, hypot, sin, sqrt, tan
 from typing import Any, Final, NamedTuple
 
 from txt1.config.schema import EstimationConfig, FusedConfig
 from txt1.estimation.fusion import Belonging, Estimate, Fusion, Kind, Measurement, Trust
-from txt1.estimation.readings import measurements, tells_pose
+from txt1.estimation.readings import plan, tells_pose
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX, Geometry
@@ -32,8 +32,6 @@ _COVARIANCES: Final = [  # of a planar robot in ROS's 6 x 6: x, y, theta; v, ome
 
 
 def _message(estimate: Estimate) -> tuple[float, ...]:
-    from math import cos, sin
-
     x, y, theta, v, omega, covariance = estimate[:6]
     return x, y, sin(0.5 * theta), cos(0.5 * theta), v, omega, *(covariance[own] for _, _, own in _COVARIANCES)
 
@@ -89,6 +87,9 @@ class Estimator:
             for name, each in self.settings.items()
         }
         self.fusion = Fusion(belongings, geometry.wheelbase, slip_sigma=config.slip)
+        self.through: Callable[[Measurement], Iterable[Measurement]] = lambda measurement: (measurement,)
+        """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
+        self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         self._read = 0.0
         self._angle = 0.0  # of the steering as it should be, rad, left positive
@@ -98,8 +99,12 @@ class Estimator:
 
     def take(self, name: str, reading: Reading[Any]) -> None:
         """Take a sensor's reading."""
-        for measurement in measurements(name, reading, self.settings[name]):
-            self.fusion.take(measurement)
+        for measurement in self._plans[name](reading):
+            self._give(measurement)
+
+    def _give(self, measurement: Measurement) -> None:
+        for each in self.through(measurement):
+            self.fusion.take(each)
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
         """Return the estimate at `now`."""
@@ -126,7 +131,7 @@ class Estimator:
         rows = tuple(row for row, name in enumerate(("v", "omega")) if name in fields)
         given = settings.sigma.get("v") or own[0], settings.sigma.get("omega") or own[1]
         values, sigmas = tuple((v, omega)[row] for row in rows), tuple(given[row] for row in rows)
-        self.fusion.take(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, values, sigmas))
+        self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, values, sigmas))
         self._still = self._still + dt if v == 0.0 == omega and not wheels.commanded else 0.0
         if self._still >= REST:
             self.fusion.rest(middle)

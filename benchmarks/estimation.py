@@ -1,0 +1,252 @@
+"""How good the estimate is: ten laps of the waypoints' rectangle with slip and understeer, a circle, and a step's cost.
+
+    python -m benchmarks.estimation laps --seeds 100 --figure docs/estimation/ten-laps.png
+    python -m benchmarks.estimation circle --seeds 10
+    python -m benchmarks.estimation step
+
+A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
+another, each the very one that a robot runs.
+"""
+
+import argparse
+import asyncio
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from math import hypot, pi
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+
+from txt1.config.schema import EstimationConfig
+from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.model.kinematics import wrap_angle
+from txt1.navigation import follow, true_pose
+from txt1.robot import Robot
+from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
+
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf", "sim.battery.used_1=null")
+SLIPPING: Final = (*ENDLESS, "sim.vehicle.slip=0.05", "sim.vehicle.understeer=0.1")
+RECTANGLE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]
+SENSORS: Final = (
+    "sensors.imu.driver=sim_imu", "sensors.vicon.driver=sim_vicon", "sensors.gps.driver=sim_gps",
+    "sensors.gps.options={slow: 0.0}", "sensors.slow.driver=sim_gps", "sensors.vicon.options={angle_noise: 0.002}",
+)  # fmt: skip
+SETUPS: Final[dict[str, tuple[str, ...]]] = {
+    "encoders, filtered": (ENCODERS,),
+    "+ gyro": (ENCODERS, "imu"),
+    "+ gyro + GPS, 1 m white": (ENCODERS, "imu", "gps"),
+    "+ gyro + GPS, slow errors of 1 m besides": (ENCODERS, "imu", "slow"),
+    "+ gyro + Vicon": (ENCODERS, "imu", "vicon"),
+}
+KINDS: Final[dict[str, type]] = {"imu": ImuReading, "gps": FixReading, "slow": FixReading, "vicon": TrackerReading}
+RAW: Final = "encoders"
+
+
+@dataclass
+class Errors:
+    """A set-up's errors in one run."""
+
+    rows: list[tuple[float, float, float]] = field(default_factory=list)  # time s, position m, heading rad
+
+    def add(self, now: float, pose: Sequence[float], true: Sequence[float]) -> None:
+        """Note an error."""
+        self.rows.append((now, hypot(pose[0] - true[0], pose[1] - true[1]), abs(wrap_angle(pose[2] - true[2]))))
+
+    def result(self) -> dict[str, float]:
+        """Root mean squares, final and largest values."""
+        _, position, heading = np.array(self.rows).T
+        return {
+            "rms_m": float(np.sqrt(np.mean(position**2))), "final_m": float(position[-1]),
+            "largest_m": float(position.max()),
+            "rms_rad": float(np.sqrt(np.mean(heading**2))), "final_rad": float(heading[-1]),
+        }  # fmt: skip
+
+
+async def laps(seed: int, count: float) -> dict[str, Errors]:
+    """The errors of all set-ups on laps of the rectangle."""
+    found = {RAW: Errors(), **{name: Errors() for name in SETUPS}}
+    async with Robot.open("sim", seed=seed, settings=(*SLIPPING, *SENSORS)) as robot:
+        await robot.load_gains()
+        estimators = {
+            name: Estimator(
+                EstimationConfig(sensors=names), {each: KINDS[each] for each in names if each in KINDS},
+                robot.config.geometry,
+            )
+            for name, names in SETUPS.items()
+        }  # fmt: skip
+        for estimator in estimators.values():
+            for name in estimator.settings:
+                if name != ENCODERS:
+                    robot.sensors[name].listeners.append(partial(estimator.take, name))
+
+        async def measure(ticks: Ticks) -> None:
+            async for now in ticks:
+                true, wheels = robot.pose, robot.runtime.wheels()
+                assert true is not None
+                for name, estimator in estimators.items():
+                    estimate = estimator.step(now, wheels)
+                    if estimate.located:
+                        found[name].add(now, estimate, true)
+                found[RAW].add(now, wheels.odometry, true)
+
+        robot.add_task("measure", PERIOD, measure, PRIORITY)
+        await follow(robot, RECTANGLE, laps=count, pose_source=true_pose(robot))
+    return found
+
+
+def tabulated(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
+    """The root mean square over seeds of every number, by set-up."""
+    return {
+        name: {
+            key: float(np.sqrt(np.mean([result[name][key] ** 2 for result in results]))) for key in results[0][name]
+        } | {"worst_m": max(result[name]["largest_m"] for result in results)}
+        for name in results[0]
+    }  # fmt: skip
+
+
+def show_laps(seeds: int, count: float, file: Path | None, out: Path | None) -> None:
+    """Drive, print and draw."""
+    results, example = [], None
+    for seed in range(1, seeds + 1):
+        found = run(laps(seed, count), speed="max")
+        example = example or found
+        results.append({name: errors.result() for name, errors in found.items()})
+    table = tabulated(results)
+    print(f"{count:g} laps, {seeds} seeds: root mean square over seeds of")
+    print(
+        "| set-up | rms position m | final position m | largest, of all seeds m | rms heading deg | final heading deg |"
+    )
+    print("|---|---|---|---|---|---|")
+    for name, row in table.items():
+        print(
+            f"| {name} | {row['rms_m']:.4f} | {row['final_m']:.4f} | {row['worst_m']:.4f} "
+            f"| {row['rms_rad'] * 180 / pi:.3f} | {row['final_rad'] * 180 / pi:.3f} |"
+        )
+    if out is not None:
+        out.write_text(json.dumps({"table": table, "seeds": results}))
+    if file is not None and example is not None:
+        draw(example, file, count)
+
+
+def draw(found: dict[str, Errors], file: Path, count: float) -> None:
+    """The errors of one seed over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 6.0), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    for name, errors in found.items():
+        time, position, heading = np.array(errors.rows)[::10].T
+        above.semilogy(time, np.maximum(position, 1e-4), linewidth=0.9, label=name)
+        below.semilogy(time, np.maximum(heading, 1e-5) * 180.0 / pi, linewidth=0.9)
+    above.set(ylabel="position error, m", title=f"{count:g} laps with 5 % slip and 0.1 s²/m² of understeer, seed 1")
+    below.set(ylabel="heading error, degrees", xlabel="time, s")
+    for axes in (above, below):
+        axes.grid(alpha=0.3, which="both")
+    figure.legend(loc="outside lower center", ncols=2, fontsize="x-small")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=110)
+
+
+async def circle(seed: int, settings: Sequence[str]) -> float:
+    """The true radius of a circle that was asked to be 1 m, by the least squares of its last two laps."""
+    async with Robot.open("sim", seed=seed, settings=(*ENDLESS, *settings)) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.5, 5.0)
+        places = []
+        for _ in range(502):
+            robot.program.insist(0.5, 0.5)
+            await asyncio.sleep(0.05)
+            assert robot.pose is not None
+            places.append(robot.pose[:2])
+    x, y = np.array(places).T
+    a, b, c = np.linalg.lstsq(np.stack((2 * x, 2 * y, np.ones_like(x)), 1), x**2 + y**2, rcond=None)[0]
+    return float(np.sqrt(c + a * a + b * b))
+
+
+def show_circle(seeds: int) -> None:
+    """Print the radius with the loops by the encoders and by the fused velocities."""
+    slips: dict[str, tuple[str, ...]] = {
+        "no slip": (),
+        "5 % slip, 0.1 understeer": ("sim.vehicle.slip=0.05", "sim.vehicle.understeer=0.1"),
+    }
+    for slip, settings in slips.items():
+        for name, given in {
+            "encoders": (),
+            "gyro": ("estimation.preset=gyro", "estimation.loops=true"),
+            "vicon": ("estimation.preset=vicon", "estimation.loops=true"),
+        }.items():
+            radii = [run(circle(seed, (*settings, *given)), speed="max") for seed in range(1, seeds + 1)]
+            print(f"{slip}, loops by {name}: radius {np.mean(radii):.4f} m ({min(radii):.4f} to {max(radii):.4f})")
+
+
+async def cost(delay: float) -> list[float]:
+    """Microseconds of every step of a filter with four sensors at their rates, Vicon's readings so late."""
+    names = (ENCODERS, "imu", "gps", "vicon")
+    taken: list[float] = []
+    settings = (*SLIPPING, *SENSORS, f"sensors.vicon.delay={delay}")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        kinds = {each: KINDS[each] for each in names if each in KINDS}
+        estimator = Estimator(EstimationConfig(sensors=names), kinds, robot.config.geometry)
+        spent = 0
+
+        def take(name: str, reading: Any) -> None:
+            nonlocal spent
+            began = stopwatch_ns()
+            estimator.take(name, reading)
+            spent += stopwatch_ns() - began
+
+        for name in kinds:
+            robot.sensors[name].listeners.append(partial(take, name))
+
+        async def step(ticks: Ticks) -> None:
+            nonlocal spent
+            async for now in ticks:
+                wheels = robot.runtime.wheels()
+                began = stopwatch_ns()
+                estimator.step(now, wheels)
+                taken.append((spent + stopwatch_ns() - began) / NS_PER_S * 1e6)
+                spent = 0
+
+        robot.add_task("step", PERIOD, step, PRIORITY)
+        await robot.drive(0.5, 0.3, 30.0)
+    return taken[100:]
+
+
+def show_step() -> None:
+    """Print the cost of a step."""
+    for delay in (0.0, 0.01, 0.02, 0.05):
+        taken = sorted(run(cost(delay), speed="max"))
+        print(
+            f"a step with encoders, IMU 100 Hz, GPS 5 Hz, Vicon 100 Hz {delay * 1000:g} ms late: "
+            f"{median(taken):.0f} us p50, {np.mean(taken):.0f} mean, {taken[int(0.99 * len(taken))]:.0f} p99"
+        )
+
+
+def main(*, quick: bool) -> None:
+    """Print the cost of a step, and a short drive's errors."""
+    show_step()
+    show_laps(1 if quick else 3, 1.0 if quick else 3.0, None, None)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("laps", "circle", "step"))
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--laps", type=float, default=10.0)
+    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    if arguments.what == "laps":
+        show_laps(arguments.seeds, arguments.laps, arguments.figure, arguments.out)
+    elif arguments.what == "circle":
+        show_circle(arguments.seeds)
+    else:
+        show_step()
