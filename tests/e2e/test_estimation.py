@@ -35,7 +35,7 @@ async def test_it_is_told_with_covariance_and_with_how_much_each_sensor_is_belie
         assert hypot(estimate.x - pose[0], estimate.y - pose[1]) < 0.01
         snapshot: Snapshot = robot.snapshot
         assert snapshot[FILTERED] == estimate
-        assert [trust.name for trust in snapshot[TRUSTS]] == ["encoders", "imu", "vicon"]
+        assert [trust.name for trust in snapshot[TRUSTS]] == ["imu", "encoders", "vicon"]
         assert all(trust.believed for trust in snapshot[TRUSTS])
         assert estimate.slip == pytest.approx(1.0 - 1.0 / 1.05, abs=0.01)
 

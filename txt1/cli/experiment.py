@@ -15,7 +15,7 @@ from txt1.cli.app import App, get_ready, say
 from txt1.cli.options import ARM, LOG, ROBOT, add, flag, loaded, robot_speed, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.experiments import figures, metrics, report, run_folder
+from txt1.experiments import figures, metrics, report, run_folder, sensor_failure
 from txt1.experiments.profile import EXAMPLE, Profile, load_profile, names
 from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import ANOTHER, Experiment, Outcome
@@ -26,7 +26,8 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
-    kinds = f"{', '.join(names())}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs"
+    known = ", ".join([*names(), sensor_failure.NAME])
+    kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs"
     add(parser, {
         "what": takes("NAME|FILE.yaml|compare", kinds),
         "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
@@ -50,6 +51,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Drive an experiment, or compare two runs; the exit code."""
     if arguments.what == "compare":
         return _compare(arguments)
+    if arguments.what == sensor_failure.NAME:
+        return _sensor_failure(arguments)
     if arguments.runs:
         raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
     profile = load_profile(arguments.what)
@@ -78,6 +81,32 @@ def main(arguments: argparse.Namespace) -> int:
         drawn = [] if arguments.no_figure else [FIGURE]
         print(f"{folder}: {', '.join([*run_folder.FILES, *drawn])}")
     return code
+
+
+def _sensor_failure(arguments: argparse.Namespace) -> int:
+    """Let every sensor fail in every way, in simulation, and tell how the estimate bears it."""
+    if not arguments.no_figure:
+        figures.available()
+    config, speed = configure(arguments)
+    folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.NAME))
+    outcomes: list[sensor_failure.Outcome] = []
+    runs = sensor_failure.plan(config)
+
+    async def work(*which: str) -> None:
+        outcomes.append(await sensor_failure.drive(config, *which))
+
+    with progress_bar(sensor_failure.NAME) as progress:
+        bar = progress.add_task(sensor_failure.NAME, total=len(runs))
+        for which in runs:
+            code = App(speed).run(work(*which))
+            if code != OK:
+                return code
+            progress.advance(bar)
+    sensor_failure.write(outcomes, folder)
+    if not arguments.no_figure:
+        sensor_failure.draw(outcomes, folder / FIGURE)
+    print(json.dumps([each.row() for each in outcomes]) if arguments.json else sensor_failure.table(outcomes))
+    return OK
 
 
 def _compare(arguments: argparse.Namespace) -> int:

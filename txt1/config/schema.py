@@ -282,11 +282,11 @@ Quantity = Literal["x", "y", "theta", "v", "omega"]
 PRESETS: Final[dict[str, tuple[str, ...]]] = {
     "none": (),
     "encoders": ("encoders",),
-    "gyro": ("encoders", "imu"),
-    "imu-gps": ("encoders", "imu", "gps"),
-    "vicon": ("encoders", "imu", "vicon"),
+    "gyro": ("imu", "encoders"),
+    "imu-gps": ("imu", "encoders", "gps"),
+    "vicon": ("imu", "encoders", "vicon"),
 }
-"""The thesis's set-ups (3.3.3, 3.4.3): the sensors that are fused."""
+"""The thesis's set-ups (3.3.3, 3.4.3): the sensors that are fused, those first that can be done without best."""
 
 
 class FusedConfig(Section):

@@ -39,16 +39,25 @@ from txt1.estimation.ekf import (
 )
 from txt1.model.kinematics import wrap_angle
 
+SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
+YAW_RATE: Final = 0.5  # rad/s, likewise
+BIASED: Final = 0.02  # rad/s, standard deviation of the gyro's bias at the start
 HORIZON: Final = 0.5  # s that a reading may be late
 STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
-REJECTED_MAX: Final = 3  # readings in a row beyond the gate that cost a sensor its belief
-REJECTED_TIME: Final = 0.03  # and at least so many s of them
+REJECTED_MAX: Final = 2  # readings in a row beyond the gate that cost a sensor its belief
 FITS: Final = 0.5  # s for which readings fit before a sensor is believed again,
 FITTING: Final = 3  # and at least so many of them
 SAME_MAX: Final = 5  # equal readings in a row of a sensor that stands still
+SAME_COUNTS: Final = 25  # the same of encoders that turn
 MOVING: Final = 0.1  # m/s from which a position that stays the same stands still
 MEMORY: Final = 25  # readings over which a sensor's misses are averaged
 ONE_SIDED: Final = 0.8  # mean miss, in standard deviations of one, beyond which it is no chance: 5.6 times its own
+STEERING_YAW: Final = 0.05  # rad/s by which the yaw rate may differ from the steering's, ...
+STEERING_SHARE: Final = 0.1  # ... and the share of it: understeer, and a linkage that nobody has measured
+EXPLAINS: Final = 0.7  # share of the misses that must be gone without a sensor that is to blame for them
+EQUAL: Final = 9.0  # difference of two such sums of squares that is chance
+LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the average
+DRIFTS: Final = "drifts away from the others"
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
 REST_YAW: Final = 0.001  # rad/s, likewise
 ALIGNED: Final = 0.15  # rad, the standard deviation at which a heading found from positions is good enough
@@ -61,7 +70,7 @@ _TOLD: Final = picked(X, Y, THETA, ROLLED, OMEGA)
 class Kind(Enum):
     """The quantities that a measurement is of."""
 
-    STEERING = "the change of the steering's curvature since the last one, 1/m"
+    STEERING = "the steering's curvature: its change since the last one, and itself, 1/m"
     ENCODERS = "v and omega, by the encoders"
     GYRO = "omega and the gyro's bias"
     POSE = "x, y and theta"
@@ -135,7 +144,6 @@ class _Judge:
     time: float | None = None
     since: float = 0.0  # when it was heard last, or began to be waited for
     beyond: int = 0  # readings in a row beyond the gate
-    beyond_since: float = 0.0
     same: int = 0  # readings in a row that were equal
     last: tuple[float, ...] = ()
     misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
@@ -183,7 +191,7 @@ class Fusion:
         self._wheelbase = wheelbase
         self._density = drift.density()
         self._judges = {name: _Judge(name, settings) for name, settings in sensors.items()}
-        sigmas = np.array([0.0, 0.0, 0.0, 0.01, 0.01, 0.02, slip_sigma])
+        sigmas = np.array([0.0, 0.0, 0.0, SPEED, YAW_RATE, BIASED, slip_sigma])
         self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), 0.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
@@ -193,6 +201,7 @@ class Fusion:
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._alone = False  # one sensor only is believed
+        self._suspect: _Judge | None = None  # whose readings miss on one side
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -282,12 +291,56 @@ class Fusion:
                 new = entry.new
                 belief = self._measure(belief, entry)
                 if new:
+                    entry.belief = belief
                     judge = self._judges.get(measurement.sensor)
+                    if self._suspect is not None:
+                        suspect, self._suspect = self._suspect, None
+                        suspect.misses = [0.5 * miss for miss in suspect.misses]
+                        culprit = self._culprit(place)
+                        if culprit is not None:
+                            self._doubt(culprit, DRIFTS)
+                            return self._take_out(culprit.name)
                     if judge is not None and not judge.believed and entry.used:
-                        entry.belief = belief
                         return self._take_out(judge.name)
             entry.belief = belief
         return None
+
+    def _culprit(self, last: int) -> _Judge | None:
+        """The sensor without which the readings up to an entry fit best; None when they fit no better without anyone.
+
+        Where two contradict one another and nobody takes sides it is the first in the order in which they are given.
+        """
+        believed = [judge for judge in self._judges.values() if judge.believed]
+        scores = [self._misfit(judge.name, last) for judge in believed]
+        least = min(scores, default=0.0)
+        if least > EXPLAINS * self._misfit("", last):
+            return None
+        return next((judge for judge, score in zip(believed, scores, strict=True) if score <= least + EQUAL), None)
+
+    def _misfit(self, without: str, last: int) -> float:
+        """How one-sidedly readings up to an entry miss without a sensor: the squares of the means' z scores, summed."""
+        belief, time = self._began()
+        sums: dict[str, Array] = {}
+        counts: dict[str, int] = {}
+        for entry in self._entries[: last + 1]:
+            measurement = entry.measurement
+            steering = measurement.kind is Kind.STEERING
+            bend = measurement.values[0] if steering else 0.0
+            belief, time = self._predicted(belief, entry.time - time, bend), entry.time
+            if steering:  # a witness too vague to be fused: the yaw rate that its angle would give
+                expected = belief.mean[ROLLED] * measurement.values[1]
+                miss = (expected - belief.mean[OMEGA]) / (STEERING_YAW + STEERING_SHARE * abs(expected))
+                sums[""] = sums.get("", np.zeros(1)) + miss
+                counts[""] = counts.get("", 0) + 1
+                continue
+            if measurement.sensor == without or not entry.used:
+                continue
+            residual, h = self._expect(belief.mean, measurement)
+            belief, _, s = update(belief, residual, h, self._noise(measurement.sigmas))
+            name = measurement.sensor
+            sums[name] = sums.get(name, 0.0) + residual / np.sqrt(s.diagonal())
+            counts[name] = counts.get(name, 0) + 1
+        return float(sum(np.sum(total**2) / counts[name] for name, total in sums.items()))
 
     def _take_out(self, sensor: str) -> int | None:
         """Leave a sensor's readings out; returns the place of the first."""
@@ -375,16 +428,23 @@ class Fusion:
         count = len(measurement.values)
         fits = nis <= gate
         judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
-        still = measurement.values == judge.last and measurement.kind is not Kind.ENCODERS
-        judge.same = judge.same + 1 if still else 0
+        same = measurement.values == judge.last
+        judge.same = judge.same + 1 if same else 0
         judge.last = measurement.values
-        frozen = judge.same >= SAME_MAX and (
-            measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
-        )
+        if measurement.kind is Kind.ENCODERS:  # whole counts are often the same, but not for so long
+            frozen = judge.same >= SAME_COUNTS and any(measurement.values)
+        else:
+            moving = measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
+            frozen = judge.same >= SAME_MAX and bool(moving)
         time = measurement.time
+        means = judge.misses
+        for place, (miss, variances) in enumerate(zip(residual.tolist(), s.tolist(), strict=True)):
+            sized = miss / sqrt(variances[place])
+            means[place] += (max(-LARGE, min(LARGE, sized)) - means[place]) / MEMORY
+        one_sided = max(map(abs, means))
         if not judge.believed:
             judge.rejected += 1
-            if not fits or frozen:
+            if not fits or frozen or (judge.reason == DRIFTS and one_sided > 2.0 * ONE_SIDED):
                 judge.fitting = 0
                 return
             if judge.fitting == 0:
@@ -398,21 +458,14 @@ class Fusion:
             return
         if not fits:
             judge.rejected += 1
-            if judge.beyond == 0:
-                judge.beyond_since = time
             judge.beyond += 1
-            if judge.beyond >= REJECTED_MAX and time - judge.beyond_since >= REJECTED_TIME:
+            if judge.beyond >= REJECTED_MAX:
                 self._doubt(judge, "disagrees with the others")
             return
         judge.used += 1
         judge.beyond = 0
-        means = judge.misses
-        one_sided = False
-        for place, (miss, variances) in enumerate(zip(residual.tolist(), s.tolist(), strict=True)):
-            means[place] = mean = means[place] + (miss / sqrt(variances[place]) - means[place]) / MEMORY
-            one_sided = one_sided or abs(mean) > ONE_SIDED
-        if one_sided:
-            self._doubt(judge, "drifts away from the others")
+        if one_sided > ONE_SIDED:
+            self._suspect = judge
 
     def _doubt(self, judge: _Judge, reason: str) -> None:
         judge.fitting = judge.beyond = 0

@@ -20,7 +20,7 @@ REST: Final = 0.5  # s for which the encoders are silent and nothing is asked of
 SERVO_RATE: Final = 7.0  # rad/s of the steering; assumed
 SPEED_MODEL: Final = 0.004  # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
 YAW_MODEL: Final = 0.015  # rad/s, likewise
-V_USABLE: Final = 0.15  # m/s, the standard deviation up to which the loops are given a speed
+V_USABLE: Final = 0.1  # m/s, the standard deviation up to which the loops are given a speed
 OMEGA_USABLE: Final = 0.3  # rad/s, likewise
 
 _COVARIANCES: Final = [  # of a planar robot in ROS's 6 x 6: x, y, theta; v, omega
@@ -149,7 +149,7 @@ class Estimator:
         bend, self._curvature = curvature - self._curvature, curvature
         if bend:
             middle = begin + 0.5 * abs(turned) / SERVO_RATE
-            self.fusion.take(Measurement(middle, "", Kind.STEERING, (0,), (bend,), (1.0,)))
+            self.fusion.take(Measurement(middle, "", Kind.STEERING, (0, 1), (bend, curvature), (1.0, 1.0)))
 
 
 def usable(estimate: Estimate) -> bool:

@@ -1,0 +1,224 @@
+"""Sensors that fail in turn on a driven course: the estimate's error, and how soon it is noticed (thesis 3.4.3)."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from math import inf, nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config
+from txt1.config.schema import SensorConfig
+from txt1.errors import NotArmed
+from txt1.estimation.fusion import Measurement
+from txt1.estimation.task import ENCODERS
+from txt1.kernel.ticks import Ticks
+from txt1.model.kinematics import wrap_angle
+from txt1.navigation import follow, true_pose
+from txt1.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAME: Final = "sensor-failure"
+SETUPS: Final = ("imu-gps", "vicon")  # presets whose sensors fail
+FAILURES: Final = ("sound", "frozen", "silent", "jumping", "drifting", "not a number", "late by 0.3 s")
+COURSE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]  # m
+LAPS: Final = 2.5
+BEGIN: Final = 30.0  # s of the run when the failure begins
+END: Final = 45.0  # and when it ends
+LATE: Final = 0.3  # s
+JUMPS: Final = {ENCODERS: (0.3, 0.0), "imu": (0.5,), "gps": (20.0, 0.0), "vicon": (0.5, 0.0, 0.0)}  # m/s; rad/s; m; m
+DRIFTS: Final = {ENCODERS: (0.05, 0.0), "imu": (0.05,), "gps": (2.0, 0.0), "vicon": (0.05, 0.0, 0.0)}
+"""The same in a second."""
+SETTINGS: Final[dict[str, Any]] = {"slow": 0.0}  # the GPS's errors are white here: slow ones are no failure
+
+Array = NDArray[np.float64]
+
+
+class Failing:
+    """A sensor that fails from `BEGIN` to `END`, put between the sensors and the filter."""
+
+    def __init__(self, sensor: str, failure: str, now: Callable[[], float]) -> None:
+        self._sensor, self._failure, self._now = sensor, failure, now
+        self._held: tuple[float, ...] = ()
+        self._under_way: deque[Measurement] = deque()
+
+    def __call__(self, measurement: Measurement) -> Iterable[Measurement]:
+        """The measurements that come through when this one is taken."""
+        if measurement.sensor != self._sensor:
+            return (measurement,)
+        now = self._now()
+        if self._failure == "late by 0.3 s":
+            if BEGIN <= now < END:
+                self._under_way.append(measurement)
+                measurements = []
+            else:
+                measurements = [*self._under_way, measurement]
+                self._under_way.clear()
+            while self._under_way and self._under_way[0].time + LATE <= now:
+                measurements.append(self._under_way.popleft())
+            return measurements
+        if not BEGIN <= now < END:
+            self._held = measurement.values
+            return (measurement,)
+        return self._failed(measurement, now)
+
+    def _failed(self, measurement: Measurement, now: float) -> Iterable[Measurement]:
+        values = measurement.values
+        match self._failure:
+            case "silent":
+                return ()
+            case "frozen":
+                values = self._held
+            case "jumping":  # away and back, twice a second
+                if int(2.0 * now) % 2:
+                    values = added(values, JUMPS[self._sensor], 1.0)
+            case "drifting":
+                values = added(values, DRIFTS[self._sensor], now - BEGIN)
+            case "not a number":
+                values = (nan,) * len(values)
+        return (measurement._replace(values=values),)
+
+
+def added(values: tuple[float, ...], more: tuple[float, ...], times: float) -> tuple[float, ...]:
+    """The values with so many times the others."""
+    return tuple(value + times * other for value, other in zip(values, more, strict=True))
+
+
+class Outcome(NamedTuple):
+    """A run with one failing sensor."""
+
+    setup: str
+    sensor: str
+    failure: str
+    error: float  # largest distance of the fused pose from the true one from the failure on, m
+    heading: float  # largest error of the heading, rad
+    share: float  # largest error of x, y or theta as a share of three of its own standard deviations then
+    detection: float  # s until the sensor was believed no longer; infinite: it was believed all the time
+    recovery: float  # s from the end of the failure until it was believed again; infinite: it was not
+    disarmed: str  # why the gate was closed; empty while it stayed open
+    trace: Array  # time (s), distance (m), three times its standard deviation (m), shape (samples, 3)
+
+    def row(self) -> dict[str, object]:
+        """What goes into the table."""
+        found = self._asdict()
+        del found["trace"]
+        return {key: None if value == inf else value for key, value in found.items()}
+
+
+def config_for(config: Config, setup: str) -> Config:
+    """The configuration with a set-up's sensors fused and the loops closed over them, in an endless room."""
+    estimation = config.estimation.model_copy(update={"preset": setup, "sensors": None, "loops": True})
+    room = config.sim.room.model_copy(update={"length": inf, "width": inf})
+    sim = config.sim.model_copy(update={"room": room})
+    sensors = dict(config.sensors)
+    if setup == "imu-gps" and "gps" not in sensors:
+        sensors["gps"] = SensorConfig(driver="sim_gps", options=SETTINGS)
+    return config.model_copy(update={"estimation": estimation, "sim": sim, "sensors": sensors})
+
+
+async def drive(config: Config, setup: str, sensor: str, failure: str) -> Outcome:
+    """Drive the course, steered by the true pose, its velocity loops by the fused odometry, with one failing sensor."""
+    rows: list[tuple[float, ...]] = []
+    lost, again, disarmed = inf, inf, ""
+    async with Robot.open(config=config_for(config, setup), arm=True) as robot:
+        estimator = robot.runtime.estimator
+        assert estimator is not None
+        estimator.through = Failing(sensor, failure, lambda: robot.now)
+        await robot.load_gains()
+
+        async def measure(ticks: Ticks) -> None:
+            nonlocal lost, again, disarmed
+            async for now in ticks:
+                estimate, pose = robot.estimate, robot.pose
+                if estimate is None or pose is None or now < BEGIN:
+                    continue
+                ex, ey = estimate.x - pose[0], estimate.y - pose[1]
+                et = wrap_angle(estimate.theta - pose[2])
+                sx, sy, st = (max(estimate.sigma(place), 1e-9) for place in range(3))
+                band = 3.0 * float(np.hypot(sx, sy))
+                share = max(abs(ex) / sx, abs(ey) / sy, abs(et) / st) / 3.0
+                rows.append((now, float(np.hypot(ex, ey)), abs(et), share, band))
+                believed = next(trust.believed for trust in estimator.fusion.trusts() if trust.name == sensor)
+                if not believed:
+                    lost, again = min(lost, now), inf
+                elif lost < inf and again == inf:
+                    again = now
+                if not robot.armed and not disarmed:
+                    disarmed = robot.reason
+
+        robot.add_task("measure", 0.02, measure, -2)
+        with suppress(NotArmed):
+            await follow(robot, COURSE, laps=LAPS, pose_source=true_pose(robot))
+        disarmed = "" if robot.armed else disarmed or robot.reason
+    time, distance, heading, share, band = np.array(rows).T
+    return Outcome(
+        setup, sensor, failure, float(distance.max()), float(heading.max()), float(share.max()),
+        lost - BEGIN, max(again - END, 0.0) if again < inf else inf if lost < inf else 0.0, disarmed,
+        np.stack((time, distance, band), axis=1),
+    )  # fmt: skip
+
+
+def plan(config: Config) -> list[tuple[str, str, str]]:
+    """Set-up, sensor and failure of every run."""
+    return [
+        (setup, sensor, failure)
+        for setup in SETUPS
+        for sensor in config_for(config, setup).estimation.names
+        for failure in FAILURES
+        if failure != "sound" or sensor == ENCODERS
+    ]
+
+
+def table(outcomes: Iterable[Outcome]) -> str:
+    """The outcomes as a table in Markdown."""
+    lines = [
+        "| set-up | sensor | failure | largest error m | heading deg | of 3 sigma | detected after s "
+        "| believed again after s | disarmed |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for each in outcomes:
+        sound = each.failure == "sound"
+        detected = "-" if each.detection == inf else f"{each.detection:.2f}"
+        again = "-" if each.detection == inf else "never" if each.recovery == inf else f"{each.recovery:.2f}"
+        lines.append(
+            f"| {each.setup} | {'all' if sound else each.sensor} | {each.failure} | {each.error:.4f} "
+            f"| {np.degrees(each.heading):.2f} | {each.share:.2f} | {detected} | {again} | {each.disarmed or 'no'} |"
+        )
+    return "\n".join(lines)
+
+
+def write(outcomes: list[Outcome], folder: Path) -> None:
+    """Write the table, as Markdown and as JSON."""
+    (folder / "table.md").write_text(table(outcomes) + "\n")
+    (folder / "metrics.json").write_text(json.dumps([each.row() for each in outcomes], indent=1) + "\n")
+
+
+def draw(outcomes: list[Outcome], file: Path) -> None:
+    """Draw the errors of all runs over time, a panel for each sensor of a set-up, and the band of the sound run."""
+    from matplotlib.figure import Figure
+
+    panels = list(dict.fromkeys((each.setup, each.sensor) for each in outcomes))
+    figure: Figure = Figure(figsize=(10.0, 6.5), layout="constrained")
+    axes = figure.subplots(2, -(-len(panels) // 2), squeeze=False).ravel()
+    sound = {each.setup: each for each in outcomes if each.failure == "sound"}
+    for panel, (setup, sensor) in zip(axes, panels, strict=False):
+        time, _, band = sound[setup].trace.T
+        panel.semilogy(time, band, "k--", linewidth=0.8, label="3 sigma, all sound")
+        for number, failure in enumerate(FAILURES):
+            for each in outcomes:
+                shown = (each.setup, each.sensor) == (setup, sensor) or (failure == "sound" and each.setup == setup)
+                if shown and each.failure == failure:
+                    panel.semilogy(each.trace[:, 0], each.trace[:, 1], linewidth=0.9, color=f"C{number}", label=failure)
+        panel.axvspan(BEGIN, END, color="0.9")
+        panel.set(title=f"{setup}: {sensor} fails", xlabel="time, s", ylabel="position error, m")
+        panel.grid(alpha=0.3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
+    figure.savefig(file)
