@@ -7,8 +7,11 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
+from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.task import FILTERED, TRUSTS
+from txt1.experiments import sensor_failure
+from txt1.kernel.loop import run
 from txt1.navigation import follow, fused_pose
 from txt1.robot import Robot
 from txt1.tasks.fields import Source
@@ -90,3 +93,12 @@ async def test_a_sensor_that_nobody_has_configured_is_named() -> None:
     with pytest.raises(ConfigError, match="no sensor 'sonar'"):
         async with Robot.open("sim", settings=("estimation.sensors=[encoders, sonar]",)):
             pass
+
+
+def test_a_failing_sensor_of_the_experiment_is_found_out_and_recovers() -> None:
+    config = load(None, ["seed=1", "sim.battery.used_1=null"], {}, {}).config
+    outcome = run(sensor_failure.drive(config, "gyro", "imu", "not a number"), speed="max")
+    assert outcome.detection < 0.1
+    assert outcome.recovery < 1.0
+    assert not outcome.disarmed
+    assert "| gyro | imu | not a number |" in sensor_failure.table([outcome])
