@@ -217,6 +217,7 @@ def real_time(robot: Robot) -> Iterator[None]:
     with realtime() as rights:
         more = "; 'txt1 doctor' says how to be granted more" if rights.granted.missing else ""
         say(f"real time: {rights.granted}{more}")
+        robot.tell(f"real time: {rights.granted}")  # on screens and in recordings
         robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
         yield
 
