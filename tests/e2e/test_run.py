@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
 @pytest.fixture(autouse=True)
 def a_status_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/cli/app.py", {"_status_lines"})
+        function.can_block_in("txt1/cli/app.py", {"_put"})
 
 
 VIRTUAL = ("serial.port=virtual",)

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from blockbuster import BlockBuster
 
 from txt1.cli import execute
 from txt1.cli.notify import served, tell
@@ -23,6 +24,12 @@ from txt1.cli.service import quoted
 from txt1.robot import Robot
 
 Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def a_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/cli/app.py", {"_put"})
 
 
 @pytest.fixture
@@ -179,3 +186,12 @@ def test_a_service_manager_that_has_gone_is_no_fault(monkeypatch: pytest.MonkeyP
     for address in ("", "@txt1-nobody-is-here", str(tmp_path / "nobody"), "nonsense"):
         monkeypatch.setenv("NOTIFY_SOCKET", address)
         tell("READY=1")
+
+
+def test_in_the_journal_the_event_log_takes_the_place_of_a_line_a_second(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    output = os.fstat(1)
+    monkeypatch.setenv("JOURNAL_STREAM", f"{output.st_dev}:{output.st_ino}")
+    assert execute(["run", "--hal", "sim", "--headless", "--speed", "max", "--duration", "3"]) == 0
+    assert capfd.readouterr().out.splitlines() == ["armed", "disarmed: the run has ended"]
