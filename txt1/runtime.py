@@ -29,11 +29,13 @@ from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
+from txt1.sensors.readings import Scan
 from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
 from txt1.tasks.fields import GainTable, TaskReport
+from txt1.tasks.obstacle_stop import LaserGuard
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
@@ -218,6 +220,8 @@ class Runtime:
             await self.sensors.add(name, sensor, configured[name].period)
         if self._sensing and self.config.estimation.names:
             self._begin_estimation()
+        if self._sensing:
+            self._guard_against_obstacles()
         self.scheduler.start()
 
     def _own_tasks(self) -> Iterable[Row]:
@@ -243,6 +247,20 @@ class Runtime:
             ("battery", 1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
             ("button", 1, 0.1, partial(panel.button, presses=self.presses, state=state, hal=hal, gate=gate)),
         )
+
+    def _guard_against_obstacles(self) -> None:
+        """Let the laser scanner lower the speed in the safety gate, as configured."""
+        given = self.config.obstacle_stop
+        scanners = [name for name, polled in self.sensors.items() if issubclass(polled.sensor.topic.type, Scan)]
+        if given.enabled == "never" or (given.enabled == "auto" and not scanners):
+            return
+        name = given.sensor or (scanners[0] if len(scanners) == 1 else "")
+        if name not in scanners:
+            there = ", ".join(scanners) or "none"
+            raise ConfigError(f"obstacle_stop.sensor: {name!r} is no laser scanner; name one of: {there}")
+        polled = self.sensors[name]
+        guard = LaserGuard(lambda: polled.last, self.state, self.gate, self.config.geometry, given)
+        self.gate.guards.append(guard)
 
     async def stop(self) -> None:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from txt1.control.parameters import Limits, Safety
+from txt1.control.parameters import Limits, ObstacleStop, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.model.light import EVEN, MOUNT, SOUND, Mount, SensorFault
@@ -358,6 +358,7 @@ class Config(Section):
     geometry: Geometry = Geometry()
     control: ControlConfig = ControlConfig()
     safety: Safety = Safety()
+    obstacle_stop: ObstacleStop = ObstacleStop()
     sim: SimConfig = SimConfig()
     serial: SerialConfig = SerialConfig()
     odometry: OdometryConfig = OdometryConfig()

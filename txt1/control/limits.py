@@ -6,6 +6,7 @@ inside the limits. What is refused or clipped is counted, never silent:
 * A command that is not finite is refused whole and does not refresh the time-out.
 * A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill.
 * PWM is clipped to +-24000, the motor further to motor_max and the steering to +-18000 (thesis 4.3).
+* Guards, such as the obstacle stop, see every set-point after that and may lower it further.
 * A command older than command_timeout means neutral; the gate stays armed and the next fresh command resumes.
 * A lost link, missed ticks, a computer that slept, bad batteries, a runaway or a task fault disarm. `Gate.arm` is the
   only way back.
@@ -52,6 +53,7 @@ class Fault(StrEnum):
     STOP = "emergency_stop"
     UNMOVED = "commanded_not_moving"
     STOP_UNOBEYED = "stop_not_obeyed"
+    OBSTACLE = "slowed_for_obstacle"
 
 
 class Outputs(NamedTuple):
@@ -152,6 +154,10 @@ class RunawayWatch:
         return None
 
 
+Guard = Callable[[float, float, float], tuple[float, float]]
+"""Given a set-point (v, omega) and the time, s of the run, returns the one that it allows: no faster."""
+
+
 class Gate:
     """Decides what reaches the actuators; `on_close` is told the reason whenever it disarms."""
 
@@ -170,6 +176,7 @@ class Gate:
         self._servos = (0, 0)
         self._neutral = Outputs()
         self._runaway = RunawayWatch(limits)
+        self.guards: list[Guard] = []
 
     def count(self, fault: Fault) -> None:
         """Count a fault."""
@@ -220,6 +227,15 @@ class Gate:
         if abs(v) > self.limits.v_max:
             self.count(Fault.SPEED)
         return limited
+
+    def guarded(self, v: float, omega: float, now: float) -> tuple[float, float]:
+        """The set-point as far as every guard allows it; what makes it faster, turns it round or is no number is 0."""
+        for guard in self.guards:
+            slower, turning = guard(v, omega, now)
+            if not (isfinite(turning) and 0.0 <= slower * v <= v * v):
+                slower = turning = 0.0
+            v, omega = limit_velocity(slower, turning, self.limits)
+        return v, omega
 
     def admit_finite(self, *values: float) -> bool:
         """Whether all values are finite; counts it when not."""

@@ -95,7 +95,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             outputs = gate.outputs(given.motor, given.front, given.rear, state.servos, v, omega)
         else:
             assert given is not None
-            v, omega = given.v, given.omega
+            v, omega = gate.guarded(given.v, given.omega, now) if gate.guards else (given.v, given.omega)
             motor = steering = 0.0
             if closes_loops:
                 gains = state.gains.angular.at(v_now)

@@ -1,0 +1,73 @@
+"""How far a vehicle may drive along an arc before its body touches something, and how fast it may be for that."""
+
+from math import inf, pi, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+STRAIGHT: Final = 1e-4  # curvature that counts as none, 1/m
+TURN: Final = 2.0 * pi
+
+Floats = NDArray[np.float64]
+
+
+def free_distance(points: Floats, curvature: float, length: float, width: float, margin: float = 0.0) -> float:
+    """Metres that a body's centre may go forward along an arc before the body touches a point; inf if it never does.
+
+    In the body's frame a point goes backwards on the circle around the arc's centre (0, 1 / curvature); it is touched
+    where that circle first meets an edge of the rectangle.
+
+    Args:
+        points: (n, 2), m in the body's frame: x forward, y left.
+        curvature: of the arc, 1/m, left positive.
+        length: of the body along x, m.
+        width: of the body, m.
+        margin: kept on all sides, m; a point that is nearer than this already counts with the bare body.
+
+    """
+    x, y = points[:, 0], points[:, 1]
+    near = (np.abs(x) < 0.5 * length + margin) & (np.abs(y) < 0.5 * width + margin)
+    bare = _along(points[near], curvature, 0.5 * length, 0.5 * width) if near.any() else inf
+    return min(bare, _along(points[~near], curvature, 0.5 * length + margin, 0.5 * width + margin))
+
+
+def _along(points: Floats, curvature: float, front: float, side: float) -> float:
+    """The same for a rectangle of half the lengths `front` and `side`; 0 for a point inside it."""
+    x, y = points[:, 0], points[:, 1]
+    if not len(x):
+        return inf
+    if bool(((np.abs(x) < front) & (np.abs(y) < side)).any()):
+        return 0.0
+    if abs(curvature) < STRAIGHT:
+        ahead = x[(np.abs(y) < side) & (x >= front)]
+        return float(ahead.min()) - front if len(ahead) else inf
+    radius = 1.0 / curvature
+    rho2 = x * x + (y - radius) ** 2
+    turn = np.arctan2(y - radius, x)
+    least = inf
+    with np.errstate(invalid="ignore"):
+        meets = []
+        for edge in (front, -front):
+            reach = np.sqrt(rho2 - edge * edge)
+            meets += [(np.full_like(x, edge), radius + reach), (np.full_like(x, edge), radius - reach)]
+        for edge in (side, -side):
+            reach = np.sqrt(rho2 - (edge - radius) ** 2)
+            meets += [(reach, np.full_like(x, edge)), (-reach, np.full_like(x, edge))]
+        for at_x, at_y in meets:
+            on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)  # NaN where it does not meet
+            if on.any():
+                angle = np.arctan2(at_y[on] - radius, at_x[on])
+                gone = (turn[on] - angle if radius > 0.0 else angle - turn[on]) % TURN
+                least = min(least, float(gone.min()) * abs(radius))
+    return least
+
+
+def stopping_speed(distance: float, reaction: float, deceleration: float) -> float:
+    """The speed (m/s) from which one stands within a distance (m): v reaction + v^2 / (2 deceleration) = distance."""
+    if distance <= 0.0:
+        return 0.0
+    if distance == inf:
+        return inf
+    t = deceleration * reaction
+    return sqrt(t * t + 2.0 * deceleration * distance) - t

@@ -1,0 +1,95 @@
+"""The obstacle stop: a guard of the safety gate that lowers the speed to what the laser's free distance allows."""
+
+from collections import deque
+from collections.abc import Callable
+from math import cos, inf, isfinite, sin
+from typing import Final
+
+import numpy as np
+
+from txt1.control.limits import Fault, Gate
+from txt1.control.obstacles import Floats, free_distance, stopping_speed
+from txt1.control.parameters import ObstacleStop
+from txt1.model.vehicle import Geometry
+from txt1.sensors.base import Reading
+from txt1.sensors.readings import Scan
+from txt1.tasks.state import State
+
+MEMORY: Final = 50  # poses of the past, one a cycle, 1 s
+SLOW: Final = 0.05  # m/s below which a measured curvature says nothing
+
+Pose = tuple[float, float, float]
+
+
+class LaserGuard:
+    """Keeps along the commanded arc, and along the one it drives on, to the speed from which it can stop.
+
+    The points of the newest scan are brought to where the vehicle is now by the odometry since their time, so the
+    laser's delay costs no distance but that of what it has not seen yet.
+    """
+
+    def __init__(
+        self,
+        scan: Callable[[], Reading[Scan] | None],
+        state: State,
+        gate: Gate,
+        geometry: Geometry,
+        parameters: ObstacleStop,
+    ) -> None:
+        self._scan, self._state, self._gate = scan, state, gate
+        self._geometry, self._parameters = geometry, parameters
+        self._past: deque[tuple[float, Pose]] = deque(maxlen=MEMORY)
+        self._slowed = False
+
+    def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
+        """The set-point with its speed lowered, on the same arc."""
+        odometry = self._state.odometry
+        self._past.append((now, (odometry.x, odometry.y, odometry.theta)))
+        if v == 0.0:
+            return v, omega
+        limit = self._parameters.reverse if v < 0.0 else self._ahead(omega / v, now)
+        slowed = abs(v) > limit
+        if slowed and not self._slowed:
+            self._gate.count(Fault.OBSTACLE)
+            self._state.tell(now, f"slowed to {limit:.2f} m/s: {self._why(v, now)}")
+        self._slowed = slowed
+        if not slowed:
+            return v, omega
+        share = limit / abs(v)
+        return v * share, omega * share
+
+    def _why(self, v: float, now: float) -> str:
+        if v < 0.0:
+            return "the laser does not see backwards"
+        return "something is ahead" if self._fresh(now) is not None else "the laser is silent"
+
+    def _fresh(self, now: float) -> Reading[Scan] | None:
+        """The newest scan, unless it is too old."""
+        reading = self._scan()
+        return None if reading is None or now - reading.time > self._parameters.timeout else reading
+
+    def _ahead(self, commanded: float, now: float) -> float:
+        """The largest speed forward for a commanded curvature, m/s."""
+        reading = self._fresh(now)
+        if reading is None:
+            return 0.0
+        points = self._here(reading)
+        p, body, odometry = self._parameters, self._geometry, self._state.odometry
+        curvatures = [commanded]
+        if odometry.v > SLOW and isfinite(odometry.omega):  # it takes a while to turn the wheels
+            driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
+            curvatures.append(min(max(driven, -most), most))
+        free = min(free_distance(points, each, body.length, body.width, p.margin) for each in curvatures)
+        return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
+
+    def _here(self, reading: Reading[Scan]) -> Floats:
+        """The points of a scan in the frame of the vehicle as it stands now, m."""
+        points, past = reading.value.points, self._past
+        x, y, theta = past[-1][1]
+        then = next((pose for time, pose in reversed(past) if time <= reading.time), past[0][1])
+        turned = theta - then[2]
+        dx, dy = x - then[0], y - then[1]
+        c, s = cos(then[2]), sin(then[2])
+        moved = points - np.array((c * dx + s * dy, c * dy - s * dx))
+        c, s = cos(turned), sin(turned)
+        return np.column_stack((c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]))
