@@ -28,6 +28,11 @@ DRIVERS: Final = Registry(
     {
         "sim_light": "txt1.sensors.light:simulated",
         "phidgets_light": "txt1.sensors.light:phidgets",
+        "camera": "txt1.sensors.camera:create",
+        "depth_realsense": "txt1.sensors.depth:realsense",
+        "depth_player": "txt1.sensors.depth:player",
+        "sim_camera": "txt1.sensors.sim_camera:simulated",
+        "sim_depth": "txt1.sensors.sim_camera:simulated_depth",
         "imu_3dmgx2": "txt1.sensors.imu_3dmgx2:create",
         "gps_gpsd": "txt1.sensors.gps_gpsd:create",
         "mocap_vrpn": "txt1.sensors.mocap_vrpn:create",

@@ -38,3 +38,14 @@ class TestTracker(SensorConformance):
 class TestLaser(SensorConformance):
     def make(self) -> Sensor[Any]:
         return twin("sim_laser")
+
+
+class TestCamera(SensorConformance):
+    def make(self) -> Sensor[Any]:
+        pytest.importorskip("PIL", reason="JPEG needs the extra 'camera'")
+        return twin("sim_camera")
+
+
+class TestDepth(SensorConformance):
+    def make(self) -> Sensor[Any]:
+        return twin("sim_depth")

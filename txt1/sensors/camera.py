@@ -1,0 +1,82 @@
+"""A camera: a V4L2 device or a video file, through PyAV, as JPEG."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Le, MinLen
+
+from txt1.config.sources import checked
+from txt1.errors import HalError, MissingExtra
+from txt1.sensors.base import Setup
+from txt1.sensors.frames import Frames
+from txt1.sensors.readings import CAMERA_MOUNT, Image, Mount, image_topic
+from txt1.sensors.sim_camera import jpeg
+from txt1.units import NotNegative, Positive, PositiveInt
+
+
+@dataclass(frozen=True, slots=True)
+class VideoOptions:
+    """Where the pictures come from, and how many."""
+
+    source: Annotated[str, MinLen(1)] = "/dev/video0"
+    """A V4L2 device, or a video file."""
+    width: PositiveInt = 640
+    """Pixels that are asked of a device."""
+    height: PositiveInt = 480
+    """Pixels that are asked of a device."""
+    rate: Positive = 10.0
+    """Pictures a second at most."""
+    quality: Annotated[int, Ge(1), Le(95)] = 75
+    """Of the JPEG."""
+    repeat: bool = False
+    """Whether a file begins anew at its end."""
+    latency: NotNegative = 0.0
+    """From exposure to arrival, s."""
+    mount: tuple[float, float, float, float] = CAMERA_MOUNT
+    """x, y, z (m) and yaw (rad) on the vehicle."""
+
+
+def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image]:
+    """The pictures of the source as they come, a file's at its own pace by `wait`; a HalError tells what to do."""
+    try:
+        import av
+    except ImportError:
+        raise MissingExtra("a camera", "camera") from None
+    device = given.source.startswith("/dev/")
+    size = {"video_size": f"{given.width}x{given.height}"}
+    mount = Mount(*given.mount)
+    while True:
+        try:
+            container = av.open(given.source, format="v4l2" if device else None, options=size if device else {})
+        except (OSError, ValueError) as error:  # PyAV's errors are both
+            remedy = "is the camera plugged in, and are you in the group video?" if device else "is it a video file?"
+            why = getattr(error, "strerror", None) or error
+            raise HalError(f"{given.source}: {why}: {remedy}") from None
+        with container:
+            if not container.streams.video:
+                raise HalError(f"{given.source}: there is no picture in it: is it a video file?")
+            last, began = -inf, None
+            for frame in container.decode(video=0):
+                time = frame.time if frame.time is not None else last + 1.0 / given.rate
+                if time < last + 1.0 / given.rate - 1e-6:
+                    continue
+                if not device:
+                    wait(0.0 if began is None else min(max(time - last, 0.0), 1.0))
+                last = began = time
+                yield Image(
+                    frame.width,
+                    frame.height,
+                    jpeg(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), given.quality),
+                    mount,
+                )
+        if device or not given.repeat:
+            return
+
+
+def create(setup: Setup) -> Frames[Image]:
+    """The driver ``camera``; options: those of `VideoOptions`."""
+    given = checked(VideoOptions, setup.options, f"sensors.{setup.name}.options")
+    return Frames(image_topic(setup.name), 1.0 / given.rate, lambda wait: pictures(given, wait), given.latency)

@@ -1,0 +1,111 @@
+"""A source of pictures that makes one wait, read by a thread of its own, which keeps the newest."""
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from math import inf
+from typing import Final, Generic, TypeVar
+
+from txt1.errors import HalError
+from txt1.sensors.base import Reading
+from txt1.telemetry.topics import Topic
+
+T = TypeVar("T")
+
+Wait = Callable[[float], object]  # waits for so many s, or until the sensor is closed
+
+ENDING: Final = 3.0  # s that the thread has to end
+
+
+class Frames(Generic[T]):
+    """A sensor whose frames come from an iterator that waits.
+
+    Args:
+        topic: of its values.
+        period: between two calls of `read`, s.
+        begin: opens the source, in the thread that then reads it, and returns its frames; it is given a function to
+            wait with. Its HalError says what to do, a generator's ``finally`` lets go of the source.
+        latency: from exposure to arrival, s.
+
+    """
+
+    simulated = False
+
+    def __init__(
+        self, topic: Topic[T], period: float, begin: Callable[[Wait], Iterator[T]], latency: float = 0.0
+    ) -> None:
+        self.topic, self.period = topic, period
+        self._begin, self._latency = begin, latency
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._newest: tuple[float, T] | None = None
+        self._failure = ""
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._origin = inf
+        self._last = -inf
+
+    async def open(self) -> None:
+        """Open the source in its thread; it is open when the first frame is there."""
+        self._loop = asyncio.get_running_loop()
+        self._origin, self._last, self._failure, self._newest = inf, -inf, "", None
+        self._over = threading.Event()
+        ready: asyncio.Future[None] = self._loop.create_future()
+        self._thread = threading.Thread(target=self._run, args=(ready, self._over), daemon=True, name="frames")
+        self._thread.start()
+        await ready
+
+    async def close(self) -> None:
+        """Have the thread let go of the source."""
+        self._over.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            await asyncio.to_thread(thread.join, ENDING)
+
+    def read(self, now: float) -> Reading[T] | None:
+        """The newest frame; a HalError when the source has failed or is at its end."""
+        self._origin = min(self._origin, asyncio.get_running_loop().time() - now)
+        newest, self._newest = self._newest, None
+        if newest is None:
+            if self._failure:
+                raise HalError(self._failure)
+            return None
+        time = max(self._last, min(newest[0] - self._origin - self._latency, now))
+        if time < 0.0 or time == self._last:
+            return None
+        self._last = time
+        return Reading(time, newest[1])
+
+    def _run(self, ready: asyncio.Future[None], over: threading.Event) -> None:
+        """In the thread: hand every frame to the loop, which notes when it came."""
+        loop = self._loop
+        assert loop is not None
+
+        def tell(function: Callable[..., object], *arguments: object) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(function, *arguments)
+
+        frames: Iterator[T] | None = None
+        try:
+            frames = self._begin(over.wait)
+            for frame in frames:
+                if over.is_set():
+                    break
+                tell(self._take, frame, ready)
+            tell(self._fail, HalError("there are no more pictures"), ready)
+        except Exception as error:
+            told = error if isinstance(error, HalError) else HalError(f"{type(error).__name__}: {error}")
+            tell(self._fail, told, ready)
+        finally:
+            close = getattr(frames, "close", None)
+            if close is not None:
+                close()
+
+    def _take(self, frame: T, ready: asyncio.Future[None]) -> None:
+        self._newest = asyncio.get_running_loop().time(), frame
+        if not ready.done():
+            ready.set_result(None)
+
+    def _fail(self, error: HalError, ready: asyncio.Future[None]) -> None:
+        self._failure = str(error)
+        if not ready.done():
+            ready.set_exception(error)

@@ -1,0 +1,93 @@
+"""Pictures of the simulated room as a camera on a vehicle sees them: floor, walls, obstacles, vehicles and the lamp.
+
+Each column of pixels is one ray on the floor; what it meets stands upright from there, so distances along the camera's
+axis are the same down a column. Brightness falls with the square of the distance to the lamp, over an ambient light.
+"""
+
+from math import cos, hypot, inf, pi, sin, tan
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.sim.rays import Floats, Shapes, cast
+
+WALL: Final = (2.5, (205.0, 200.0, 190.0))  # height (m) and colour
+OBSTACLE: Final = (0.6, (70.0, 120.0, 190.0))
+VEHICLE: Final = (0.297, (190.0, 70.0, 60.0))
+FLOOR: Final = (150.0, 140.0, 125.0)
+SKY: Final = (60.0, 65.0, 75.0)  # above the walls
+LAMP: Final = (255.0, 250.0, 215.0)
+LAMP_RADIUS: Final = 0.05  # m
+AMBIENT: Final = 0.35  # share of full brightness without the lamp
+BRIGHT: Final = 1.0  # m: as near the lamp as this, brightness is full
+
+Picture = NDArray[np.uint8]
+
+
+class Camera(NamedTuple):
+    """A pinhole camera that looks along its x axis, level."""
+
+    width: int = 160  # pixels
+    height: int = 120  # pixels
+    field: float = 60.0 * pi / 180.0  # horizontal angle of view, rad
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        return 0.5 * self.width / tan(0.5 * self.field)
+
+
+class Scene(NamedTuple):
+    """All there is to be seen."""
+
+    walls: Shapes
+    obstacles: Shapes
+    vehicles: Shapes
+    light: tuple[float, float]  # m, at the camera's height
+
+
+def draw(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> tuple[Picture, Floats]:
+    """The picture (height, width, 3) and the distances along the axis (height, width), m, inf where nothing is.
+
+    The camera is at (x, y), z above the floor, and looks along theta; m and rad.
+    """
+    focal = camera.focal
+    sideways = (0.5 * (camera.width - 1) - np.arange(camera.width)) / focal  # left of the axis, for 1 m along it
+    below = (np.arange(camera.height) - 0.5 * (camera.height - 1))[:, None] / focal  # below the axis, for 1 m along it
+    angles = theta + np.arctan(sideways)
+    with np.errstate(divide="ignore"):
+        floor = np.where(below > 0.0, z / below, inf)
+    depth = np.repeat(floor, camera.width, 1)
+    colour = np.where((below > 0.0)[..., None], np.array(FLOOR), np.array(SKY)) * np.ones((1, camera.width, 1))
+    for shapes, (tall, paint) in ((scene.walls, WALL), (scene.obstacles, OBSTACLE), (scene.vehicles, VEHICLE)):
+        along = cast(x, y, angles, shapes) * np.cos(angles - theta)
+        up = z - below * np.minimum(along, 1e6)  # height over the floor of what is seen there
+        stands = (up >= 0.0) & (up <= tall) & (along < depth)
+        depth = np.where(stands, along, depth)
+        colour[stands] = paint
+    here = np.where(np.isfinite(depth), depth, 1e3)
+    left = here * sideways
+    px, py = x + here * cos(theta) - left * sin(theta), y + here * sin(theta) + left * cos(theta)
+    dx, dy, dz = px - scene.light[0], py - scene.light[1], here * below
+    shine = AMBIENT + (1.0 - AMBIENT) / np.maximum((dx * dx + dy * dy + dz * dz) / BRIGHT**2, 1.0)
+    shine = np.where(np.isfinite(depth), shine, 1.0)
+    colour = colour * shine[..., None]
+    _draw_lamp(camera, scene.light, x, y, theta, depth, colour)
+    return np.clip(colour, 0.0, 255.0).astype(np.uint8), depth
+
+
+def _draw_lamp(
+    camera: Camera, light: tuple[float, float], x: float, y: float, theta: float, depth: Floats, colour: Floats
+) -> None:
+    """Put the lamp where it is seen, with a halo, unless something stands before it."""
+    dx, dy = light[0] - x, light[1] - y
+    ahead, left = cos(theta) * dx + sin(theta) * dy, cos(theta) * dy - sin(theta) * dx
+    if ahead < 0.1:
+        return
+    column, row = 0.5 * (camera.width - 1) - camera.focal * left / ahead, 0.5 * (camera.height - 1)
+    radius = max(camera.focal * LAMP_RADIUS / ahead, 1.0)
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    away = np.hypot(columns - column, rows - row) / radius
+    glow = np.where(depth > hypot(dx, dy) - 0.1, np.clip(np.where(away <= 1.0, 1.0, 1.0 / away**2), 0.0, 1.0), 0.0)
+    colour += glow[..., None] * (np.array(LAMP) - colour)
