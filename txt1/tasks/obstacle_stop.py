@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from math import cos, inf, isfinite, sin
+from math import cos, hypot, inf, isfinite, sin
 from typing import Final
 
 import numpy as np
@@ -40,6 +40,10 @@ class LaserGuard:
         self._geometry, self._parameters = geometry, parameters
         self._past: deque[tuple[float, Pose]] = deque(maxlen=MEMORY)
         self._slowed = False
+        self._reading: Reading[Scan] | None = None  # the one that the next three are of
+        self._points: Floats = np.empty((0, 2))
+        self._radii: Floats = np.empty(0)
+        self._nearest = inf
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
         """The set-point with its speed lowered, on the same arc."""
@@ -47,7 +51,7 @@ class LaserGuard:
         self._past.append((now, (odometry.x, odometry.y, odometry.theta)))
         if v == 0.0:
             return v, omega
-        limit = self._parameters.reverse if v < 0.0 else self._ahead(omega / v, now)
+        limit = self._parameters.reverse if v < 0.0 else self._ahead(v, omega / v, now)
         slowed = abs(v) > limit
         if slowed and not self._slowed:
             self._gate.count(Fault.OBSTACLE)
@@ -68,13 +72,16 @@ class LaserGuard:
         reading = self._scan()
         return None if reading is None or now - reading.time > self._parameters.timeout else reading
 
-    def _ahead(self, commanded: float, now: float) -> float:
-        """The largest speed forward for a commanded curvature, m/s."""
+    def _ahead(self, v: float, commanded: float, now: float) -> float:
+        """The largest speed forward for a commanded speed and curvature, m/s; inf where that may be had."""
         reading = self._fresh(now)
         if reading is None:
             return 0.0
-        points = self._here(reading)
         p, body, odometry = self._parameters, self._geometry, self._state.odometry
+        needed = v * p.reaction + 0.5 * v * v / p.deceleration
+        points = self._here(reading, needed + hypot(0.5 * body.length + p.margin, 0.5 * body.width + p.margin))
+        if points is None:
+            return inf
         curvatures = [commanded]
         if odometry.v > SLOW and isfinite(odometry.omega):  # it takes a while to turn the wheels
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
@@ -82,13 +89,21 @@ class LaserGuard:
         free = min(free_distance(points, each, body.length, body.width, p.margin) for each in curvatures)
         return stopping_speed(free, p.reaction, p.deceleration) if free < inf else inf
 
-    def _here(self, reading: Reading[Scan]) -> Floats:
-        """The points of a scan in the frame of the vehicle as it stands now, m."""
-        points, past = reading.value.points, self._past
+    def _here(self, reading: Reading[Scan], reach: float) -> Floats | None:
+        """The points of a scan within reach (m), in the frame of the vehicle as it stands now, m; None: none is."""
+        if reading is not self._reading:
+            self._reading, self._points = reading, reading.value.points
+            self._radii = np.hypot(self._points[:, 0], self._points[:, 1])
+            self._nearest = float(self._radii.min(initial=inf))
+        past = self._past
         x, y, theta = past[-1][1]
         then = next((pose for time, pose in reversed(past) if time <= reading.time), past[0][1])
         turned = theta - then[2]
         dx, dy = x - then[0], y - then[1]
+        reach += hypot(dx, dy)
+        if self._nearest > reach:
+            return None
+        points = self._points[self._radii <= reach]
         c, s = cos(then[2]), sin(then[2])
         moved = points - np.array((c * dx + s * dy, c * dy - s * dx))
         c, s = cos(turned), sin(turned)
