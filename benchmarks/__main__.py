@@ -24,6 +24,7 @@ from benchmarks import (
     robots,
     simulation_speed,
     statistics_cost,
+    stops,
 )
 from txt1 import __version__
 from txt1.kernel import scheduler
@@ -48,6 +49,7 @@ BENCHMARKS = {
     "firmware": firmware.main,
     "estimation": estimation.main,
     "learning_time": learning_time.main,
+    "stops": stops.main,
 }
 
 
