@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
+from txt1.control import roll
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.control.standstill import UNOBEYED
@@ -29,13 +30,14 @@ from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
-from txt1.sensors.readings import Scan
+from txt1.sensors.readings import ImuReading, Scan
 from txt1.sensors.registry import create
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
 from txt1.tasks.fields import GainTable, TaskReport
 from txt1.tasks.obstacle_stop import LaserGuard
+from txt1.tasks.roll_guard import watching
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
@@ -222,6 +224,7 @@ class Runtime:
             self._begin_estimation()
         if self._sensing:
             self._guard_against_obstacles()
+            self._guard_against_rolling_over()
         self.scheduler.start()
 
     def _own_tasks(self) -> Iterable[Row]:
@@ -261,6 +264,17 @@ class Runtime:
         polled = self.sensors[name]
         guard = LaserGuard(lambda: polled.last, self.state, self.gate, self.config.geometry, given)
         self.gate.guards.append(guard)
+
+    def _guard_against_rolling_over(self) -> None:
+        """Let the IMU's roll lower the speed in curves in the safety gate, as configured."""
+        given, body = self.config.roll_guard, self.config.geometry
+        if not given.enabled:
+            return
+        polled = self.sensors.get(given.sensor)
+        if polled is None or not issubclass(polled.sensor.topic.type, ImuReading):
+            raise ConfigError(f"roll_guard.sensor: there is no IMU '{given.sensor}'; configure sensors.{given.sensor}")
+        measured = watching(lambda: polled.last, self.state)
+        self.gate.guards.append(roll.Guard(given, body.track_width, body.radius_min, measured))
 
     async def stop(self) -> None:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""

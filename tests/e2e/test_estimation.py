@@ -102,3 +102,17 @@ def test_a_failing_sensor_of_the_experiment_is_found_out_and_recovers() -> None:
     assert outcome.recovery < 1.0
     assert not outcome.disarmed
     assert "| gyro | imu | not a number |" in sensor_failure.table([outcome])
+
+
+async def test_on_rough_ground_the_guard_slows_a_curve_through_the_gate() -> None:
+    rough = (*ENDLESS, "sensors.imu.driver=sim_imu", "sim.ground.height=0.06", "roll_guard.enabled=true")
+    async with Robot.open("sim", seed=1, settings=rough) as robot:
+        await robot.load_gains()
+        robot.program.begin()
+        speeds = []
+        for _ in range(100):
+            robot.program.insist(1.5, 2.5)
+            await asyncio.sleep(0.1)
+            speeds.append(robot.runtime.state.control.v)
+        assert min(speeds[20:]) < 1.2
+        assert robot.armed

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from txt1.control.parameters import Limits, ObstacleStop, Safety
+from txt1.control.parameters import Limits, ObstacleStop, RollGuard, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.model.light import EVEN, MOUNT, SOUND, Mount, SensorFault
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.protocol.messages import PidSet
 from txt1.sim.line import LineFaults
-from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, VehicleParameters
+from txt1.sim.parameters import Batteries, Box, Faults, Noise, Post, Roughness, VehicleParameters
 from txt1.units import NotNegative, Positive, PositiveInt
 
 GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
@@ -120,6 +120,7 @@ class SimConfig(Section):
     noise: Noise = Noise()
     faults: Faults = Faults()
     light: LightConfig = LightConfig()
+    ground: Roughness = Roughness()
 
 
 class SerialConfig(Section):
@@ -369,6 +370,7 @@ class Config(Section):
     sensors: dict[SensorName, SensorConfig] = {}
     """Sensors beside those of the hardware layer, by name."""
     estimation: EstimationConfig = EstimationConfig()
+    roll_guard: RollGuard = RollGuard()
     host: HostConfig = HostConfig()
     record: RecordConfig = RecordConfig()
 

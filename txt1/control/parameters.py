@@ -63,3 +63,19 @@ class ObstacleStop:
     """Largest speed backwards, where it sees nothing, m/s."""
     timeout: Positive = 0.5
     """Age of a scan at which it stands still, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class RollGuard:
+    """The roll-over guard: a curve is taken no faster than the measured roll of the ground allows."""
+
+    enabled: bool = False
+    """Whether it limits speed and yaw rate; it needs an IMU."""
+    sensor: str = "imu"
+    """Name of the IMU."""
+    gravity_height: Positive = 0.15
+    """Of the centre of gravity, m: half of the body's; assumed."""
+    share: Annotated[float, Gt(0.0), Le(1.0)] = 0.75
+    """Share of the way to lifting wheels that is used; chosen."""
+    memory: Positive = 3.0
+    """Time for which a roll is remembered, s; chosen."""

@@ -37,6 +37,7 @@ def in_world(config: Config, world: World) -> Config:
 def create_sim(config: Config, world: World | None = None) -> SimHal:
     """The simulated robot as configured, in a world of its own, or in one that it shares with others."""
     from txt1.hal.sim import SimHal
+    from txt1.sim.ground import Ground
     from txt1.sim.room import Room
     from txt1.sim.vehicle import Vehicle
     from txt1.sim.world import World
@@ -51,7 +52,8 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
         remedy = "choose another start, a larger sim.room or other sim.obstacles"
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults = sim.faults
-    return SimHal(vehicle)
+    ground = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else None
+    return SimHal(vehicle, ground)
 
 
 # simulated ports by name; anything else is a device

@@ -8,6 +8,7 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.kernel.loop import clock_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.sim.ground import Ground
 from txt1.sim.vehicle import Vehicle
 
 NEUTRAL: Final = Outputs()
@@ -36,8 +37,9 @@ class SimHal:
         simulated=True,
     )
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, ground: Ground | None = None) -> None:
         self.vehicle = vehicle
+        self._ground = ground
         self.world = vehicle.world
         self.outputs = NEUTRAL
         self.indicators = Indicators()
@@ -57,6 +59,10 @@ class SimHal:
     def others(self) -> tuple[tuple[float, float, float], ...]:
         """The poses of the other vehicles in the world, m and rad."""
         return tuple(each.pose for each in self.world.vehicles if each is not self.vehicle)
+
+    def attitude(self) -> tuple[float, float]:
+        """Roll and pitch where it stands, rad, by the ground."""
+        return (0.0, 0.0) if self._ground is None else self._ground.attitude(self.vehicle.pose)
 
     def read(self, now: float) -> Inputs:
         """Encoder counts, voltages and the true pose at `now`."""

@@ -102,3 +102,15 @@ class Post:
     """Of the post, m."""
     kind: Literal["post"] = "post"
     """Tells it from a box."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roughness:
+    """The ground: waves of random lengths and directions; all assumed."""
+
+    height: NotNegative = 0.0
+    """Root mean square of the height, m; 0 is flat."""
+    shortest: Positive = 0.4
+    """Of the waves, m; the car bridges shorter ones."""
+    longest: Positive = 3.0
+    """Of the waves, m."""

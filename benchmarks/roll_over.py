@@ -1,0 +1,104 @@
+"""How often a slalom on rough ground tips the car, with and without the roll-over guard, and the time that it costs.
+
+    python -m benchmarks.roll_over --seeds 100
+
+Every run: 10 s of full lock to either side, changed every second. The physics (`sim.dynamics`, `sim.ground`), the
+loops (`control.pid`) and the guard (`control.roll`) are the robot's own, stepped at 50 Hz without its tasks; speed and
+yaw rate are the true ones, the roll is the IMU's (0.005 rad of noise). Tipped is a car whose inner wheels lift once.
+"""
+
+import argparse
+from math import pi
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.config import load
+from txt1.control.limits import limit_velocity
+from txt1.control.parameters import RollGuard
+from txt1.control.pid import VelocityLoops
+from txt1.control.roll import Guard, lean, tipping
+from txt1.model.vehicle import Geometry
+from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
+from txt1.sim.ground import Ground
+from txt1.sim.parameters import Roughness, VehicleParameters
+
+HEIGHTS: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06)  # m, root mean square
+SPEEDS: Final = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s
+DURATION: Final = 10.0  # s
+TURN: Final = 1.0  # s to either side
+DT: Final = 0.02
+NOISE: Final = 0.005  # rad
+
+
+class Slalom(NamedTuple):
+    """The result of a run."""
+
+    tipped: bool
+    way: float  # m driven
+    roll: float  # the largest of the ground, rad
+    lean: float  # the largest, as a share of the way to lifting wheels
+
+
+def drive(seed: int, height: float, speed: float, guarded: bool) -> Slalom:
+    """Drive a slalom."""
+    body, given = Geometry(), RollGuard()
+    ground = Ground(Roughness(height=height), body, seed)
+    rng = np.random.default_rng([seed, 1])
+    p, loops = dynamics(VehicleParameters(), body), VelocityLoops()
+    edge = tipping(body.track_width, given.gravity_height)
+    measured = (0.0, 0.0)
+    guard = Guard(given, body.track_width, body.radius_min, lambda _: measured)
+    state: Motion = tuple(VehicleState())
+    tipped, way, largest, most = False, 0.0, 0.0, 0.0
+    theta = 0.0
+    for step in range(round(DURATION / DT)):
+        now = step * DT
+        v, omega = limit_velocity(speed, (1 if int(now / TURN) % 2 else -1) * 10.0, LIMITS)
+        if guarded:
+            v, omega = guard(v, omega, now)
+        speed_now = state[3]
+        yaw = (state[2] - theta + pi) % (2.0 * pi) - pi
+        theta = state[2]
+        motor, steering = loops.step(v, omega, speed_now, yaw / DT, LINEAR, ANGULAR.at(speed_now), DT)
+        motor = min(max(motor, -8000.0), 8000.0)
+        state = move(state, motor, -steering, steering, DT, float(0.03 * rng.standard_normal()), p)
+        roll, _ = ground.attitude(state[:3])
+        turning = ((state[2] - theta + pi) % (2.0 * pi) - pi) / DT
+        leaning = abs(lean(roll, state[3], turning))
+        way += state[3] * DT
+        largest, most = max(largest, abs(roll)), max(most, float(np.tan(leaning) / np.tan(edge)))
+        tipped = tipped or leaning >= edge
+        measured = roll + NOISE * float(rng.standard_normal()), state[3] * turning
+    return Slalom(tipped, way, largest, most)
+
+
+_CONFIG = load(None, [], {}, {}).config
+LIMITS: Final = _CONFIG.limits()
+LINEAR: Final = _CONFIG.control.linear.gains()
+ANGULAR: Final = _CONFIG.control.schedule()
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=100)
+    seeds = range(1, parser.parse_args().seeds + 1)
+    print(f"runs of {len(seeds)} that tip, without -> with the guard; (way lost with it)")
+    print("| height rms, largest roll |" + "".join(f" {speed:g} m/s |" for speed in SPEEDS))
+    print("|---|" + "---|" * len(SPEEDS))
+    for height in HEIGHTS:
+        cells, rolls = [], []
+        for speed in SPEEDS:
+            without = [drive(seed, height, speed, False) for seed in seeds]
+            guarded = [drive(seed, height, speed, True) for seed in seeds]
+            lost = 1.0 - sum(each.way for each in guarded) / sum(each.way for each in without)
+            cells.append(
+                f" {sum(each.tipped for each in without)} -> {sum(each.tipped for each in guarded)} ({lost:.1%}) |"
+            )
+            rolls += [each.roll for each in without]
+        print(f"| {height * 100:g} cm, {np.degrees(np.mean(rolls)):.0f} deg |" + "".join(cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()

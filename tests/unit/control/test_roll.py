@@ -1,0 +1,73 @@
+"""The roll-over guard, the lean it guards against, and the rough ground under it."""
+
+from math import atan, tan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.control.parameters import RollGuard
+from txt1.control.roll import GRAVITY, Guard, lean, tipping
+from txt1.model.vehicle import Geometry
+from txt1.sensors.base import Reading
+from txt1.sensors.readings import ImuReading
+from txt1.sim.ground import Ground
+from txt1.sim.parameters import Roughness
+from txt1.tasks.roll_guard import roll_of, watching
+from txt1.tasks.state import State
+
+BODY = Geometry()
+GIVEN = RollGuard()
+EDGE = tipping(BODY.track_width, GIVEN.gravity_height)
+
+
+def guard(roll: float, sideways: float = 0.0) -> Guard:
+    return Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (roll, sideways))
+
+
+def test_a_car_of_these_dimensions_does_not_tip_on_flat_ground() -> None:
+    assert lean(0.0, 1.5, 1.5 / BODY.radius_min) < 0.6 * EDGE
+    assert guard(0.0)(1.5, 1.5 / BODY.radius_min, 1.0) == (1.5, 1.5 / BODY.radius_min)
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
+def test_what_it_allows_keeps_the_curve_and_the_wheels_on_the_ground(v: float, curve: float, roll: float) -> None:
+    omega = curve * abs(v) / BODY.radius_min
+    slower, turning = guard(roll)(v, omega, 1.0)
+    assert 0.0 <= slower * v <= v * v
+    assert turning * v == pytest.approx(omega * slower, abs=1e-9)
+    allowed = atan(GIVEN.share * tan(EDGE))
+    worst = max(abs(lean(abs(roll), abs(slower), abs(turning))), 0.0)
+    assert worst <= max(allowed, lean(abs(roll), 0.1, 0.1 / BODY.radius_min)) + 1e-9
+
+
+def test_a_roll_is_remembered_for_a_while() -> None:
+    rolls = [0.4]
+    one = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (rolls[0], 0.0))
+    slow = one(1.5, 1.5 / BODY.radius_min, 1.0)[0]
+    rolls[0] = 0.0
+    assert slow < one(1.5, 1.5 / BODY.radius_min, 2.0)[0] < 1.5
+    assert one(1.5, 1.5 / BODY.radius_min, 20.0)[0] == 1.5
+
+
+def test_nobody_who_measures_limits_nothing() -> None:
+    blind = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: None)
+    assert blind(1.5, 2.0, 1.0) == (1.5, 2.0)
+
+
+def test_the_ground_has_the_height_that_was_asked_for_and_flat_is_flat() -> None:
+    ground = Ground(Roughness(height=0.02), BODY, 1)
+    heights = [ground.height(0.37 * x, 0.41 * y) for x in range(60) for y in range(60)]
+    mean = sum(heights) / len(heights)
+    assert (sum((h - mean) ** 2 for h in heights) / len(heights)) ** 0.5 == pytest.approx(0.02, rel=0.2)
+    assert Ground(Roughness(), BODY, 1).attitude((1.0, 2.0, 3.0)) == (0.0, 0.0)
+
+
+def test_the_imu_tells_the_roll_by_its_attitude_or_by_gravity() -> None:
+    tilted = ImuReading((0.0, GRAVITY * 0.1, GRAVITY), (0.0, 0.0, 0.0))
+    assert roll_of(tilted) == pytest.approx(atan(0.1))
+    turned = tilted._replace(orientation=(0.0998334, 0.0, 0.0, 0.9950042))  # 0.2 rad about x
+    assert roll_of(turned) == pytest.approx(0.2, abs=1e-5)
+    measured = watching(lambda: Reading(1.0, turned), State())
+    assert measured(1.1) == pytest.approx((0.2, 0.0), abs=1e-5)
+    assert measured(2.0) is None

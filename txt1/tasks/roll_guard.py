@@ -1,0 +1,39 @@
+"""The roll-over guard's eyes: roll by the IMU, lateral acceleration by the odometry."""
+
+from collections.abc import Callable
+from math import asin, atan2
+from typing import Final
+
+from txt1.sensors.base import Reading
+from txt1.sensors.readings import ImuReading
+from txt1.tasks.state import State
+
+FRESH: Final = 0.2  # s, the age up to which a reading counts
+SMOOTH: Final = 0.1  # share of a new reading where the device tells no attitude and its accelerometer shakes
+
+
+def roll_of(reading: ImuReading) -> float:
+    """The roll of a reading, rad, left side up: by its orientation, else by gravity, with which turning mixes."""
+    if reading.orientation is not None:
+        x, y, z, w = reading.orientation
+        return asin(max(-1.0, min(1.0, 2.0 * (y * z + w * x))))  # of the left side over the horizon
+    _, left, up = reading.acceleration
+    return atan2(left, up)
+
+
+def watching(
+    last: Callable[[], Reading[ImuReading] | None], state: State
+) -> Callable[[float], tuple[float, float] | None]:
+    """The function that returns roll (rad) and lateral acceleration (m/s^2) at a time; None without a fresh reading."""
+    roll = 0.0
+
+    def measured(now: float) -> tuple[float, float] | None:
+        nonlocal roll
+        reading = last()
+        if reading is None or now - reading.time > FRESH:
+            return None
+        told = roll_of(reading.value)
+        roll = told if reading.value.orientation is not None else roll + SMOOTH * (told - roll)
+        return roll, state.odometry.v * state.odometry.omega
+
+    return measured
