@@ -32,11 +32,12 @@ PATIENT = ("safety.missed_ticks_max=100000",)
 
 
 class Sample(NamedTuple):
-    """One tick of the controller: when, on the monotonic clock, and the set-point behind the gate."""
+    """One tick of the controller, on the monotonic clock, and the set-point behind the gate."""
 
     time: float
     v: float
     omega: float
+    origin: float  # of the command behind it, on the same clock
 
 
 def free_port() -> int:
@@ -73,9 +74,11 @@ class Live:
             sleep(0.01)
 
     async def watch(self, ticks: Ticks) -> None:
+        state = self.robot.runtime.state
         async for _ in ticks:
-            control = self.robot.runtime.state.control
-            self.samples.append(Sample(monotonic(), control.v, control.omega))
+            present = monotonic()
+            origin = present if state.command is None else present - (self.robot.now - state.command.time)
+            self.samples.append(Sample(present, state.control.v, state.control.omega, origin))
 
     def misses(self) -> int:
         return self.call(lambda robot: robot.runtime.statistics()["controller"].misses)

@@ -377,3 +377,44 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
         found = re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", (static / name).read_text())
         assert [each for each in found if "w3.org" not in each] == [], name
     assert sum(len(file.body) for file in page_files().values()) < 100_000
+
+
+def upgraded(car: Live) -> socket.socket:
+    """A page's socket, which answers nothing."""
+    door = Door(TOKEN, "http", car.port)
+    signed = door.sign_in(TOKEN, time())
+    assert signed is not None
+    host = f"127.0.0.1:{car.port}"
+    raw = socket.create_connection(("127.0.0.1", car.port))
+    raw.sendall(
+        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nConnection: Upgrade\r\n"
+        f"Cookie: {door.cookie}={signed[1]}\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+    )
+    assert raw.recv(12) == b"HTTP/1.1 101"
+    return raw
+
+
+@pytest.mark.long
+def test_half_a_frame_and_a_head_without_an_end_are_closed(car: Live) -> None:
+    with upgraded(car) as frame, socket.create_connection(("127.0.0.1", car.port)) as head:
+        frame.sendall(b"\x81\xfe\x10\x00\x01\x02\x03\x04half")  # says 4096 bytes, sends four
+        head.sendall(b"GET / HTTP/1.1\r\nX-Endless: ")
+        for each in (frame, head):
+            each.settimeout(15.0)
+            while each.recv(65536):
+                pass
+
+
+@pytest.mark.long
+def test_a_page_that_reads_nothing_is_sent_away_and_costs_the_others_nothing(car: Live) -> None:
+    async def main() -> None:
+        async with page(car) as watching:
+            with upgraded(car):
+                for pages in (2, 1):
+                    async with asyncio.timeout(20.0):
+                        while watching.page["pages"] != pages:
+                            watching.pinged.clear()
+                            await watching.pinged.wait()
+
+    go(main())

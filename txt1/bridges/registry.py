@@ -33,7 +33,9 @@ from txt1.robot import Robot
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
-BRIDGES: Final = Registry("bridge", "txt1.bridges", {"web": "txt1.bridges.web.server:main"})
+BRIDGES: Final = Registry(
+    "bridge", "txt1.bridges", {"gamepad": "txt1.bridges.gamepad:main", "web": "txt1.bridges.web.server:main"}
+)
 
 RESTART: Final = Restart(limit=3)
 SILENCE: Final = 5.0  # s without a heartbeat after which a bridge is ended as hung, and started again

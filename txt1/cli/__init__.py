@@ -38,6 +38,7 @@ COMMANDS: Final = {
     "config": "show or check a configuration",
     "hal": "list or check hardware layers",
     "sensor": "list or check sensors",
+    "gamepad": "show the gamepads that are plugged in, live, or teach SDL one that it does not know",
     "doctor": "look for what is wrong with the line to the board",
     "service": "have systemd start a robot at boot, watch over it and start it again",
     "device": "be one of the devices whose drivers we have, such as the Pico with our firmware",

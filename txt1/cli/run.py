@@ -6,7 +6,7 @@ import argparse
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -22,6 +22,7 @@ from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.kernel.ticks import Ticks
+from txt1.record.session import need
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
+        "--gamepad": flag("let gamepads drive, whichever are plugged in (see txt1 gamepad)"),
     } | options.WEB | {
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
@@ -73,6 +75,8 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     page = web_page(arguments)
+    if arguments.gamepad:
+        need("--gamepad", "gamepad", "pygame")
     app = App(arguments.speed)
     app.run(_operate(app, arguments, config, agent, steer, page))
     return conclude(app, arguments.json)
@@ -97,7 +101,8 @@ async def _operate(
             view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        if wanted := [*([] if page is None else [page.bridge()]), *arguments.bridge]:
+        pads = [("gamepad", asdict(config.gamepad) | {"radius_min": radius_min})] if arguments.gamepad else []
+        if wanted := [*([] if page is None else [page.bridge()]), *pads, *arguments.bridge]:
             errands = Errands(robot, config, arguments.speed, arguments.web_folder)
             bridges.push_async_callback(errands.close)
             for name, given in wanted:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from txt1.cli.app import say
+from txt1.cli.app import say, view_of
 from txt1.errors import ConfigError
 from txt1.record.session import need
 from txt1.record.view_proxy import token_in
@@ -41,6 +41,8 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         if arguments.web_token or arguments.web_cert or arguments.web_key:
             raise ConfigError("--web-token, --web-cert, --web-key: there is no page; add --web")
         return None
+    if arguments.speed == "max":
+        raise ConfigError("--web: at full speed (--speed max) nobody could watch; leave one of them out")
     need("--web", "web", "aiohttp", "cryptography", "segno")
     from txt1.bridges.web.certificate import addresses, fingerprint, own_certificate, tls
     from txt1.bridges.web.door import is_loopback
@@ -51,10 +53,14 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
     port = _free(host, port)
     if not inside:
         folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "txt1"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         token = token or folder / FILE
-        if certificate is None:
-            certificate, key = own_certificate(folder, host)
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if certificate is None:
+                certificate, key = own_certificate(folder, host)
+        except OSError as error:
+            remedy = "give --web-token and --web-cert files of your own, or set XDG_STATE_HOME"
+            raise ConfigError(f"{folder}: cannot be made or written: {error.strerror}; {remedy}") from None
     if certificate is not None:
         tls(certificate, key)  # refused before the robot is brought up
     scheme = "http" if certificate is None else "https"
@@ -69,6 +75,9 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         segno.make(f"{scheme}://{named[0]}:{port}/#token={word}", error="l").terminal(out=sys.stderr, compact=True)
     if certificate is not None and arguments.web_cert is None:
         say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
+    if token is not None and view_of(arguments) == "screens" and sys.stdin.isatty() and sys.stderr.isatty():
+        say("press Enter for the screens, which cover this")
+        sys.stdin.readline()
     robots = dict(arguments.web_robot)
     return WebPage(host, port, token, certificate, key, arguments.web_folder, arguments.web_speed, robots)
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from txt1.control.pad import PadParameters
 from txt1.control.parameters import Limits, ObstacleStop, RollGuard, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
@@ -366,6 +367,7 @@ class Config(Section):
     board: BoardConfig = BoardConfig()
     commander: CommanderConfig = CommanderConfig()
     teleop: TeleopConfig = TeleopConfig()
+    gamepad: PadParameters = PadParameters()
     learning: LearningConfig = LearningConfig()
     sensors: dict[SensorName, SensorConfig] = {}
     """Sensors beside those of the hardware layer, by name."""

@@ -4,11 +4,13 @@ A page signs in once, with the token, and gets a cookie: a time and its HMAC und
 kept, a restart signs nobody out, and another token signs out everybody.
 """
 
+import re
 from collections.abc import Mapping
 from hashlib import sha256
 from hmac import compare_digest, digest
 from ipaddress import ip_address
 from typing import Final, Literal
+from urllib.parse import urlsplit
 
 from txt1.bridges.web.wheel import Budget
 
@@ -40,14 +42,15 @@ class Door:
         self.visitors_token = None if token is None else visitors_token(token)
         if token is not None and self.visitors_token is not None:
             self._tokens = {"operator": token, "visitor": self.visitors_token}
-        self._scheme, self._port = scheme, port
+        self._scheme = scheme
         self._tries: dict[str, Budget] = {}
         self.cookie: Final = f"txt1-{port}"
 
     def knows_host(self, host: str) -> bool:
         """Whether a request's Host may be meant for us: without a token only a loopback one, whatever a DNS says."""
-        name = host.rpartition(":")[0] if host.endswith(f":{self._port}") else host
-        return bool(self._tokens) or is_loopback(name.strip("[]"))
+        if re.search(r"[^\w.:\[\]-]", host):
+            return False
+        return bool(self._tokens) or is_loopback(urlsplit(f"//{host}").hostname or "")
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
         """Whether a request comes from a page of ours."""

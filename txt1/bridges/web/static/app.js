@@ -43,7 +43,6 @@ const know = {
   },
 }
 
-let heard = 0  // when telemetry came last, ms of the page
 let tab = "events"
 const map = new Map2d($("map"))
 const speeds = new Chart($("v-chart"), ["robot", "goal"], 0.2)
@@ -59,7 +58,6 @@ function telemetry(snapshot) {
     map.clear()
     charts.forEach((chart) => chart.clear())
   }
-  heard = performance.now()
   know.time = snapshot.time
   know.name = snapshot.name
   if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
@@ -142,7 +140,7 @@ function sensorTopics() {
 // -- what is shown
 
 function show() {
-  const { topics } = know, mode = topics["/mode"], silent = performance.now() - heard > SILENT
+  const { topics } = know, mode = topics["/mode"], silent = performance.now() - link.heard > SILENT
   const replay = know.page.replay
   const state = $("state")
   state.className = "pill"

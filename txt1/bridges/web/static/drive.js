@@ -2,6 +2,7 @@
 
 const PERIOD = 40  // ms between two commands
 const STALL = 200  // ms without a turn after which nobody knows what the hand wanted meanwhile
+const DEAF = 400  // ms without telemetry after which the robot may long have stopped: it does not go on by itself
 const RADIUS = 0.56  // m, the smallest circle
 const TURN = 0.8  // share of the largest yaw rate that a and d ask for
 const DEAD = 0.08  // share of a stick's way around its middle that counts as none
@@ -100,7 +101,7 @@ export class Drive {
 
   #tick() {
     const now = performance.now()
-    if (now - this.#last > STALL && this.driving) this.letGo()
+    if (this.driving && (now - this.#last > STALL || now - this.link.heard > DEAF)) this.letGo()
     this.#last = now
     const command = this.#command()
     if (command) {

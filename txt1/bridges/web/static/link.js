@@ -6,6 +6,7 @@ export class Link {
   #socket = null
   #number = 0
   #tries = 0
+  heard = 0  // when telemetry came last, ms of this page
 
   // `telemetry` takes snapshots, `message` all else, `change` whether it is open
   constructor({ telemetry, message, change }) {
@@ -38,7 +39,10 @@ export class Link {
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data)
       if (message.ping !== undefined) this.send({ do: "pong", ping: message.ping, t: performance.now() / 1000 })
-      if (message.topics) this.telemetry(message)
+      if (message.topics) {
+        this.heard = performance.now()
+        this.telemetry(message)
+      }
       else this.message(message)
     }
     socket.onclose = () => {

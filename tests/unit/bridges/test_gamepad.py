@@ -1,0 +1,99 @@
+"""Gamepads through SDL's virtual joystick: axes, buttons, removal, two pads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 'txt1[gamepad]'")
+
+from tests.unit.bridges.virtual_pad import VirtualPad
+from txt1.bridges.gamepad import Devices
+from txt1.cli.gamepad import described, mapping_line, moved
+from txt1.control.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+
+
+@pytest.fixture(scope="module")
+def devices() -> Iterator[Devices]:
+    """SDL, begun once in a process as the bridge does it."""
+    os.environ["SDL_VIDEODRIVER"] = "dummy"
+    devices = Devices()
+    yield devices
+    devices.close()
+
+
+def soon(devices: Devices, number: int) -> dict[int, tuple[Reading, float]]:
+    """The readings once there are so many pads: SDL tells of one now and of its parts with the next look."""
+    for _ in range(5):
+        found = devices.look()
+    assert len(found) == number
+    return found
+
+
+def only(devices: Devices) -> Reading:
+    devices.look()
+    [(reading, _)] = devices.look().values()
+    return reading
+
+
+def test_every_axis_and_button_arrives_under_its_name(devices: Devices) -> None:
+    pad = VirtualPad()
+    rest = only(devices)
+    assert rest.buttons == frozenset() and all(abs(value) < 0.01 for value in rest.axes.values())
+    for name in AXES:
+        pad.push(name, 1.0)
+        there = only(devices)
+        assert there.axes[name] == pytest.approx(1.0, abs=0.01), name
+        assert all(abs(value) < 0.01 for other, value in there.axes.items() if other != name)
+        pad.push(name, -1.0 if "trigger" in name else 0.0)
+    for name in BUTTONS:
+        pad.press(name)
+        assert only(devices).buttons == {name}
+        pad.press(name, False)
+    pad.unplug()
+
+
+def test_a_pad_that_is_unplugged_is_gone_at_once_and_one_more_is_found(devices: Devices) -> None:
+    pads = Pads(PadParameters(), 0.56)
+    first = VirtualPad()
+    pads.take(devices.look(), 0.0)
+    first.push("lefty", -1.0)
+    first.press("a")
+    devices.look()
+    assert pads.take(devices.look(), 0.1).velocity == pytest.approx((1.5, 0.0))
+    first.unplug()
+    assert pads.take(devices.look(), 0.12).velocity is None
+    assert devices.names == {}
+    second = VirtualPad()
+    devices.look()
+    assert len(devices.look()) == 1
+    second.unplug()
+
+
+def test_two_pads_are_told_apart(devices: Devices) -> None:
+    one, two = VirtualPad(), VirtualPad()
+    one.press("x")
+    two.press("y")
+    down = {frozenset({"x"}), frozenset({"y"})}
+    assert {reading.buttons for reading, _ in soon(devices, 2).values()} == down
+    two.unplug()
+    assert [reading.buttons for reading, _ in soon(devices, 1).values()] == [{"x"}]
+    one.unplug()
+
+
+def test_the_wizard_knows_the_part_that_moves_and_writes_it_down() -> None:
+    rest = {"b0": 0.0, "a0": 0.0, "a5": -1.0, "h0.1": 0.0}
+    assert moved(rest, rest) is None
+    assert moved(rest, rest | {"b0": 1.0}) == "b0"
+    assert moved(rest, rest | {"a5": 1.0}) == "a5"
+    assert moved(rest, rest | {"a0": -0.9}) == "a0~"
+    assert moved(rest, rest | {"a0": 0.3}) is None
+    line = mapping_line("030000004c050000c405000000010000", "Pad, a cheap one", {"a": "b0", "leftx": "a0"})
+    assert line.startswith("030000004c050000c405000000010000,Pad  a cheap one,a:b0,leftx:a0,platform:")
+
+
+def test_a_reading_in_words() -> None:
+    assert described(Reading(frozenset({"b", "a"}), {"leftx": -0.5})) == "leftx -0.50  a b"
+    assert described(Reading()).endswith("no button")

@@ -1,0 +1,126 @@
+"""Gamepads through SDL: a process of its own that looks at them fifty times a second and commands while one is held."""
+
+import os
+import select
+from contextlib import suppress
+from typing import Any, Final
+
+from txt1.beside import Connection
+from txt1.control.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+from txt1.kernel.clock import RealClock, seconds
+
+PERIOD: Final = 0.02  # s between two looks
+FULL: Final = 32767.0  # SDL's number for a full deflection
+
+_clock: Final = RealClock()
+
+
+def now() -> float:
+    """Seconds on this process's clock."""
+    return seconds(_clock.now_ns())
+
+
+class Devices:
+    """The game controllers that are plugged in, by SDL's instance numbers."""
+
+    def __init__(self, mapping: str | None = None) -> None:
+        os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
+        os.environ["SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS"] = "1"  # there is no window
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
+        if mapping is not None:
+            os.environ["SDL_GAMECONTROLLERCONFIG_FILE"] = mapping
+        import pygame
+        from pygame._sdl2 import controller
+
+        self._pygame: Any = pygame
+        self._controller: Any = controller
+        pygame.display.init()  # events come with it, though nothing is shown
+        controller.init()
+        self._open: dict[int, Any] = {}
+        self._heard: dict[int, float] = {}
+        self.names: dict[int, str] = {}
+        """Of the pads, by their numbers."""
+        self.unknown: dict[int, Any] = {}
+        """Joysticks that SDL has no mapping for, by their numbers."""
+
+    def look(self) -> dict[int, tuple[Reading, float]]:
+        """Every pad's reading, and when it was heard last, by its number."""
+        pygame, present = self._pygame, now()
+        for event in pygame.event.get():
+            if event.type == pygame.JOYDEVICEADDED:
+                self._add(event.device_index)
+            elif event.type in (pygame.JOYDEVICEREMOVED, pygame.CONTROLLERDEVICEREMOVED):
+                self._remove(event.instance_id)
+            elif (instance := getattr(event, "instance_id", None)) in self._heard:
+                self._heard[instance] = present
+        for instance, pad in tuple(self._open.items()):
+            if not pad.attached():
+                self._remove(instance)
+        return {instance: (self._read(pad), self._heard[instance]) for instance, pad in self._open.items()}
+
+    def sticks(self) -> list[Any]:
+        """The pads as plain joysticks, with buttons and axes by number."""
+        return [pad.as_joystick() for pad in self._open.values()]
+
+    def close(self) -> None:
+        """Let go of them."""
+        self._open.clear()
+        self._pygame.quit()
+
+    def _add(self, index: int) -> None:
+        if not self._controller.is_controller(index):
+            with suppress(self._pygame.error):
+                stick = self._pygame.joystick.Joystick(index)
+                self.unknown[stick.get_instance_id()] = stick
+            return
+        with suppress(self._pygame.error):  # it has gone again
+            pad = self._controller.Controller(index)
+            instance = pad.as_joystick().get_instance_id()
+            self._open[instance], self._heard[instance], self.names[instance] = pad, now(), str(pad.name)
+
+    def _remove(self, instance: int) -> None:
+        known: tuple[dict[int, Any], ...] = (self._open, self._heard, self.names, self.unknown)
+        for each in known:
+            each.pop(instance, None)
+
+    def _read(self, pad: Any) -> Reading:
+        down = frozenset(name for number, name in enumerate(BUTTONS) if pad.get_button(number))
+        return Reading(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
+
+
+def main(robot: Connection, radius_min: float = 0.56, **parameters: Any) -> None:
+    """Command what the pads' hands want until the robot's process ends; `parameters` are those of `PadParameters`."""
+    given = PadParameters(**parameters)
+    devices, pads = Devices(given.mapping), Pads(given, radius_min)
+    known: dict[int, str] = {}
+    driving = False
+    try:
+        while True:
+            robot.receive()
+            readings = devices.look()
+            for number, name in devices.names.items() - known.items():
+                robot.request("tell", text=f"pad {number} is there: {name}")
+            for number, name in known.items() - devices.names.items():
+                robot.request("tell", text=f"pad {number} has gone: {name}")
+            known = dict(devices.names)
+            wish = pads.take(readings, now())
+            if wish.stop:
+                robot.request("stop")
+            if wish.velocity is not None:
+                v, omega = wish.velocity
+                if v == 0.0:  # held at rest: the wheel is this pad's all the same
+                    robot.request("request")
+                robot.request("drive", v=v, omega=omega)
+            elif driving:
+                robot.request("release")
+            driving = wish.velocity is not None
+            if wish.arm:
+                robot.request("arm")
+            if wish.screen:
+                robot.request("press", button="right")
+            if wish.manual:
+                robot.request("press", button="centre")
+            select.select([robot], [], [], PERIOD)
+    finally:
+        devices.close()
