@@ -17,6 +17,7 @@ from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS, Reading, reading_topic
 from txt1.sensors.light import LIGHT, SimulatedLight
+from txt1.sensors.registry import DRIVERS
 from txt1.telemetry.topics import Topic
 
 LIT = (*ENDLESS, "sensors.light.driver=sim_light", "sensors.light.options.seed=[1]")
@@ -204,7 +205,7 @@ async def test_an_unknown_driver_lists_those_that_are_installed() -> None:
         async with Robot.open("sim", settings=["sensors.eye.driver=sim_ligth"]):
             pass
     assert str(error.value) == (
-        "sensors.eye.driver: there is no sensor driver 'sim_ligth'; installed: phidgets_light, sim_light; "
+        f"sensors.eye.driver: there is no sensor driver 'sim_ligth'; installed: {', '.join(DRIVERS.names())}; "
         "did you mean 'sim_light'?"
     )
 
