@@ -3,6 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 BENCH := .venv-bench
+FUZZ := .venv-fuzz
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 
@@ -32,9 +33,9 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
 
-torture: $(VENV)/.dev  ## faults, mutants and random bytes in great numbers, into docs/reliability.md; hours, and it can be ended and goes on
+torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/reliability.md; hours, and it can be ended and goes on
 	$(BIN)/python -m torture campaign --page
-	$(BIN)/python -m torture fuzz --page
+	$(FUZZ)/bin/python -m torture fuzz --page
 	$(BIN)/python -m torture processes --page
 	$(BIN)/python -m torture soak --page
 	$(BIN)/python -m torture mutation --page
@@ -44,7 +45,7 @@ bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, besi
 	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/benchmarks.md
 
 clean:
-	rm -rf $(VENV) $(BENCH) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -55,6 +56,11 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.installed
 	$(BIN)/python $(PIP_INSTALL) --editable '.[dev]'
+	@touch $@
+
+$(FUZZ)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(FUZZ)
+	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]'
 	@touch $@
 
 # The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.

@@ -1,0 +1,30 @@
+"""Whoever reads bytes of strangers refuses them in his own words, and holds back no more than he must."""
+
+import pytest
+
+from torture.fuzz import HOSTILE, TARGETS, attack, feed_random, hostile_streams
+
+
+def test_random_bytes_are_decoded_without_an_error_and_without_holding_back_more_than_a_frame() -> None:
+    assert int(feed_random(50_000).split()[0]) >= 50_000
+
+
+def test_every_hostile_stream_is_bounded_whatever_its_length() -> None:
+    assert len(HOSTILE) == 20
+    assert [name for name, *_ in hostile_streams((2_000, 8_000))] == list(HOSTILE)
+
+
+@pytest.mark.parametrize(
+    "target, count", [("decoder", 300), ("setting", 150), ("file", 60), ("recording", 8), ("view", 300)]
+)
+def test_changed_inputs_are_refused_and_nothing_else(target: str, count: int) -> None:
+    assert attack(target, count, seed=1) is None
+
+
+def test_an_input_that_somebody_cannot_take_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    def clumsy(data: bytes) -> None:
+        raise KeyError("clumsy")
+
+    monkeypatch.chdir(str(tmp_path))
+    monkeypatch.setitem(TARGETS, "view", clumsy)
+    assert "--target view --input out/torture/view-0.bin" in (attack("view", 5) or "")

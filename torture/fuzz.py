@@ -1,0 +1,360 @@
+"""Random and hostile bytes for whatever reads bytes of strangers: the line, settings, recordings, the live view.
+
+A reader may refuse, in the words it has for that; it may not raise anything else, hang, or grow. With the package
+atheris (extra `fuzz`; `make torture` has it in an environment of its own) libFuzzer looks for inputs that reach new
+branches.
+"""
+
+import argparse
+import contextlib
+import io
+import os
+import random
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from math import isfinite
+from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Final
+
+from torture import page
+from txt1.config import load
+from txt1.errors import ConfigError
+from txt1.protocol.decoder import Decoder
+from txt1.protocol.layout import Role, encode
+from txt1.protocol.messages import EncoderOdometry, PidSet, PwmTest, Velocity
+from txt1.tasks.original import Framer
+
+PENDING_MAX: Final = 241  # bytes that a decoder may hold back
+PIECE_MAX: Final = 600  # bytes of a read from the line
+ROUNDS: Final = 5  # of which the quickest counts
+SIZES: Final = (100_000, 400_000)  # bytes of an adversarial stream, for the comparison
+
+
+# -- the decoder -------------------------------------------------------------------------------------------------------
+
+FULL: Final = encode(PidSet((1.0, 2.0, 3.0), tuple((0.1 * k, 1.0, 2.0, 3.0) for k in range(14))))
+VELOCITY: Final = encode(Velocity(0.5, 0.75))
+ODOMETRY: Final = encode(EncoderOdometry(1.0, 2.0, 3.0, 0.5, 0.1))
+
+
+def _damaged(frame: bytes) -> bytes:
+    return frame[:-1] + bytes([frame[-1] ^ 1])
+
+
+NESTED: Final = b"".join(b"\xfa\xfb\xec\x70" + bytes(k % 7) for k in range(60))
+HOSTILE: Final[dict[str, bytes]] = {  # each is repeated to the length wanted
+    "0xFA alone": b"\xfa",
+    "0xFB alone": b"\xfb",
+    "headers without end": b"\xfa\xfb",
+    "headers, one byte apart": b"\xfa\xfa\xfb",
+    "the longest length, and headers in the data": b"\xfa\xfb\xec\x70" + b"\xfa\xfb" * 117,
+    "headers of long frames, nested": NESTED,
+    "length 255": b"\xfa\xfb\xff",
+    "length 249 of an unknown command": b"\xfa\xfb\xf9\x01" + bytes(245),
+    "length 0": b"\xfa\xfb\x00\x67\x00\x67",
+    "long frames with a wrong checksum": _damaged(FULL),
+    "short frames with a wrong checksum": _damaged(VELOCITY),
+    "a long frame cut off by the next": FULL[:-1],
+    "a long frame cut off after its head": FULL[:4],
+    "frames back to back": VELOCITY,
+    "long frames back to back": FULL,
+    "frames of the other direction": ODOMETRY,
+    "whole frames inside a damaged long one": FULL[:4] + VELOCITY * 23 + b"\x00\x00",
+    "PWM tests of the largest counts": encode(PwmTest(2**31 - 1, -(2**31), 0, 1, -1)),
+    "old commands": b"\xfa\xfb\x18\x6b" + bytes(26),
+    "zeros": bytes(64),
+}
+
+
+def feed_random(total: int, seed: int = 0) -> str:
+    """Feed so many random bytes, a tenth of them headers, in pieces of any size; raises AssertionError."""
+    rng = random.Random(seed)
+    decoders = [Decoder(role) for role in Role]
+    framer = Framer(lambda event: None)
+    fed = events = 0
+    while fed < total:
+        piece = bytearray(rng.randbytes(min(rng.randint(1, PIECE_MAX), total - fed)))
+        for _ in range(len(piece) // 20):
+            at = rng.randrange(len(piece))
+            piece[at : at + 4] = rng.choice((b"\xfa\xfb\xec\x70", b"\xfa\xfb\x04\x67", b"\xfa\xfb\x14\x68", VELOCITY))
+        fed += len(piece)
+        for decoder in decoders:
+            events += len(decoder.feed(piece))
+            assert decoder.pending <= PENDING_MAX
+            assert len(decoder.offsets) <= len(piece) + PENDING_MAX
+        if fed % 8 == 0:
+            framer.feed(piece[:50])
+    for decoder in decoders:
+        decoder.expire()
+        assert decoder.pending == 0
+        assert decoder.position == fed
+    return f"{fed} bytes to both decoders in pieces of up to {PIECE_MAX}: {events} messages and faults"
+
+
+def _time_of(data: bytes, piece: int) -> float:
+    """The quickest of some rounds, ns of processor a byte; raises AssertionError when the decoder holds back much."""
+    best = float("inf")
+    for _ in range(ROUNDS):
+        decoder = Decoder(Role.BOARD)
+        began = getrusage(RUSAGE_SELF).ru_utime
+        for at in range(0, len(data), piece):
+            decoder.feed(data[at : at + piece])
+            assert decoder.pending <= PENDING_MAX
+        best = min(best, 1e9 * (getrusage(RUSAGE_SELF).ru_utime - began) / len(data))
+    return best
+
+
+def hostile_streams(sizes: tuple[int, int] = SIZES) -> list[tuple[str, float, float]]:
+    """For each adversarial stream ns a byte of the longer one, and how much more that is than of the shorter."""
+    rows = []
+    for name, unit in HOSTILE.items():
+        short, long = (_time_of((unit * (size // len(unit) + 1))[:size], 64) for size in sizes)
+        rows.append((name, long, long / short))
+    return rows
+
+
+# -- settings ----------------------------------------------------------------------------------------------------------
+
+WORDS: Final = (
+    "safety.v_max", "control.angular", "control.linear.kp", "sim.room", "sim.obstacles", "serial.port", "sensors",
+    "=", ".", "!!int ", "!!float ", "!!timestamp ", "!!binary ", "!!python/object:x ", "[", "]", "{", "}", ":", "- ",
+    "&a ", "*a", "<<: ", "1", "-1", "1e400", ".nan", ".inf", "0x10", "1:30", "null", "true", "yes", "'", '"', "\n",
+    "\t", "\x00", "\u2028", "é", "2001-01-01", "?", "|", ">", "%", "@", "9" * 400, "[" * 300,
+)  # fmt: skip
+
+
+def _settings(data: bytes) -> None:
+    """Read bytes as a setting."""
+    text = data.decode("utf-8", "surrogateescape")
+    with contextlib.suppress(ConfigError):
+        load(None, [text], {}, {})
+    with contextlib.suppress(ConfigError):
+        load(None, [f"safety.v_max={text}"], {}, {})
+    with contextlib.suppress(ConfigError):
+        load(None, (), {"TXT1_SAFETY__V_MAX": text.replace("\x00", "")}, {})
+
+
+def _file(data: bytes) -> None:
+    """Read bytes as a configuration file."""
+    with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+        file.write(data)
+        file.flush()
+        with contextlib.suppress(ConfigError):
+            load(file.name)
+
+
+# -- recordings --------------------------------------------------------------------------------------------------------
+
+
+def make_recording(folder: Path) -> bytes:
+    """A short recording, as bytes."""
+    from txt1.cli import execute
+
+    file = folder / "seed.mcap"
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        code = execute(
+            ["run", "--headless", "--duration", "0.5", "--speed", "max", "--seed", "1", "--log", str(file), "--json"]
+        )
+    assert code == 0
+    return file.read_bytes()
+
+
+def _recording(data: bytes) -> None:
+    """List and print bytes as a recording: what it finds wrong is an exit code, never an exception."""
+    from txt1.cli import execute
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "x.mcap")
+        file.write_bytes(data)
+        for words in (["log", "info"], ["log", "cat"], ["log", "recover"]):
+            more = [str(Path(folder, "y.mcap"))] if words[1] == "recover" else []
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                code = execute([*words, str(file), *more])
+            assert code in (0, 1, 2), f"{words}: exit code {code}"
+
+
+# -- the live view -----------------------------------------------------------------------------------------------------
+
+
+def _view(data: bytes) -> None:
+    """Take bytes as what a client publishes, and as the head of its request."""
+    from txt1.record.live import velocity
+    from txt1.record.view_proxy import presented
+
+    twist = velocity(data)
+    assert twist is None or (len(twist) == 2 and all(isinstance(each, float) for each in twist))
+    presented(data)
+
+
+def _decode(data: bytes) -> None:
+    """Decode bytes whole and cut up: it is the same."""
+    whole, pieces = Decoder(Role.BOARD), Decoder(Role.BOARD)
+    events = whole.feed(data) + whole.expire()
+    cut = [event for k in range(len(data)) for event in pieces.feed(data[k : k + 1])] + pieces.expire()
+    assert repr(events) == repr(cut)
+    for event in events:
+        assert all(isfinite(value) for value in getattr(event, "__dict__", {}).values() if isinstance(value, float))
+
+
+TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
+    "decoder": _decode, "setting": _settings, "file": _file, "recording": _recording, "view": _view,
+}  # fmt: skip
+VIEW_SEEDS: Final = (
+    b'{"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0.1}}',
+    b'{"twist": {"linear": {"x": NaN}, "angular": {"z": 1e999}}}',
+    b"GET /?token=abc HTTP/1.1\r\nAuthorization: Bearer xyz\r\n\r\n",
+    b"[" * 5000,
+    b'{"linear": {"x": ' + b"1" * 5000 + b"}}",
+)
+
+
+def seeds(target: str) -> list[bytes]:
+    """Inputs to begin with."""
+    if target == "decoder":
+        return [VELOCITY, FULL, NESTED, ODOMETRY, FULL[:9] + VELOCITY]
+    if target == "recording":
+        with tempfile.TemporaryDirectory() as folder:
+            return [make_recording(Path(folder))]
+    if target == "view":
+        return list(VIEW_SEEDS)
+    return [word.encode() for word in WORDS] + [b"safety:\n  v_max: 1.0\ncontrol:\n  angular: []\n"]
+
+
+def mutated(rng: random.Random, known: Sequence[bytes], words: Sequence[bytes]) -> bytes:
+    """One of the inputs, changed here and there: bytes flipped, cut out, put in, repeated, crossed with another."""
+    data = bytearray(rng.choice(known))
+    for _ in range(rng.choice((1, 1, 2, 4, 8))):
+        at = rng.randrange(len(data) + 1)
+        match rng.randrange(6):
+            case 0 if data:
+                data[at % len(data)] ^= 1 << rng.randrange(8)
+            case 1:
+                data[at:at] = rng.choice(words)
+            case 2:
+                del data[at : at + rng.choice((1, 4, 64))]
+            case 3:
+                data[at:at] = data[at : at + rng.choice((1, 8, 64))] * rng.choice((1, 2, 50))
+            case 4:
+                other = rng.choice(known)
+                data[at:] = other[rng.randrange(len(other) + 1) :]
+            case _ if data:
+                data[at % len(data)] = rng.choice((0, 1, 0x7F, 0x80, 0xFA, 0xFB, 0xFF))
+    return bytes(data[:200_000])
+
+
+def inputs(target: str, count: int, seed: int) -> Iterator[bytes]:
+    """So many inputs for a target."""
+    rng = random.Random(f"{target} {seed}")
+    known = seeds(target)
+    words = (
+        [word.encode() for word in WORDS] if target in ("setting", "file") else [VELOCITY, b"\xfa\xfb", b"{", b"1e999"]
+    )
+    yield from known
+    for _ in range(count - len(known)):
+        yield mutated(rng, known, words)
+
+
+def attack(target: str, count: int, seed: int = 0) -> str | None:
+    """Hand a target so many inputs; the one that it could not take, as a command that repeats it, or None."""
+    for data in inputs(target, count, seed):
+        try:
+            TARGETS[target](data)
+        except Exception as error:
+            place = Path("out/torture", f"{target}-{seed}.bin")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(data)
+            again = f"python -m torture fuzz --target {target} --input {place}"
+            return f"{type(error).__name__}: {str(error)[:200]}\n  {again}"
+    return None
+
+
+# -- guided by coverage ------------------------------------------------------------------------------------------------
+
+
+def guided(target: str, seconds: float) -> str:
+    """Let libFuzzer look for inputs that reach new lines, in a process of its own; what it says at its end."""
+    with tempfile.TemporaryDirectory() as folder:
+        corpus = Path(folder, "corpus")
+        corpus.mkdir()
+        for k, data in enumerate(seeds(target)):
+            (corpus / str(k)).write_bytes(data)
+        libfuzzer = [f"-max_total_time={seconds:g}", "-max_len=4096", f"-artifact_prefix={folder}/", str(corpus)]
+        command = [sys.executable, "-m", "torture.fuzz", "--guide", target, *libfuzzer]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        said = [line for line in ended.stderr.splitlines() if "DONE" in line or "Exception" in line or "ERROR" in line]
+        if ended.returncode != 0:
+            return "broken: " + " ".join(said or ended.stderr.splitlines()[-3:])
+        words = said[-1].split()
+        return (
+            f"{words[0].lstrip('#')} inputs, {words[words.index('cov:') + 1]} branches, {len(os.listdir(corpus))} kept"
+        )
+
+
+def _guide(target: str, words: Sequence[str]) -> None:
+    import atheris
+
+    with atheris.instrument_imports(include=["txt1"]):
+        for name in [each for each in sys.modules if each.startswith("txt1")]:
+            del sys.modules[name]
+        from torture import fuzz as instrumented
+
+    function = instrumented.TARGETS[target]
+    atheris.Setup([sys.argv[0], *words], lambda data: function(bytes(data)))
+    atheris.Fuzz()
+
+
+# -- the whole ---------------------------------------------------------------------------------------------------------
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Hand random and hostile bytes to all readers; 1 if something broke."""
+    parser = argparse.ArgumentParser(prog="python -m torture fuzz", description=__doc__)
+    parser.add_argument("--bytes", type=int, default=10_000_000, help="random bytes for the decoders")
+    parser.add_argument("--inputs", type=int, default=100_000, help="for each of the others (a tenth for recordings)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each with libFuzzer, where atheris is there")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--target", choices=TARGETS, help="with --input: hand it this file")
+    parser.add_argument("--input", type=Path)
+    options, rest = parser.parse_known_args(words)
+    if options.input is not None:
+        TARGETS[options.target](options.input.read_bytes())
+        return 0
+    del rest
+    lines = ["| reader | inputs | broken |", "|---|---|---|"]
+    broken = 0
+
+    def tell(reader: str, what: str, wrong: str | None) -> None:
+        nonlocal broken
+        broken += wrong is not None
+        lines.append(f"| {reader} | {what} | {wrong or 'none'} |")
+        print(lines[-1], flush=True)
+
+    tell("decoder", feed_random(options.bytes, options.seed), None)
+    for target in TARGETS:
+        count = options.inputs // (100 if target == "recording" else 10 if target == "file" else 1)
+        tell(target, f"{count} changed and random ones", attack(target, count, options.seed))
+    try:
+        import atheris  # noqa: F401
+
+        for target in TARGETS:
+            said = guided(target, options.seconds)
+            tell(target, f"libFuzzer: {said}", said if said.startswith("broken") else None)
+    except ImportError:
+        print("atheris is not installed: no guidance by coverage", file=sys.stderr)
+    lines += ["", "| adversarial stream | ns a byte | of four times as many bytes, a byte takes |", "|---|--:|--:|"]
+    for name, cost, growth in hostile_streams():
+        lines.append(f"| {name} | {cost:.0f} | {growth:.2f} times |")
+        print(lines[-1], flush=True)
+    if options.page:
+        page.write("fuzz", "\n".join(lines))
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--guide"]:
+        _guide(sys.argv[2], sys.argv[3:])
+    sys.exit(main())

@@ -1,0 +1,322 @@
+"""Faults of processes, in real time: host and board, or what belongs to them, are killed, stopped or unplugged.
+
+Each fault strikes at a random instant of a run of its own. What has to hold is looked at from the other side: the
+vehicle stands in time and does not set off again by itself; the host disarms; a bridge or a full disk costs it nothing.
+"""
+
+import argparse
+import asyncio
+import json
+import os
+import pty
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+from torture import page
+from torture.desk import ENDLESS, Broken, coasting
+from txt1.board import Board
+from txt1.config import load
+from txt1.errors import HalError
+from txt1.kernel.loop import run
+from txt1.link.pty import listen_pty
+from txt1.robot import Robot
+
+ROOT: Final = Path(__file__).parents[1]
+PLUGINS: Final = str(ROOT / "tests" / "plugins" / "site")
+TICK: Final = 0.02
+PATIENCE: Final = 60.0  # s for a process to start on a busy machine
+LATE: Final = 0.5  # s that a busy machine may be late
+STANDS: Final = 0.05  # m/s
+LOST: Final = 0.47  # s after which a host knows that its board is gone, a tick included
+TOLERANT: Final = ("--set", "safety.missed_ticks_max=25")  # a busy machine is no fault; a stopped process is one
+ROOMS: Final = tuple(word for setting in ENDLESS for word in ("--set", setting))
+
+
+@asynccontextmanager
+async def program(*words: str, **options: Any) -> AsyncIterator[asyncio.subprocess.Process]:
+    """A txt1 command in a process of its own, killed at the end."""
+    nowhere = asyncio.subprocess.DEVNULL
+    given = {"stdin": nowhere, "stdout": nowhere, "stderr": nowhere} | options
+    started = await asyncio.create_subprocess_exec(sys.executable, "-m", "txt1", *words, **given)
+    try:
+        yield started
+    finally:
+        with suppress(ProcessLookupError):
+            started.send_signal(signal.SIGCONT)
+            started.kill()
+        await started.wait()
+
+
+async def until(condition: Callable[[], bool], patience: float, what: str) -> float:
+    """How long it takes, s, until something is true."""
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    while not condition():
+        if loop.time() - began > patience:
+            raise Broken(f"{what}: not within {patience:.2f} s")
+        await asyncio.sleep(TICK / 2.0)
+    return loop.time() - began
+
+
+async def stays(condition: Callable[[], bool], duration: float, what: str) -> None:
+    """See that something stays true for so many s."""
+    ends = asyncio.get_running_loop().time() + duration
+    while asyncio.get_running_loop().time() < ends:
+        if not condition():
+            raise Broken(what)
+        await asyncio.sleep(TICK)
+
+
+# -- the host, seen from the board -------------------------------------------------------------------------------------
+
+
+async def host(fault: str, rng: random.Random, folder: Path) -> dict[str, float]:
+    """Strike a host that drives; the time until its board's outputs are neutral, and until the vehicle stands, s."""
+    config = load(None, ENDLESS, {}, {"seed": rng.randrange(1000)}).config
+    board = Board(config)
+    listener = listen_pty(str(folder / "board"), board.paced)
+    await board.power_up()
+    words = ("run", "--hal", "serial", "--port", str(folder / "board"), "--arm", "--drive", "0.6,0.3")
+    try:
+        async with program(*words, "--duration", "60", "--headless", "--json", *TOLERANT) as process:
+            await until(lambda: board.vehicle.state.v > 0.4, PATIENCE, "the host does not drive")
+            await asyncio.sleep(rng.uniform(0.2, 1.5))
+            v = board.vehicle.state.v
+            loop = asyncio.get_running_loop()
+            began = loop.time()
+            match fault:
+                case "SIGKILL":
+                    process.kill()
+                case "SIGTERM" | "SIGINT" | "SIGHUP":
+                    process.send_signal(getattr(signal, fault))
+                case "SIGSTOP":
+                    process.send_signal(signal.SIGSTOP)
+                case "unplugged":
+                    assert board.link is not None
+                    board.link.close()
+            hal: Any = board.runtime.hal
+            neutral = 0.0
+            if fault == "unplugged":  # the board goes by its time-out
+                neutral = await until(lambda: hal.outputs.motor == 0, 1.0 + LATE, "neutral outputs")
+            elif fault in ("SIGKILL", "SIGSTOP"):
+                neutral = await until(lambda: hal.outputs.motor == 0, 0.27 + LATE, "neutral outputs")
+            await until(lambda: abs(board.vehicle.state.v) < STANDS, coasting(v) + 1.0 + LATE, "standing")
+            stood = loop.time() - began
+            if fault == "SIGSTOP":
+                await asyncio.sleep(rng.uniform(0.7, 1.5))
+                process.send_signal(signal.SIGCONT)
+            await stays(lambda: abs(board.vehicle.state.v) < STANDS, 2.5, "it set off again by itself")
+            if fault in ("SIGTERM", "SIGINT", "SIGHUP"):
+                code = await asyncio.wait_for(process.wait(), 20.0)
+                if code != 128 + getattr(signal, fault):
+                    raise Broken(f"exit code {code}")
+            return {"neutral": neutral, "standing": stood}
+    finally:
+        await board.power_down()
+        listener.close()
+
+
+# -- the board, seen from the host -------------------------------------------------------------------------------------
+
+
+async def board(fault: str, rng: random.Random, folder: Path) -> dict[str, float]:
+    """Strike a board that is driven; the time until its host has disarmed, s."""
+    path = folder / "board"
+    words = ("board", "--pty", str(path), "--json", *ROOMS)
+    async with program(*words) as process:
+        await until(path.is_symlink, PATIENCE, "the board is not there")
+        config = load(None, [f"serial.port={path}", "safety.missed_ticks_max=25"], {}, {"hal": "serial"}).config
+        async with Robot.open(config=config, arm=True, patience=PATIENCE) as robot:
+            await robot.load_gains(timeout=20.0)
+
+            async def drive() -> None:
+                while True:
+                    robot.command(0.6, 0.3)
+                    await asyncio.sleep(TICK)
+
+            driving = asyncio.ensure_future(drive())
+            try:
+                await until(lambda: robot.odometry.v > 0.4, 20.0, "it does not drive")
+                await asyncio.sleep(rng.uniform(0.2, 1.5))
+                process.send_signal(signal.SIGSTOP if fault == "SIGSTOP" else signal.SIGKILL)
+                disarmed = await until(lambda: not robot.armed, LOST + LATE, "the host has not disarmed")
+                if fault == "SIGSTOP":
+                    await asyncio.sleep(rng.uniform(0.2, 1.5))
+                    process.send_signal(signal.SIGCONT)
+                    await stays(lambda: not robot.armed, 3.0, "it was armed again")
+                    await until(lambda: robot.runtime.linked, 10.0, "the link is not back")
+                    await until(lambda: abs(robot.odometry.v) < STANDS, 3.0, "standing")
+                elif fault == "killed and started anew":
+                    await process.wait()
+                    async with program(*words):
+                        await until(lambda: robot.runtime.linked, PATIENCE, "the link is not back")
+                        await stays(lambda: not robot.armed and robot.odometry.v == 0.0, 2.0, "it moved, or was armed")
+                else:
+                    await stays(lambda: not robot.armed, 1.0, "it was armed again")
+                return {"disarmed": disarmed}
+            finally:
+                driving.cancel()
+
+
+# -- what belongs to the host ------------------------------------------------------------------------------------------
+
+
+def _children(process: int) -> list[int]:
+    listed = subprocess.run(
+        ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, check=False
+    )
+    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "txt1.beside" in line]
+
+
+async def beside(fault: str, rng: random.Random, folder: Path) -> dict[str, float]:
+    """Strike the screens, a bridge or the recorder of a robot that drives: it goes on to its end."""
+    duration = 6.0
+    words = ["run", "--hal", "sim", "--drive", "0.5,0.3", "--duration", f"{duration:g}", *TOLERANT, *ROOMS]
+    options: dict[str, Any] = {"env": os.environ | {"TERM": "xterm"}}
+    terminal = -1
+    what = fault.split()[0]
+    if what == "screens":
+        terminal, inside = pty.openpty()
+        options |= {"stdin": inside, "stdout": inside, "stderr": inside}
+    else:
+        words += ["--headless", "--json"]
+    if what == "bridge":
+        options["env"] |= {"PYTHONPATH": os.pathsep.join((os.environ.get("PYTHONPATH", str(ROOT)), PLUGINS))}
+        words += ["--bridge", "pusher"]
+    file = folder / "run.mcap"
+    if what == "recorder":
+        words += ["--log", str(file)]
+    async with program(*words, **options) as process:
+        if terminal >= 0:
+            loop = asyncio.get_running_loop()
+            loop.add_reader(terminal, lambda: _swallow(terminal, loop))
+        if what == "recorder":
+            await until(lambda: file.exists() and file.stat().st_size > 0, PATIENCE, "nothing is recorded")
+        else:
+            await until(lambda: bool(_children(process.pid)), PATIENCE, "there is no such process")
+        await asyncio.sleep(rng.uniform(0.5, 0.6 * duration))
+        if what == "recorder":  # the file cannot grow any more, as on a full disk
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (file.stat().st_size, resource.RLIM_INFINITY))
+        for child in _children(process.pid) if what != "recorder" else ():
+            os.kill(child, signal.SIGSTOP if "stopped" in fault else signal.SIGKILL)
+        code = await asyncio.wait_for(process.wait(), duration + 30.0)
+        # the operator's terminal is gone with the screens, so that disarms; otherwise 3 would say so
+        if code not in {"recorder": (0, 1), "screens killed": (1, 3)}.get(fault.removesuffix(" without room"), (0,)):
+            raise Broken(f"exit code {code}")
+    if terminal >= 0:
+        asyncio.get_running_loop().remove_reader(terminal)
+        os.close(terminal)
+    return {}
+
+
+def _swallow(terminal: int, loop: asyncio.AbstractEventLoop) -> None:
+    try:
+        os.read(terminal, 65536)
+    except OSError:
+        loop.remove_reader(terminal)
+
+
+FAULTS: Final[tuple[tuple[str, str], ...]] = (
+    ("host", "SIGKILL"), ("host", "SIGSTOP"), ("host", "SIGTERM"), ("host", "SIGINT"), ("host", "SIGHUP"),
+    ("host", "unplugged"), ("board", "SIGKILL"), ("board", "SIGSTOP"), ("board", "killed and started anew"),
+    ("beside", "screens killed"), ("beside", "screens stopped"), ("beside", "recorder without room"),
+    ("beside", "bridge killed"), ("beside", "bridge stopped"),
+)  # fmt: skip
+PLACES: Final = {"host": host, "board": board, "beside": beside}
+
+
+def strike(number: int) -> dict[str, Any]:
+    """One fault, its kind and instant by its number."""
+    place, fault = FAULTS[number % len(FAULTS)]
+    rng = random.Random(number)
+    row: dict[str, Any] = {"number": number, "place": place, "fault": fault, "broken": ""}
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            row |= run(PLACES[place](fault, rng, Path(folder)))
+        except (Broken, HalError, TimeoutError) as error:
+            row["broken"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Strike so often; 1 if something broke."""
+    parser = argparse.ArgumentParser(prog="python -m torture processes", description=__doc__)
+    parser.add_argument("--faults", type=int, default=200, help="in all, with those that are there already")
+    parser.add_argument("--jobs", type=int, default=2, help="at a time")
+    parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
+    parser.add_argument("--kept", type=Path, default=Path("out/torture/processes.jsonl"), help="what came out so far")
+    parser.add_argument("--one", type=int, metavar="N", help="only the fault of this number")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    options = parser.parse_args(words)
+    if options.one is not None:
+        row = strike(options.one)
+        print(json.dumps(row))
+        return 1 if row["broken"] else 0
+    options.kept.parent.mkdir(parents=True, exist_ok=True)
+    lines = options.kept.read_text().splitlines() if options.kept.exists() else []
+    rows = {row["number"]: row for row in map(json.loads, lines)}
+    left = [number for number in range(options.faults) if number not in rows]
+    asyncio.run(_strike_all(left, rows, options))
+    text = table(list(rows.values()))
+    print(text)
+    if options.page:
+        page.write("processes", text)
+    return 1 if any(row["broken"] for row in rows.values()) else 0
+
+
+async def _strike_all(left: list[int], rows: dict[int, dict[str, Any]], options: argparse.Namespace) -> None:
+    loop = asyncio.get_running_loop()
+    ends = None if options.minutes is None else loop.time() + 60.0 * options.minutes
+
+    async def work() -> None:
+        while left and (ends is None or loop.time() < ends):
+            number = left.pop(0)
+            words = (sys.executable, "-m", "torture", "processes", "--one", str(number))
+            process = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
+            said, _ = await process.communicate()
+            row = rows[number] = json.loads(said.splitlines()[-1])
+            with options.kept.open("a") as file:
+                print(json.dumps(row), file=file)
+            if row["broken"]:
+                print(
+                    f"{row['place']}, {row['fault']}: {row['broken']}\n  {' '.join(('python', *words[1:]))}", flush=True
+                )
+
+    await asyncio.gather(*(work() for _ in range(options.jobs)))
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """What came out, in Markdown; times in s."""
+    lines = [
+        "| struck | fault | times | broken | s until neutral, disarmed | s until standing |",
+        "|---|---|--:|--:|--:|--:|",
+    ]
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        groups[row["place"], row["fault"]].append(row)
+    for place, fault in FAULTS:
+        group = groups[place, fault]
+        first = [row.get("neutral", row.get("disarmed", 0.0)) for row in group if not row["broken"]]
+        stood = [row["standing"] for row in group if "standing" in row]
+        broken = sum(bool(row["broken"]) for row in group)
+        where = {"beside": fault.split()[0]}.get(place, place)
+        lines.append(f"| {where} | {fault} | {len(group)} | {broken} | {_times(first)} | {_times(stood)} |")
+    return "\n".join(lines)
+
+
+def _times(values: Sequence[float]) -> str:
+    return f"{median(values):.2f}, worst {max(values):.2f}" if any(values) else "-"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
