@@ -20,6 +20,7 @@ from txt1.sensors.light import LIGHT, SimulatedLight
 from txt1.sensors.registry import DRIVERS
 from txt1.telemetry.topics import Topic
 
+INSTALLED = ", ".join(DRIVERS.names())
 LIT = (*ENDLESS, "sensors.light.driver=sim_light", "sensors.light.options.seed=[1]")
 
 
@@ -205,8 +206,7 @@ async def test_an_unknown_driver_lists_those_that_are_installed() -> None:
         async with Robot.open("sim", settings=["sensors.eye.driver=sim_ligth"]):
             pass
     assert str(error.value) == (
-        f"sensors.eye.driver: there is no sensor driver 'sim_ligth'; installed: {', '.join(DRIVERS.names())}; "
-        "did you mean 'sim_light'?"
+        f"sensors.eye.driver: there is no sensor driver 'sim_ligth'; installed: {INSTALLED}; did you mean 'sim_light'?"
     )
 
 
