@@ -15,6 +15,7 @@ from txt1.hal.base import BoardLink, Capabilities, Indicators, Inputs, Outputs
 from txt1.link.base import End, Link
 from txt1.link.device import open_link
 from txt1.link.ports import only_candidate
+from txt1.link.pty import is_left_behind
 from txt1.link.receiver import Receiver
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
@@ -127,7 +128,8 @@ class DevicePort:
             self.address = await asyncio.to_thread(only_candidate)
         # A board that was killed leaves its link to a pseudo-terminal behind, whose name may be a stranger's by now.
         made = await asyncio.to_thread(_link_made, self.address)
-        if made is not None and made == self._spent:
+        left = await asyncio.to_thread(is_left_behind, self.address)
+        if left or (left is None and made is not None and made == self._spent):
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
         link = await open_link(self.address, end, self._baud, secret)

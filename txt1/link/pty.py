@@ -1,6 +1,11 @@
-"""A pseudo-terminal: the virtual board's serial port, which hosts open like a device."""
+"""A pseudo-terminal: the virtual board's serial port, which hosts open like a device.
+
+Beside the symbolic link lies a lock file, PATH.lock, which the board holds as long as it lives. So no second board
+takes its path over, and a host sees whether the terminal at the end of the link is a board's, or a stranger's by now.
+"""
 
 import asyncio
+import fcntl
 import os
 import select
 import termios
@@ -20,8 +25,9 @@ class _PtyLink(Link):
     The host's side is opened here for moments only: as long as nobody else has it open, the kernel says so.
     """
 
-    def __init__(self, path: str, end: End, master: int, slave: str) -> None:
+    def __init__(self, path: str, end: End, master: int, slave: str, lock: int) -> None:
         super().__init__(path, end)
+        self._lock = lock
         self._loop = asyncio.get_running_loop()
         self._master = master
         self._slave = slave
@@ -53,6 +59,8 @@ class _PtyLink(Link):
         with suppress(OSError):
             if os.readlink(self.address) == self._slave:  # else it is another's by now
                 os.unlink(self.address)
+                os.unlink(lock_file(self.address))
+        os.close(self._lock)
         os.close(self._master)  # last, for until then no other pseudo-terminal can have its name
 
     def _look(self) -> None:
@@ -96,12 +104,62 @@ def listen_pty(path: str, end: End) -> Listener:
     tty.setraw(slave_fd)  # before anybody opens it: an echo would send the board its own odometry
     os.close(slave_fd)
     os.set_blocking(master, False)
+    lock: int | None = None
     try:
+        lock = _take(path, slave)
         _make_link(path, slave)
     except BaseException:
+        if lock is not None:
+            os.unlink(lock_file(path))
+            os.close(lock)
         os.close(master)
         raise
-    return _PtyLink(path, end, master, slave)
+    return _PtyLink(path, end, master, slave, lock)
+
+
+def lock_file(path: str) -> str:
+    """Return the lock file beside a symbolic link to a pseudo-terminal."""
+    return f"{path}.lock"
+
+
+def _take(path: str, slave: str) -> int:
+    """Take the path for this board, as long as the descriptor that is returned is open."""
+    try:
+        lock = os.open(lock_file(path), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+    except FileNotFoundError as error:
+        raise HalError(f"cannot make {path}: there is no such directory; make it or choose another path") from error
+    except OSError as error:
+        raise HalError(f"cannot make {path}: {error.strerror}; choose another path") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise HalError(f"{path} is another board's, which is running: end that one or choose another path") from None
+    os.ftruncate(lock, 0)
+    os.pwrite(lock, slave.encode(), 0)
+    return lock
+
+
+def is_left_behind(path: str) -> bool | None:
+    """Whether a symbolic link to a pseudo-terminal belongs to no board that is running; None: nothing tells.
+
+    Files are looked at, so call it in a thread.
+    """
+    try:
+        slave = os.readlink(path)
+        if not slave.startswith("/dev/pts/"):
+            return None
+        lock = os.open(lock_file(path), os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:  # held by a board
+        return os.read(lock, 100).decode(errors="replace") != slave
+    else:
+        return True
+    finally:
+        os.close(lock)
 
 
 def _make_link(path: str, slave: str) -> None:
@@ -112,8 +170,6 @@ def _make_link(path: str, slave: str) -> None:
         os.symlink(slave, path)
     except FileExistsError as error:
         raise HalError(f"{path} exists and is no pseudo-terminal: remove it or choose another path") from error
-    except FileNotFoundError as error:
-        raise HalError(f"cannot make {path}: there is no such directory; make it or choose another path") from error
     except OSError as error:
         raise HalError(f"cannot make {path}: {error.strerror}; choose another path") from error
 

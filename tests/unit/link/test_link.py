@@ -36,7 +36,7 @@ from txt1.link.base import BACKLOG, Link, Listener, connect
 from txt1.link.base import End as EndProtocol
 from txt1.link.device import STANDARD_BAUDS, baud_warning, open_link
 from txt1.link.impairments import Way, faulty, paced
-from txt1.link.pty import listen_pty
+from txt1.link.pty import is_left_behind, listen_pty
 from txt1.link.tcp import listen_tcp
 from txt1.sim.line import LineFault, LineFaults
 
@@ -107,7 +107,7 @@ def nothing_blocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(termios, "tcdrain", drain)
     with blockbuster_ctx("txt1") as blockbuster:
         for name in ("os.path.islink", "os.readlink", "os.unlink", "os.symlink"):  # of listen_pty, and its close
-            blockbuster.functions[name].can_block_in("txt1/link/pty.py", {"_make_link", "_let_go"})
+            blockbuster.functions[name].can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
         yield
 
 
@@ -805,14 +805,53 @@ def test_a_pseudo_terminal_nobody_uses_leaves_the_loop_asleep(path: str, monkeyp
 def test_closing_removes_the_path_unless_it_is_another_board_s_by_now(path: str) -> None:
     async def main() -> None:
         first = listen_pty(path, End())
-        second = listen_pty(path, End())  # as after a kill: the path of the first is replaced
+        Path(path).unlink()
+        Path(path).symlink_to("/dev/pts/ptmx")
         first.close()
         assert os.path.lexists(path)
+
+        second = listen_pty(path, End())  # as after a kill: what is left behind is replaced
         second.close()
         second.close()
         assert not os.path.lexists(path)
+        assert os.listdir(Path(path).parent) == []
 
     run_quietly(main())
+
+
+def test_a_second_board_does_not_take_the_path_of_a_running_one(path: str) -> None:
+    async def main() -> None:
+        with closing(listen_pty(path, End())):
+            before = os.readlink(path)
+            with pytest.raises(HalError, match="another board's, which is running"):
+                listen_pty(path, End())
+            assert os.readlink(path) == before
+            assert is_left_behind(path) is False
+
+    asyncio.run(main())
+
+
+def test_a_terminal_that_no_running_board_holds_is_left_behind(path: str) -> None:
+    master, slave = os.openpty()  # a stranger's, who got the name of a killed board's
+    try:
+        Path(path).symlink_to(os.ttyname(slave))
+        assert is_left_behind(path) is None, "another program's, which has no lock file"
+        Path(f"{path}.lock").write_text(os.ttyname(slave))
+        assert is_left_behind(path) is True
+        assert is_left_behind("/dev/null") is None
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_link_that_leads_elsewhere_than_its_board_says_is_none_of_it(path: str) -> None:
+    async def main() -> None:
+        with closing(listen_pty(path, End())):
+            Path(path).unlink()
+            Path(path).symlink_to("/dev/pts/999999")
+            assert is_left_behind(path) is True
+
+    asyncio.run(main())
 
 
 @pytest.mark.parametrize("what", ["file", "directory", "link"])
