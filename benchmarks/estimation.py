@@ -113,11 +113,14 @@ def tabulated(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str,
 
 def show_laps(seeds: int, count: float, file: Path | None, out: Path | None) -> None:
     """Drive, print and draw."""
-    results, example = [], None
+    results: list[dict[str, dict[str, float]]] = []
     for seed in range(1, seeds + 1):
         found = run(laps(seed, count), speed="max")
-        example = example or found
+        if not results and file is not None:
+            draw(found, file, count)
         results.append({name: errors.result() for name, errors in found.items()})
+        if out is not None:  # as far as it has come
+            out.write_text(json.dumps({"table": tabulated(results), "seeds": results}))
     table = tabulated(results)
     print(f"{count:g} laps, {seeds} seeds: root mean square over seeds of")
     print(
@@ -129,10 +132,6 @@ def show_laps(seeds: int, count: float, file: Path | None, out: Path | None) -> 
             f"| {name} | {row['rms_m']:.4f} | {row['final_m']:.4f} | {row['worst_m']:.4f} "
             f"| {row['rms_rad'] * 180 / pi:.3f} | {row['final_rad'] * 180 / pi:.3f} |"
         )
-    if out is not None:
-        out.write_text(json.dumps({"table": table, "seeds": results}))
-    if file is not None and example is not None:
-        draw(example, file, count)
 
 
 def draw(found: dict[str, Errors], file: Path, count: float) -> None:

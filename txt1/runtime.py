@@ -439,6 +439,8 @@ class Runtime:
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
         self.hal.place(x, y, theta, self._begin("place", values=(x, y, theta)))
+        if self.estimator is not None:
+            self.estimator.fusion.lifted()
 
     def look(self) -> Inputs:
         """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""

@@ -13,7 +13,9 @@ from txt1.estimation.task import FILTERED, TRUSTS
 from txt1.experiments import sensor_failure
 from txt1.kernel.loop import run
 from txt1.navigation import follow, fused_pose
+from txt1.navigation.source import located, places_on_earth
 from txt1.robot import Robot
+from txt1.sensors.geodesy import Grid
 from txt1.tasks.fields import Source
 from txt1.telemetry.snapshot import Snapshot
 
@@ -116,3 +118,19 @@ async def test_on_rough_ground_the_guard_slows_a_curve_through_the_gate() -> Non
             speeds.append(robot.runtime.state.control.v)
         assert min(speeds[20:]) < 1.2
         assert robot.armed
+
+
+async def test_places_in_degrees_are_driven_to_on_the_fused_pose() -> None:
+    settings = (*ENDLESS, "estimation.preset=imu-gps", "sensors.gps.driver=sim_gps")
+    settings = (*settings, "sensors.gps.options={noise: 0.3, slow: 0.0}")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        await asyncio.sleep(0.5)
+        goal = Grid(35.0844, -106.6504).earth(6.0, 4.0)  # the simulated room's origin is there
+        (place,) = await places_on_earth(robot, "gps", [goal])
+        assert place == pytest.approx((6.0, 4.0), abs=0.01)
+        source = fused_pose(robot)
+        await located(robot, source)
+        await follow(robot, [(6.0, 4.0)], closed=False, pose_source=source)
+        assert robot.pose is not None
+        assert hypot(robot.pose[0] - 6.0, robot.pose[1] - 4.0) < 0.8

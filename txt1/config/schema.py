@@ -249,8 +249,9 @@ class LearningConfig(Section):
     """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
     time_limit: Positive = 300.0
     """It has failed when it takes longer, s; not in the thesis."""
-    pose: Literal["truth", "odometry"] = "truth"
-    """Where the robot is, for goal and boundary: the simulation's truth, or odometry from the start pose on."""
+    pose: Literal["truth", "odometry", "fused"] = "truth"
+    """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, or by all
+    sensors together (estimation)."""
     sensor: Annotated[str, Field(min_length=1)] = "light"
     """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
     thesis: ThesisConfig = ThesisConfig()

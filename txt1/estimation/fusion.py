@@ -211,6 +211,11 @@ class Fusion:
         """Take in that the robot stands."""
         self.take(Measurement(time, "", Kind.VELOCITY, (0, 1), (0.0, 0.0), (REST_SPEED, REST_YAW)))
 
+    def lifted(self) -> None:
+        """Find the pose anew: the robot was carried elsewhere."""
+        self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
+        self._pairs.clear()
+
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""
         return tuple(judge.trust() for judge in self._judges.values())

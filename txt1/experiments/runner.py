@@ -13,8 +13,8 @@ from txt1.experiments.recording import Measurement, Recording
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
-from txt1.navigation import PoseSource, follow, true_pose, wheel_pose
-from txt1.navigation.source import step_between
+from txt1.navigation import PoseSource, follow, fused_pose, true_pose, wheel_pose
+from txt1.navigation.source import located, places_on_earth, step_between
 from txt1.navigation.waypoints import Point
 from txt1.robot import Robot
 from txt1.tasks.fields import BatteryState
@@ -119,14 +119,19 @@ class Experiment:
 
     async def _drive_waypoints(self, waypoints: Waypoints) -> None:
         robot = self.robot
-        source = true_pose(robot) if waypoints.pose == "true" else wheel_pose(robot)
+        source = {"true": true_pose, "fused": fused_pose, "odometry": wheel_pose}[waypoints.pose](robot)
+        points = waypoints.points
+        if waypoints.earth:
+            points = await places_on_earth(robot, waypoints.earth, points)
+        if waypoints.pose == "fused":
+            await located(robot, source)
 
         def read() -> Pose | None:
             self._believed = source.read()
             return self._believed
 
         self._source = PoseSource(source.name, read)
-        total = waypoints.laps * len(waypoints.points)
+        total = waypoints.laps * len(points)
 
         def on_leg(number: int, start: Point, end: Point) -> None:
             self._legs.append(Leg(robot.now - self._begin, start, end))
@@ -134,7 +139,7 @@ class Experiment:
                 self.progressed(min(number / total, 1.0))
 
         how = waypoints.model_dump(include={"laps", "speed", "look_ahead"})
-        await follow(robot, waypoints.points, **how, pose_source=self._source, on_leg=on_leg)
+        await follow(robot, points, **how, pose_source=self._source, on_leg=on_leg)
 
     async def _watch(self) -> str:
         """Why the experiment is to end early: the batteries, or a vehicle that does not move."""

@@ -15,7 +15,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light import Readings
-from txt1.navigation import Arrival, PoseSource, go_to, true_pose, wheel_pose
+from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -54,8 +54,8 @@ class LearningTask:
     goes to the start once more and repeats it.
 
     `pose` is where the robot is in the room, for the goal and the boundary; None: the simulation's truth or, where
-    there is none or `learning.pose` says so, odometry. `stopped` is asked 20 times a second; once it says yes the trial
-    is over.
+    there is none or `learning.pose` says so, odometry or the fused pose. `stopped` is asked 20 times a second;
+    once it says yes the trial is over.
     """
 
     def __init__(
@@ -67,10 +67,11 @@ class LearningTask:
         self.ended = asyncio.Event()  # the last episode is over, or somebody stopped the trial: it commands nothing
         self._robot = robot
         self._light = robot.sensors[robot.config.learning.sensor]
-        self._given = pose
+        by = robot.config.learning.pose
+        self._given = fused_pose(robot) if pose is None and by == "fused" else pose
         self._stopped = stopped
-        self._truth = robot.config.learning.pose == "truth" and robot.hal.capabilities.pose
-        self._pose = pose or (true_pose(robot) if self._truth else wheel_pose(robot))
+        self._truth = by == "truth" and robot.hal.capabilities.pose
+        self._pose = self._given or (true_pose(robot) if self._truth else wheel_pose(robot))
         self._places = robot.hal.capabilities.place
         self._drive: asyncio.Task[Arrival] | None = None
         self._wheel = robot.source("learner")

@@ -1,14 +1,18 @@
 """Where the robot is: from its encoders, or from a simulation that knows."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Sequence
 from math import cos, hypot, sin, sqrt
 from typing import NamedTuple
 
+from txt1.driver import REFRESH
 from txt1.errors import CommandRefused, NotCapable
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
 from txt1.robot import Robot
+from txt1.sensors.geodesy import Grid
+from txt1.sensors.readings import FixReading
 
 
 class PoseSource(NamedTuple):
@@ -42,6 +46,38 @@ def fused_pose(robot: Robot) -> PoseSource:
         return estimate[:3] if estimate is not None and estimate.located else None
 
     return PoseSource("fused pose", read)
+
+
+async def located(robot: Robot, source: PoseSource, speed: float = 0.4, patience: float = 60.0) -> None:
+    """Drive in a wide curve until a pose source knows where the robot is: positions tell no heading at rest.
+
+    Raises CommandRefused: it does not know after `patience` s; Overruled, NotArmed: as `Robot.drive`.
+    """
+    ends = robot.now + patience
+    while source.read() is None:
+        if robot.now >= ends:
+            raise CommandRefused(f"the pose source '{source.name}' knows no pose after {patience:g} s of driving")
+        robot.program.insist(speed, 0.25 * speed)
+        await asyncio.sleep(REFRESH)
+
+
+async def places_on_earth(
+    robot: Robot, sensor: str, places: Sequence[tuple[float, float]], patience: float = 10.0
+) -> tuple[tuple[float, float], ...]:
+    """Places in degrees of latitude and longitude as metres in the frame of a GPS, which must have a fix.
+
+    Raises CommandRefused: it has none in `patience` s; ConfigError: there is no such sensor.
+    """
+    ends = robot.now + patience
+    while (reading := robot.sensor(sensor)) is None:
+        if robot.now >= ends:
+            raise CommandRefused(f"'{sensor}' has no fix after {patience:g} s, so no place on earth can be found")
+        await asyncio.sleep(REFRESH)
+    fix = reading.value
+    if not isinstance(fix, FixReading):
+        raise CommandRefused(f"'{sensor}' is no GPS: give metres, or the name of one")
+    grid = Grid(fix.latitude, fix.longitude)
+    return tuple((fix.x + x, fix.y + y) for x, y in (grid.place(*place) for place in places))
 
 
 def wheel_pose(robot: Robot, at: Pose | None = None) -> PoseSource:

@@ -193,3 +193,14 @@ def test_the_heading_goes_round_and_round() -> None:
     drive.go(2.5 * 2.0 * pi / OMEGA)
     assert -pi < drive.estimate.theta <= pi
     assert drive.error()[1] < 0.01
+
+
+def test_a_robot_that_was_carried_elsewhere_finds_its_pose_anew() -> None:
+    drive = Drive()
+    drive.go(5.0)
+    drive.fusion.lifted()
+    moved = lambda m: m._replace(values=(m.values[0] + 3.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
+    drive.go(0.1, moved)
+    assert drive.estimate.located
+    assert drive.error()[0] == pytest.approx(3.0, abs=0.01)
+    assert drive.trust("vicon") == (True, "")
