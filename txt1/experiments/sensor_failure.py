@@ -219,6 +219,7 @@ def draw(outcomes: list[Outcome], file: Path) -> None:
                     panel.semilogy(each.trace[:, 0], each.trace[:, 1], linewidth=0.9, color=f"C{number}", label=failure)
         panel.axvspan(BEGIN, END, color="0.9")
         panel.set(title=f"{setup}: {sensor} fails", xlabel="time, s", ylabel="position error, m")
+        panel.set_ylim(bottom=1e-3 if setup == "imu-gps" else 1e-4)
         panel.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(file)
