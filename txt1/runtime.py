@@ -11,6 +11,7 @@ from typing import Any, Final
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control import roll
+from txt1.control.car import car_of
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.control.standstill import UNOBEYED
@@ -230,7 +231,8 @@ class Runtime:
     def _own_tasks(self) -> Iterable[Row]:
         """The robot's tasks, in the order in which those of equal priority run (thesis 3.3.3)."""
         state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
-        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry)
+        car = car_of(self.config.car, geometry)
+        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, car=car)
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
             answered=lambda accepted: self._put(PidResponse(accepted), self.now),

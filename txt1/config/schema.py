@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from txt1.control.pad import PadParameters
-from txt1.control.parameters import Limits, ObstacleStop, RollGuard, Safety
+from txt1.control.parameters import KnownCar, Limits, ObstacleStop, RollGuard, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.model.light import EVEN, MOUNT, SOUND, Mount, SensorFault
@@ -360,6 +360,7 @@ class Config(Section):
     """Repeats every random value of a simulation."""
     geometry: Geometry = Geometry()
     control: ControlConfig = ControlConfig()
+    car: KnownCar = KnownCar()
     safety: Safety = Safety()
     obstacle_stop: ObstacleStop = ObstacleStop()
     sim: SimConfig = SimConfig()

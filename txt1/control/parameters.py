@@ -39,6 +39,24 @@ class Safety:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownCar:
+    """What the velocity loops know of the car, beside the thesis's PID controllers, where they run here."""
+
+    known: bool = False
+    """Whether they use it: true encoder geometry in turns, and motor and steering fed forward."""
+    speed_gain: Positive = 0.00033
+    """Free speed per PWM count beyond the dead band, m/s."""
+    dead_band: NotNegative = 300.0
+    """Counts around neutral at which the motors coast."""
+    time_constant: Positive = 0.3
+    """Of the driven speed response, s."""
+    scrub: NotNegative = 0.06
+    """Share of the free speed that full lock costs."""
+    acceleration: Positive = 3.0
+    """At which the speed is led to its set-point, m/s^2; chosen, a third of what tyres hold."""
+
+
+@dataclass(frozen=True, slots=True)
 class Limits(Safety):
     """The safety gate's limits for a vehicle that turns no sharper than `radius_min` (m)."""
 

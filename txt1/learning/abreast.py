@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.config.sources import with_values
+from txt1.control.car import Car, car_of
 from txt1.control.schedule import Schedule
 from txt1.learning.agent import Agent
-from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, control, encode
+from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
@@ -42,7 +43,7 @@ _lux_at = compiled(lux_at)
 def _advance(
     robots: Array, odometry: Array, frozen: Array, commands: Array, first: int, drag: Array, noise: Array,
     lux: Array, seen_from: Array, p: Dynamics, light: PointLight, mount: Mount, gains: Array, faults: Array,
-    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any,
+    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any, car: Car, known: bool,
 ) -> int:  # fmt: skip
     """Move all by len(drag) ticks after tick `first`; the samples of the light are written, and counted.
 
@@ -79,7 +80,7 @@ def _advance(
                 seen_from[sample, i, 3], seen_from[sample, i, 4] = robots[SENSED, i], robots[SENSED + 1, i]
             sample += 1
             due += LIGHT_MS
-        control(robots, commands, motor_max, schedule, linear)
+        control(robots, commands, motor_max, schedule, linear, car, known)
         encode(robots, rolled, dt, count_length, track_width)
         for i in range(n):
             v, omega = robots[SENSED, i], robots[SENSED + 1, i]
@@ -114,6 +115,7 @@ class Abreast:
         self._motor_max = float(config.safety.motor_max)
         self._body = config.geometry
         self._linear = config.control.linear.gains()
+        self._car = car_of(config.car, config.geometry)
         self._schedule = gains_table(config.control.schedule())
 
     def advance(self, which: NDArray[np.intp], commands: Array, ticks: int) -> tuple[Array, Array]:
@@ -131,7 +133,7 @@ class Abreast:
         _advance(
             robots, odometry, frozen, commands, self.tick, drag, noise, lux, seen_from, self._dynamics, self._light,
             self._mount, self._gains, self._faults, self._motor_max, self._body.count_length, self._body.track_width,
-            self._schedule, self._linear,
+            self._schedule, self._linear, self._car or UNKNOWN, self._car is not None,
         )  # fmt: skip
         self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = robots, odometry, frozen
         self.tick += ticks

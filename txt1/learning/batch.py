@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.control.parameters import Safety
+from txt1.control.car import Car, car_of, informed_step, true_velocity
+from txt1.control.parameters import KnownCar, Safety
 from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.kernel.processors import processors
@@ -28,37 +29,55 @@ TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light 
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)  # (5.10) at 20 ms in place of 16
 
 # rows of the robots' state: those of `txt1.sim.fleet` first, then the encoders', the loops' and the light's
-PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED = 7, 9, 11, 13, 16, 19, 21
-ROWS: Final = 25
+PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 7, 9, 11, 13, 16, 19, 21, 25
+ROWS: Final = 26
 
 SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their own
 BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
+UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or Car(*[1.0] * 8)  # stands in where loops know nothing
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
 _pid = compiled(pid, forceinline=True)
+_informed_step = compiled(
+    informed_step, calls={"pid": _pid, "errors": _errors, "true_velocity": compiled(true_velocity)}
+)
 _lux_at = compiled(lux_at)
 
 
 @compiled
-def control(robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains) -> None:
-    """The controller's tick, on the velocities that the encoders saw a tick before."""
+def control(
+    robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains, car: Car, known: bool
+) -> None:
+    """The controller's tick, on the velocities that the encoders saw a tick before; `known`: by loops that know it."""
     for i in range(robots.shape[1]):
         v, omega, v_now, omega_now = commands[i, 0], commands[i, 1], robots[SENSED, i], robots[SENSED + 1, i]
         if _at_rest(v, v_now):
             for row in range(LINEAR, OUTPUT + 2):
                 robots[row, i] = 0.0
+            robots[LEAD, i] = 0.0
             continue
         which = 0
         for k in range(gains.shape[0] - 1):
             which += gains[k, 0] < v_now
+        angular = gains[which, 1], gains[which, 2], gains[which, 3]
+        if known:
+            past = robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i]
+            other = robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i]
+            past, other, robots[LEAD, i], motor, steering = _informed_step(
+                past, other, robots[LEAD, i], v, omega, v_now, omega_now, linear, angular, TICK_MS / 1000.0, car
+            )
+            robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i] = past
+            robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i] = other
+            robots[OUTPUT, i] = np.trunc(min(max(motor, -motor_max), motor_max))
+            robots[OUTPUT + 1, i] = np.trunc(min(max(steering, -float(STEERING_MAX)), float(STEERING_MAX)))
+            continue
         error, yaw_error = _errors(v, omega, v_now, omega_now)
         past = robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i]
         past = _pid(past, error, linear, TICK_MS / 1000.0, float(PWM_MAX))
         robots[LINEAR, i], robots[LINEAR + 1, i], robots[LINEAR + 2, i] = past
         robots[OUTPUT, i] = np.trunc(min(max(past[0], -motor_max), motor_max))
-        angular = gains[which, 1], gains[which, 2], gains[which, 3]
         past = robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i]
         past = _pid(past, yaw_error, angular, TICK_MS / 1000.0, float(STEERING_MAX))
         robots[ANGULAR, i], robots[ANGULAR + 1, i], robots[ANGULAR + 2, i] = past
@@ -92,8 +111,8 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
 @partial(compiled, nogil=True)
 def _run(
     robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
-    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains,
-    begin: int, end: int,
+    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains, car: Car,
+    known: bool, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
     for at in range(begin, end, BLOCK):
@@ -106,7 +125,7 @@ def _run(
             rolled[0], rolled[1] = block[RIGHT], block[LEFT]
             if tick > 0:
                 move(block, block[OUTPUT], block[OUTPUT + 1], drag[k][at:until], dt, parameters, target, remaining)
-            control(block, commands[at:until], motor_max, gains, linear)
+            control(block, commands[at:until], motor_max, gains, linear, car, known)
             encode(block, rolled, dt, count_length, track_width)
             if noise.shape[0]:
                 _look(block, noise[k][at:until], light)
@@ -170,6 +189,7 @@ class Batch:
         run = partial(
             _run, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
             float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, LINEAR_GAINS,
+            UNKNOWN, False,
         )  # fmt: skip
         if self._threads is None:
             run(*self._shares[0])

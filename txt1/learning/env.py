@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
+from txt1.control.car import car_of, loops_for
 from txt1.control.limits import clip
-from txt1.control.pid import VelocityLoops, at_rest
+from txt1.control.pid import at_rest
 from txt1.errors import MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.registry import create_sim
@@ -63,7 +64,7 @@ class Car:
     def __init__(self, hal: Hal, config: Config) -> None:
         self.command = (0.0, 0.0)
         self._hal = hal
-        self._loops = VelocityLoops()
+        self._loops = loops_for(car_of(config.car, config.geometry))
         self._linear, self._schedule = config.control.linear.gains(), config.control.schedule()
         self._motor_max = config.safety.motor_max
         self._wheels = WheelOdometry(config.geometry)

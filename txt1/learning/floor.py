@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config
+from txt1.control.car import Car, car_of
 from txt1.control.pid import Gains
 from txt1.learning.abreast import DECISION_MS, gains_table
-from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode
+from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.trial import Start, Task, task_of
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.fleet import LEFT, RIGHT, Array, X, Y, compiled, move
@@ -50,7 +51,8 @@ class Floor(NamedTuple):
 @partial(compiled, nogil=True)
 def _drive(
     robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
-    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains,
+    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains, car: Car,
+    known: bool,
 ) -> Array:  # fmt: skip
     """Time at which each robot has the goal, s, by its plan (a, m, b, n, c); inf: it never has. `late`: in ticks."""
     count = robots.shape[1]
@@ -67,7 +69,9 @@ def _drive(
                 action = a if decision < m else b if decision < m + n else c
                 given[i] = commands[action]
         rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
-        control(robots, given, motor_max, schedule, linear)  # as a decision takes effect before the vehicle moves on
+        control(
+            robots, given, motor_max, schedule, linear, car, known
+        )  # as a decision takes effect before the vehicle moves on
         dt = TICK_MS / 1000.0
         move(robots, robots[OUTPUT], robots[OUTPUT + 1], still, dt, p, target, remaining)
         encode(robots, rolled, dt, count_length, track_width)
@@ -117,9 +121,10 @@ def _arrivals(config: Config, task: Task, bearing: float, plans: NDArray[np.int6
     robots[PHASE : PHASE + 2] = 0.5
     light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
     body, parameters = config.geometry, dynamics(config.sim.vehicle, config.geometry)
+    car = car_of(config.car, body)
     arrived: Any = _drive(
         robots, plans, np.array(config.learning.actions), round(task.delay * 1000.0 / TICK_MS), horizon, light,
         task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
-        gains_table(config.control.schedule()), config.control.linear.gains(),
+        gains_table(config.control.schedule()), config.control.linear.gains(), car or UNKNOWN, car is not None,
     )  # fmt: skip
     return np.asarray(arrived)

@@ -8,7 +8,7 @@ go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_fleet.py holds t
 numba compiles it (extra `fast`). Without numba it is the same, slowly.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import copysign, pi, sqrt, tan
 from pathlib import Path
 from runpy import run_path
@@ -35,13 +35,16 @@ LOSS_MAX: Final = 2.0  # of 1 + scrub + drag: more is rare, and costs the expone
 _HALF_PI_REST: Final = 6.123233995736766e-17  # what pi / 2 is more than its double
 
 
-def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: Any) -> Callable[..., Any]:
+def compiled(
+    function: Callable[..., Any], *, reorder: bool = False, calls: Mapping[str, Any] | None = None, **options: Any
+) -> Callable[..., Any]:
     """The function compiled, where numba is installed.
 
     Args:
         function: of numbers and arrays.
         reorder: whether sums and products may be taken in another order than written, which vector instructions need;
             NaN and infinity keep their meaning.
+        calls: compiled functions, by the names by which it calls them.
         options: of numba.njit.
 
     """
@@ -52,6 +55,8 @@ def compiled(function: Callable[..., Any], *, reorder: bool = False, **options: 
     if not isinstance(function, FunctionType):  # mypyc has made C of it; numba wants its source, which lies beside it
         source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
+    if calls:
+        function = FunctionType(function.__code__, {**function.__globals__, **calls}, function.__name__)
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     return cast("Callable[..., Any]", njit(function, error_model="numpy", fastmath=liberties, **options))
 

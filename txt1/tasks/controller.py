@@ -4,8 +4,9 @@ from math import inf
 from operator import attrgetter
 from typing import Final
 
+from txt1.control.car import Car, loops_for
 from txt1.control.limits import Fault, Gate
-from txt1.control.pid import Gains, VelocityLoops, at_rest
+from txt1.control.pid import Gains, at_rest
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
@@ -49,12 +50,15 @@ ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
 COMBINED: Final = Source.COMBINED
 
 
-async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry) -> None:
+async def controller(
+    ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry, car: Car | None = None
+) -> None:
     """Turn the command in force into outputs, once per tick, through the safety gate.
 
     The loops step with every reading of the odometry: with every tick where there are encoders, else as it arrives.
+    `car` is what they know of it; None: nothing.
     """
-    loops = VelocityLoops()
+    loops = loops_for(car)
     closes_loops = hal.capabilities.pwm
     has_ticks = hal.capabilities.ticks
     was_manual = False
