@@ -65,6 +65,7 @@ PAIRS_MAX: Final = 600  # positions that are kept to find it
 
 
 _TOLD: Final = picked(X, Y, THETA, ROLLED, OMEGA)
+_GYRO: Final = picked(OMEGA) + picked(BIAS)
 
 
 class Kind(Enum):
@@ -195,7 +196,7 @@ class Fusion:
         self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), 0.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
-        self._rows: dict[tuple[Kind, tuple[int, ...]], Array] = {}
+        self._rows: dict[tuple[int, ...], Array] = {}
         self._noises: dict[tuple[float, ...], Array] = {}
         self._located = not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
@@ -396,17 +397,17 @@ class Fusion:
             residual = np.array(measurement.values) - expected[list(rows)]
             h = h[list(rows)]
         else:
-            h = self._jacobian(kind, rows)
+            h = _GYRO if kind is Kind.GYRO else self._jacobian(rows)
             residual = measurement.values - h.dot(mean)
         if kind is Kind.POSE and rows[-1] == 2:
             residual[-1] = wrap_angle(float(residual[-1]))
         return residual, h
 
-    def _jacobian(self, kind: Kind, rows: tuple[int, ...]) -> Array:
-        known = self._rows.get((kind, rows))
+    def _jacobian(self, rows: tuple[int, ...]) -> Array:
+        """The Jacobian of these of x, y and theta."""
+        known = self._rows.get(rows)
         if known is None:
-            whole = picked(OMEGA) + picked(BIAS) if kind is Kind.GYRO else picked(X, Y, THETA)
-            known = self._rows[kind, rows] = whole[list(rows)]
+            known = self._rows[rows] = picked(*((X, Y, THETA)[row] for row in rows))
         return known
 
     def _noise(self, sigmas: tuple[float, ...]) -> Array:
@@ -442,11 +443,13 @@ class Fusion:
             moving = measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
             frozen = judge.same >= SAME_MAX and bool(moving)
         time = measurement.time
-        means = judge.misses
-        for place, (miss, variances) in enumerate(zip(residual.tolist(), s.tolist(), strict=True)):
-            sized = miss / sqrt(variances[place])
-            means[place] += (max(-LARGE, min(LARGE, sized)) - means[place]) / MEMORY
-        one_sided = max(map(abs, means))
+        means, one_sided = judge.misses, 0.0
+        for place, (miss, variance) in enumerate(zip(residual.tolist(), s.diagonal().tolist(), strict=True)):
+            sized = miss / sqrt(variance)
+            if not -LARGE <= sized <= LARGE:
+                sized = LARGE if sized > 0.0 else -LARGE
+            means[place] = mean = means[place] + (sized - means[place]) / MEMORY
+            one_sided = max(one_sided, mean, -mean)
         if not judge.believed:
             judge.rejected += 1
             if not fits or frozen or (judge.reason == DRIFTS and one_sided > 2.0 * ONE_SIDED):
