@@ -49,8 +49,8 @@ TESTS: Final = (
 )  # fmt: skip
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 4.0  # s of processor: tests that take longer are not asked
-ENOUGH: Final = 5.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
-FEW: Final = 20  # tests that are asked in an interpreter of its own
+ENOUGH: Final = 12.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
+FEW: Final = 40  # tests that are asked in an interpreter of its own
 EXTRA: Final = 10.0  # s of processor beside three times what its tests take, after which a mutant counts as hanging
 SURVIVED, KILLED, HANGING, BROKEN = "survived", "killed", "hanging", "broken"
 
@@ -87,7 +87,9 @@ class Warm:
             chosen = [items[name] for name in tests]
             limit = 3.0 * sum(known[name].took for name in tests) + EXTRA
             result = _in_child(partial(_try, session, chosen, mutant), limit)
-            if not mutant.owner and result in (SURVIVED, BROKEN):  # others may have made something of it meanwhile
+            ran = {line for name in tests for _, line in known[name].lines}
+            at_import = not mutant.owner or ran.isdisjoint(range(mutant.lines[0], mutant.lines[1] + 1))
+            if at_import and result in (SURVIVED, BROKEN):  # others have made something of it before
                 result = _anew(mutant, tests[:FEW], limit)
             self.told(mutant, result, tests)
         return True
@@ -107,7 +109,7 @@ class Warm:
         for name, row in kept.items():
             if not row["fine"]:
                 print(f"fails as it is, and is not asked: {name}", file=sys.stderr)
-            elif row["took"] < SLOW and row["lines"]:
+            elif row["took"] < SLOW:
                 known[name] = Known(frozenset(map(tuple, row["lines"])), row["took"])
         print(f"{len(known)} tests of {len(session.items)} are asked", file=sys.stderr, flush=True)
         return known
@@ -335,13 +337,16 @@ def all_mutants() -> list[Mutant]:
 
 
 def concerned(mutant: Mutant, known: dict[str, Known]) -> list[str]:
-    """The tests that run a mutant's lines, or of one at import its module: its own first, then the quickest."""
+    """The tests that run a mutant's lines; of what runs at import those of its package, and all that run its module.
+
+    The module's own come first, then the quickest.
+    """
     file = str(mutant.file.relative_to(ROOT))
     lines = {(file, line) for line in range(mutant.lines[0], mutant.lines[1] + 1)}
-    if mutant.owner:
-        chosen = [name for name, (ran, _) in known.items() if ran & lines]
-    else:
-        chosen = [name for name, (ran, _) in known.items() if any(each[0] == file for each in ran)]
+    chosen = [name for name, (ran, _) in known.items() if ran & lines] if mutant.owner else []
+    if not chosen:
+        beside = f"tests/unit/{mutant.file.parent.name}/"
+        chosen = [name for name, (ran, _) in known.items() if beside in name or any(each[0] == file for each in ran)]
     own = f"test_{mutant.file.stem}"
     chosen.sort(key=lambda name: (own not in name, known[name].took))
     took = list(accumulate(known[name].took for name in chosen))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.pid import CLEAR, Gains, pid
+from txt1.control.pid import CLEAR, Gains, VelocityLoops, at_rest, errors, pid
 
 DT = 0.02
 
@@ -98,3 +98,34 @@ def test_a_pi_loop_that_cancels_the_plant_s_pole_closes_like_first_order() -> No
     for k in range(200):
         assert v == pytest.approx(500.0 * (1 - (1 - ki * DT * g) ** k), abs=1e-8)
         v = a * v + g * (1 - a) * loop.step(500.0 - v, gains, DT)
+
+
+LOOPS = Gains(1.0, 50.0, 0.0), Gains(2.0, 25.0, 0.0)
+
+
+def test_the_loops_begin_clear_and_are_so_again_when_cleared() -> None:
+    loops = VelocityLoops()
+    first = loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT)
+    assert first == pytest.approx((100.0 * (1.0 + 50.0 * DT), 100.0 * (2.0 + 25.0 * DT)))
+    assert loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT) != first
+    loops.clear()
+    assert loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT) == first
+
+
+def test_without_a_new_measurement_the_outputs_are_held() -> None:
+    loops = VelocityLoops()
+    first = loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT)
+    assert loops.step(0.9, 0.9, 0.0, 0.0, *LOOPS, 0.0) == first
+
+
+def test_in_reverse_the_yaw_rate_error_changes_its_sign_and_at_standstill_it_does_not() -> None:
+    assert errors(0.5, 0.25, 0.25, 0.0) == (250.0, 250.0)
+    assert errors(0.5, 0.25, 0.0, 0.0) == (500.0, 250.0)
+    assert errors(-0.5, 0.25, -0.25, 0.0) == (-250.0, -250.0)
+
+
+def test_at_rest_is_a_set_point_of_zero_at_standstill() -> None:
+    assert at_rest(0.0, 0.0)
+    assert not at_rest(0.0, 1.0)
+    assert not at_rest(1.0, 0.0)
+    assert not at_rest(0.0, -0.016)

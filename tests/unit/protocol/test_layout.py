@@ -1,0 +1,55 @@
+"""A message's place in the protocol, and its numbers as recordings have them."""
+
+from dataclasses import dataclass
+
+import protocol_streams as streams
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.protocol.layout import LAYOUTS, Role, declare, from_numbers, numbers
+from txt1.protocol.messages import BoardMessage, HostMessage, Message, PowerControl, Switch, Velocity
+
+
+@dataclass(frozen=True, slots=True)
+class Another(HostMessage):
+    """Has a command and a length that are taken."""
+
+    one: float
+    two: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer(BoardMessage):
+    """Has them as well, the other way."""
+
+    one: float
+    two: float
+
+
+@given(st.one_of(streams.MESSAGES[Role.BOARD], streams.MESSAGES[Role.HOST]))
+def test_a_message_is_made_again_of_its_numbers(message: Message) -> None:
+    assert from_numbers(type(message).__name__, numbers(message)) == message
+
+
+@pytest.mark.parametrize("name, count", [("Velocity", 3), ("Velocity", 0), ("Nothing", 2), ("PidSet", 4)])
+def test_numbers_of_no_message_are_refused(name: str, count: int) -> None:
+    with pytest.raises(ValueError, match=f"no message '{name}' with {count} numbers"):
+        from_numbers(name, [0.0] * count)
+
+
+def test_a_command_and_length_that_the_receiver_knows_are_refused_and_those_of_the_other_end_are_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("txt1.protocol.layout.LAYOUTS", LAYOUTS.copy())
+    with pytest.raises(ValueError, match="Another: Velocity has command 0x67 already"):
+        declare(Another, 0x67, "h", 2)
+    declare(Another, 0x67, "h", 3)
+    declare(Another, 0x50, "h", 2)
+    declare(Answer, 0x67, "h", 2)
+    declare(Velocity, 0x67, "h", 2)
+
+
+def test_the_switches_have_the_numbers_of_the_wire() -> None:
+    assert numbers(PowerControl(Switch.ATX, True)) == (0.0, 1.0)
+    assert numbers(PowerControl(Switch.ESC, False)) == (1.0, 0.0)
