@@ -42,6 +42,7 @@ from txt1.model.kinematics import wrap_angle
 SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
 YAW_RATE: Final = 0.5  # rad/s, likewise
 BIASED: Final = 0.02  # rad/s, standard deviation of the gyro's bias at the start
+FIRST: Final = 0.04  # s before the first step from which on readings count
 HORIZON: Final = 0.5  # s that a reading may be late
 STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
 REJECTED_MAX: Final = 2  # readings in a row beyond the gate that cost a sensor its belief
@@ -193,7 +194,7 @@ class Fusion:
         self._density = drift.density()
         self._judges = {name: _Judge(name, settings) for name, settings in sensors.items()}
         sigmas = np.array([0.0, 0.0, 0.0, SPEED, YAW_RATE, BIASED, slip_sigma])
-        self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), 0.0
+        self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
         self._rows: dict[tuple[int, ...], Array] = {}
@@ -224,6 +225,8 @@ class Fusion:
     def step(self, now: float) -> Estimate:
         """The estimate at `now`, s of the run, with all that has arrived since the last step."""
         self._now = now
+        if self._base_time < 0.0:  # nothing is known of how it moved before
+            self._base_time = max(0.0, now - FIRST)
         self._alone = sum(judge.believed for judge in self._judges.values()) < 2
         first = len(self._entries)
         for measurement in self._arrived:
