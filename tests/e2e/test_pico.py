@@ -14,7 +14,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.devices.pico import Pico, PicoPort, interpreter
-from txt1.errors import MissingExtra
+from txt1.errors import MissingExtra, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
 from txt1.hal.registry import create_serial
@@ -117,19 +117,21 @@ async def test_a_host_that_dies_leaves_it_neutral_after_a_quarter_of_a_second_an
 
 
 async def test_a_restart_stops_the_vehicle_and_the_host_disarms_and_loads_the_gains_again() -> None:
-    async with robot_and_pico() as (robot, pico):
-        await robot.drive(0.5, 0.0, 4.0)
-        drive = asyncio.ensure_future(robot.drive(0.5, 0.0, 4.0))
-        await asyncio.sleep(1.0)
-        await pico.restart(0.5)
-        await asyncio.sleep(2.0)
-        assert not robot.armed and robot.faults[Fault.LINK] == 1
-        assert speed(pico) == 0.0
-        drive.cancel()
-        await asyncio.sleep(4.0)
-        robot.arm()
-        await robot.drive(0.5, 0.0, 3.0)
-        assert speed(pico) == pytest.approx(0.5, abs=0.05)
+    with pytest.raises(StopNotVerified, match="no odometry"):
+        async with robot_and_pico() as (robot, pico):
+            await robot.drive(0.5, 0.0, 4.0)
+            drive = asyncio.ensure_future(robot.drive(0.5, 0.0, 4.0))
+            await asyncio.sleep(1.0)
+            await pico.restart(0.5)
+            await asyncio.sleep(2.0)
+            assert not robot.armed and robot.faults[Fault.LINK] == 1
+            assert speed(pico) == 0.0
+            drive.cancel()
+            robot.switch_power(Switch.ESC, True)  # nobody saw it stop, so the host has switched it off
+            await asyncio.sleep(8.0)
+            robot.arm()
+            await robot.drive(0.5, 0.0, 3.0)
+            assert speed(pico) == pytest.approx(0.5, abs=0.05)
 
 
 LINES = ("drop=0.2", "flip=0.001", "duplicate=0.3", "split=true", "delay=0.05", "jitter=0.02")
