@@ -54,6 +54,7 @@ def shoot(browser: Any, car: Live, name: str) -> None:
     page.goto(car.url)
     page.wait_for_function("() => document.getElementById('link').textContent.endsWith('ms')")
     page.locator(f"[data-tab={tab}]").click()
+    page.evaluate("scrollTo(0, 0)")
     car.call(lambda robot: robot.place(-1.5, -0.8, 0.2))
     drive(page, ((0, -50, 2.5), (-30, -45, 2.5), (35, -45, 2.5), (0, -55, 1.0)))
     page.screenshot(path=FOLDER / f"{name}.png")

@@ -101,7 +101,7 @@ def live(
     thread = threading.Thread(target=run, args=(main(),), name="robot")
     thread.start()
     try:
-        here = started.result(30.0)
+        here = started.result(120.0)
         yield here
     finally:
         if started.done() and started.exception() is None:

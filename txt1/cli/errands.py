@@ -65,22 +65,29 @@ class Errands:
         robot = self._robot
         if not robot.armed:
             raise NotArmed(robot.reason)
-        way = tuple((float(x), float(y)) for x, y in points)
+        try:
+            way = tuple((float(x), float(y)) for x, y in points)
+            speed = min(float(speed), robot.config.safety.v_max)
+        except (TypeError, ValueError):
+            raise CommandRefused(
+                f"go: {points!r} at {speed!r}; give a list of pairs in m, and a speed in m/s"
+            ) from None
         source = true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
         self._held = robot.now
         self._points = way
         if not self._watched:
             self._watched = True
             robot.add_task("route", PERIOD, self._watch)
-        speed = min(speed, robot.config.safety.v_max)
         self._route = self._start(
             follow(robot, way, closed=False, speed=speed, pose_source=source, source=self._source)
         )
         self._route.add_done_callback(self._arrived)
 
-    def _hold(self, age: float = 0.0) -> None:
+    def _hold(self, age: object = 0.0) -> None:
         """Let the route go on: somebody watched it `age` s ago."""
-        self._held = max(self._held, self._robot.now - max(0.0, float(age)))
+        if not isinstance(age, int | float):
+            raise CommandRefused(f"hold: an age of {age!r}; give s")
+        self._held = max(self._held, self._robot.now - max(0.0, age))
 
     def _halt(self) -> None:
         """End the route."""
@@ -112,12 +119,15 @@ class Errands:
     def _gains(self, linear: Sequence[float], angular: Sequence[Sequence[float]]) -> None:
         """Load other gains: K_P, K_I, K_D of the speed, and sets of v_max, K_P, K_I, K_D of the yaw rate."""
         try:
-            first = Gains(*map(float, linear))
-            sets = tuple(GainSet(float(v_max), Gains(*map(float, gains))) for v_max, *gains in angular)
+            kp, ki, kd = map(float, linear)
+            rows = [tuple(map(float, row)) for row in angular]
+            sets = tuple(GainSet(v_max, Gains(p, i, d)) for v_max, p, i, d in rows)
+            if not sets:
+                raise ValueError("there are none for the yaw rate, which would not be steered")
             Schedule(sets)
         except (TypeError, ValueError) as error:
             raise CommandRefused(f"gains: {error}") from None
-        self._start(self._load(first, sets))
+        self._start(self._load(Gains(kp, ki, kd), sets))
 
     async def _load(self, linear: Gains, angular: Sequence[GainSet]) -> None:
         try:

@@ -37,7 +37,7 @@ FLOOD: Final = 5000  # messages dropped after which a page is sent away
 SLOW: Final = 10.0  # s in which a page must have taken what it was sent
 SOCKET_BEAT: Final = 4.0  # s between two pings of a socket; one that is not answered in half of it is closed
 RATE: Final = 20.0  # telemetry a second
-FAST: Final = ("/odom", "/setpoint", "/pose", "/vehicles", "/mode", "/driver")
+FAST: Final = ("/odom", "/odometry/filtered", "/setpoint", "/pose", "/vehicles", "/mode", "/driver")
 FULL: Final = "/capabilities"  # is told with everything else, once a second
 CHOSEN_MAX: Final = 20  # topics that a page may choose
 POINTS_MAX: Final = 100  # of a route
@@ -143,6 +143,8 @@ class Server:
             response = await handler(request)
         except web.HTTPException as answer:
             response = answer
+        except TimeoutError:
+            response = web.Response(status=408)
         if not response.prepared:
             response.headers.update(HEADERS)
             sockets = f"{'wss' if request.secure else 'ws'}://{request.host}"
@@ -174,7 +176,9 @@ class Server:
     async def _sign_in(self, request: web.Request) -> web.Response:
         if not self._door.may_try(request.remote or "", now()):
             raise web.HTTPTooManyRequests(text="too many tries; wait a few seconds\n")
-        signed = self._door.sign_in(str((await request.post()).get("token", "")).strip(), wall())
+        async with asyncio.timeout(STRANGER):
+            given = (await request.post()).get("token", "")
+        signed = self._door.sign_in(str(given).strip(), wall())
         if signed is None:
             self._door.failed(request.remote or "", now())
             raise web.HTTPForbidden(text="that is not the token\n")
@@ -233,6 +237,8 @@ class Server:
                 self._take(page, message.data)
         finally:
             sender.cancel()
+            if page.player is not None:
+                page.player.stop()
             del self._pages[page.number]
             if self._wheel.holder == page.number:
                 self._wheel.give(page.number)
@@ -376,13 +382,14 @@ class Server:
     def _do_go(self, page: Page, message: dict[str, Any], present: float) -> None:
         """Drive along points, m, as long as the page says `hold`."""
         points = [[float(x), float(y)] for x, y in message["points"]]
-        if not 0 < len(points) <= POINTS_MAX or not all(map(isfinite, chain.from_iterable(points))):
-            raise ValueError("points")
+        wanted = float(message.get("speed", 0.5))
+        if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, chain(*points))) and 0.0 < wanted <= 1.5):
+            raise ValueError("points or speed")
         if page.player is None and self._fresh(page, message, present) is not None:
             if not self._wheel.drive(page.number, present):
                 page.tell(told=f"page {self._wheel.holder} drives")
                 return
-            speed = min(float(message.get("speed", 0.5)), self._limit_of(page) or float("inf"))
+            speed = min(wanted, self._limit_of(page) or wanted)
             self._ask("go", points=points, speed=speed)
 
     def _do_hold(self, page: Page, message: dict[str, Any], present: float) -> None:
@@ -438,13 +445,12 @@ class Server:
         try:
             async with self._loading:  # one at a time: it takes memory
                 player = await asyncio.to_thread(Player.open, self._folder / name)
+            if page.number in self._pages:
+                page.player = player
+                self._status(page)
+                await player.play(page.show, now)
         except Exception as error:  # whatever is wrong with the file
             page.tell(told=f"{name} cannot be shown: {error}")
-            return
-        if page.number in self._pages:
-            page.player = player
-            self._status(page)
-            await player.play(page.show, now)
 
     def _do_wind(self, page: Page, message: dict[str, Any], present: float) -> None:
         """Move within the recording, or set its speed; 0 pauses."""

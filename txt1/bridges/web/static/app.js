@@ -19,7 +19,7 @@ const know = {
   page: {},  // what the server says of this page
   files: null,
   fps: 0,
-  learning: { steps: [], episodes: [] },
+  learning: { steps: [], episodes: new Map() },
   plot: { topic: "", field: "", fields: [], points: [], chart: null },
   send: (request) => link.send(request),
   choices: () => [...new Set([
@@ -63,6 +63,9 @@ function telemetry(snapshot) {
   if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
   else Object.assign(know.topics, snapshot.topics)
   for (const event of snapshot.events ?? []) occurred(event)
+  for (const { time, text } of snapshot.topics["/events"] ?? []) {
+    if (/^episode \d+:/.test(text)) know.learning.episodes.set(`${time} ${text}`, text)
+  }
   map.take(know.topics, know.topics)
   const odometry = know.topics["/odom"], goal = know.topics["/setpoint"]
   if (odometry) {
@@ -161,7 +164,7 @@ function show() {
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
   $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
   $("arm").firstElementChild.textContent = mode?.armed ? "disarm" : "hold to arm"
-  $("take").textContent = mine ? "give the wheel away" : holder ? `page ${holder} drives` : "take the wheel"
+  $("take").textContent = mine ? "give up the wheel" : holder ? `page ${holder} drives` : "take the wheel"
   $("take").setAttribute("aria-pressed", String(Boolean(mine)))
   $("stick").classList.toggle("off", Boolean(silent || replay || !mode?.armed || (holder && !mine)))
   $("hint").textContent = hint(mode, holder, mine, driver, replay)

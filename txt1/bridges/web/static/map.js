@@ -42,14 +42,15 @@ export class Map2d {
     this.about = about
     this.others = topics["/vehicles"] ?? []
     this.route = about["/route"] ?? []
-    const odometry = topics["/odom"]
-    const pose = topics["/pose"] ?? (odometry && [odometry.x, odometry.y, odometry.theta])
+    const odometry = topics["/odom"], estimate = topics["/odometry/filtered"], best = estimate ?? odometry
+    const pose = topics["/pose"] ?? (best && [best.x, best.y, best.theta])
+    this.estimate = estimate && (estimate.located || !topics["/pose"]) ? estimate : null
     if (!pose || !pose.every(Number.isFinite)) {
       this.#robot = null
       return
     }
-    this.frame = topics["/pose"] ? "room" : "odometry"
-    this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now(), covariance: covarianceIn(topics) }
+    this.frame = topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
+    this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now() }
     const last = this.path.at(-1)
     const gone = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity
     if (gone > 1 && last) this.path.push(null)  // it was put down somewhere else
@@ -88,7 +89,7 @@ export class Map2d {
       high = Math.max(high, point[1] + 0.5)
     }
     const pose = this.follow ? this.pose : null
-    const fits = Math.min((width - 24) / (right - left), (height - 24) / (high - low))
+    const fits = Math.min((width - 24) / (right - left), (height - 64) / (high - low))  // a line of text is below
     const scale = (pose ? Math.max(fits, Math.min(width, height) / 4) : fits) * this.#zoom
     this.#view = { scale, x: pose ? pose[0] : (left + right) / 2, y: pose ? pose[1] : (low + high) / 2, width, height }
   }
@@ -139,13 +140,13 @@ export class Map2d {
     this.#points(c, colour, pixel)
     for (const other of this.others ?? []) this.#body(c, other, body, colour.other, pixel)
     if (!pose) return
-    this.#uncertainty(c, colour, pose, pixel)
     c.fillStyle = colour.scan
     const cos = Math.cos(pose[2]), sin = Math.sin(pose[2]), dot = 2.5 * pixel
     for (const [ahead, left] of this.scan) {
       c.fillRect(pose[0] + ahead * cos - left * sin - dot / 2, pose[1] + ahead * sin + left * cos - dot / 2, dot, dot)
     }
     this.#body(c, pose, body, colour.robot, pixel)
+    this.#uncertainty(c, colour, pixel)
   }
 
   #grid(c, colour, pixel) {
@@ -193,17 +194,24 @@ export class Map2d {
     }
   }
 
-  #uncertainty(c, colour, [x, y, theta], pixel) {
-    const covariance = this.#robot.covariance
-    if (!covariance) return
-    const [xx, xy, yy] = covariance
+  // The estimated pose: an ellipse of two standard deviations, and the heading within two of its own.
+  #uncertainty(c, colour, pixel) {
+    if (!this.estimate) return
+    const { x, y, theta, covariance } = this.estimate
+    const xx = covariance[0], xy = covariance[1], yy = covariance[6], spread = 2 * Math.sqrt(Math.max(0, covariance[12]))
     const mean = (xx + yy) / 2, apart = Math.hypot((xx - yy) / 2, xy)
     const long = 2 * Math.sqrt(Math.max(0, mean + apart)), short = 2 * Math.sqrt(Math.max(0, mean - apart))
-    c.strokeStyle = colour.path
+    c.strokeStyle = c.fillStyle = colour.path
     c.lineWidth = 1.5 * pixel
     c.beginPath()
     c.ellipse(x, y, long, short, Math.atan2(2 * xy, xx - yy) / 2, 0, 2 * Math.PI)
     c.stroke()
+    c.globalAlpha = 0.3
+    c.beginPath()
+    c.moveTo(x, y)
+    c.arc(x, y, Math.max(0.5, 40 * pixel), theta - Math.min(Math.PI, spread), theta + Math.min(Math.PI, spread))
+    c.fill()
+    c.globalAlpha = 1
   }
 
   #body(c, [x, y, theta], [length, width], fill, pixel) {
@@ -232,17 +240,6 @@ export class Map2d {
 function trace(c, points) {
   c.beginPath()
   points.forEach(([x, y], index) => (index ? c.lineTo(x, y) : c.moveTo(x, y)))
-}
-
-// Variances of x and y and their covariance, m², of the pose, where something tells them.
-function covarianceIn(topics) {
-  for (const value of Object.values(topics)) {
-    const found = value?.covariance
-    if (Array.isArray(found) && Array.isArray(found[0])) return [found[0][0], found[0][1], found[1][1]]
-    if (Array.isArray(found) && found.length === 9) return [found[0], found[1], found[4]]
-    if (Array.isArray(found) && found.length === 36) return [found[0], found[1], found[7]]
-  }
-  return null
 }
 
 export function colours(element) {

@@ -47,12 +47,14 @@ const events = (know, panel) => {
 const sensors = (know, panel) => {
   const all = know.topics["/sensors"] ?? []
   if (!all.length) return panel.replaceChildren(quiet("no sensors beside the encoders"))
+  const trusted = Object.fromEntries((know.topics["/estimation"] ?? []).map((trust) => [trust.name, trust]))
   panel.replaceChildren(...all.flatMap((sensor) => [
     title(sensor.name),
     span(sensor.healthy ? "healthy" : sensor.reason || "not healthy", sensor.healthy ? "good" : "bad"),
+    trusted[sensor.name]?.believed === false ? span(`, not believed: ${trusted[sensor.name].reason}`, "warn") : null,
     span(`  ${sensor.readings} readings${sensor.failures ? `, ${sensor.failures} failures` : ""}`, "dim"),
     table(null, Object.entries(sensor.values).slice(0, 24).map(([name, value]) => [name, format(value), sensor.units]), [1]),
-  ]))
+  ]).filter((each) => each !== null))
 }
 
 const tasks = (know, panel) => {
@@ -75,7 +77,7 @@ const learner = (know, panel) => {
       ["values", last.values.map((value) => value.toFixed(2)).join("  ")],
     ], [1]),
     title("episodes"),
-    episodes.length ? table(null, episodes.slice(-30).reverse().map((text) => [text])) : quiet("none is over yet"))
+    episodes.size ? table(null, [...episodes.values()].slice(-30).reverse().map((text) => [text])) : quiet("none is over yet"))
 }
 
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length
