@@ -1,15 +1,19 @@
 """Recordings on the page: the list of them, and one that is played in place of the robot."""
 
+from __future__ import annotations
+
 import asyncio
 import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from txt1.errors import RecordingError
-from txt1.record.snapshots import Snapshots
+
+if TYPE_CHECKING:
+    from txt1.record.snapshots import Snapshots
 
 PERIOD: Final = 0.1  # s between two snapshots
 SIZE_MAX: Final = 200 << 20  # bytes of a recording that is shown: it is held in memory
@@ -52,6 +56,8 @@ class Player:
             raise RecordingError("there is no such recording")
         if path.stat().st_size > SIZE_MAX:
             raise RecordingError(f"it is larger than {SIZE_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it")
+        from txt1.record.snapshots import Snapshots  # takes a while to load, and not every page wants it
+
         recording = Snapshots(path)
         return cls(path.name, recording, recording.start)
 

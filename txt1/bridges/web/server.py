@@ -20,7 +20,6 @@ from typing import Any, Final
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from txt1.beside import BEAT, Connection
-from txt1.bridges.web.certificate import tls
 from txt1.bridges.web.door import Door, Role
 from txt1.bridges.web.files import page_files
 from txt1.bridges.web.player import Player, recordings, strict
@@ -532,7 +531,11 @@ async def _serve(
     speed: float,
     robots: Mapping[str, str],
 ) -> None:
-    context = None if certificate is None else tls(Path(certificate), None if key is None else Path(key))
+    context = None
+    if certificate is not None:
+        from txt1.bridges.web.certificate import tls  # cryptography takes a while to load
+
+        context = tls(Path(certificate), None if key is None else Path(key))
     door = Door(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
     server = Server(robot, door, folder, speed, robots)
     runner = web.AppRunner(server.application(), access_log=None, keepalive_timeout=15.0, shutdown_timeout=0.5)
