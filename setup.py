@@ -11,15 +11,18 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
+SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds")
 
-class WithFirmware(build_py):
-    """Puts the Pico's firmware beside the package's modules; an editable install finds it in the source tree."""
+
+class WithFiles(build_py):
+    """Puts these folders into the package; an editable install finds them in the source tree (txt1/shipped.py)."""
 
     def run(self) -> None:
         """Build."""
         super().run()
         if not self.editable_mode:
-            self.copy_tree("firmware/pico", str(Path(self.build_lib, "txt1", "pico")))
+            for folder in filter(os.path.isdir, SHIPPED):
+                self.copy_tree(folder, str(Path(self.build_lib, "txt1", "shipped", folder)))
 
 
 MODULES = {
@@ -53,7 +56,7 @@ def main() -> None:
             # a warning of tomorrow's compiler is no error; a product and a sum are two roundings, as they are in Python
             flags = [flag for flag in extension.extra_compile_args if flag != "-Werror"]
             extension.extra_compile_args = [*flags, "-ffp-contract=off"]
-    setup(cmdclass={"build_py": WithFirmware}, ext_modules=extensions, setup_requires=["mypy>=1.10"] if COMPILE else [])
+    setup(cmdclass={"build_py": WithFiles}, ext_modules=extensions, setup_requires=["mypy>=1.10"] if COMPILE else [])
 
 
 main()

@@ -11,8 +11,9 @@ from typing import Any, Final
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control import roll
-from txt1.control.car import car_of
+from txt1.control.car import car_of, loops_for
 from txt1.control.limits import Fault, Gate
+from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.control.standstill import UNOBEYED
 from txt1.errors import ConfigError, HalError, NotArmed
@@ -126,6 +127,7 @@ class Runtime:
         bus.offer(encoder.ODOMETRY, known_odometry)
         bus.offer(controller.SETPOINT, lambda: state.control)
         if can.pwm:
+            bus.offer(controller.MEASURED_BY, lambda: state.control.source)
             bus.offer(controller.GAINS, lambda: (state.gains.linear, state.control.gains))
             bus.offer(controller.PWM, lambda: state.control)
         bus.offer(encoder.TRANSFORM, known_odometry)
@@ -166,7 +168,8 @@ class Runtime:
     def _offer_to_snapshots(self) -> None:
         """Offer what snapshots tell beside that."""
         state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
-        size, body = (sim.room.length, sim.room.width), (self.config.geometry.length, self.config.geometry.width)
+        size, shape = (sim.room.length, sim.room.width), self.config.geometry
+        body = shape.length, shape.width, shape.centre
         surroundings = fields.Surroundings(body=body)
         if can.simulated:
             room, obstacles = size if all(map(isfinite, size)) else None, tuple(map(outline, sim.obstacles))
@@ -231,8 +234,12 @@ class Runtime:
     def _own_tasks(self) -> Iterable[Row]:
         """The robot's tasks, in the order in which those of equal priority run (thesis 3.3.3)."""
         state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
-        car = car_of(self.config.car, geometry)
-        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, car=car)
+        loops: controller.Loops
+        if hal.capabilities.blind:
+            loops = OpenLoop(geometry, self.config.control.speed_map)
+        else:
+            loops = loops_for(car_of(self.config.car, geometry), steers=geometry.steering != "skid")
+        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops)
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
             answered=lambda accepted: self._put(PidResponse(accepted), self.now),

@@ -178,7 +178,7 @@ def test_a_gain_that_no_board_can_take_is_refused() -> None:
         ("saftey.v_max", "did you mean 'safety'?"),
         ("sim.vehicle.deadband", "did you mean 'sim.vehicle.dead_band'?"),
         ("control.linear.gain", "known here: kp, ki, kd"),
-        ("", "known here: hal, hal_options, name, seed"),
+        ("", "known here: hal, hal_options, name, vehicle, seed"),
     ],
 )
 def test_an_unknown_key_is_refused_with_the_nearest_one(write: Write, key: str, remedy: str) -> None:
@@ -218,7 +218,7 @@ def test_a_key_below_a_value_is_refused() -> None:
         ("hal_options", "3", "3", "valid dictionary"),
         ("geometry.wheelbase", "0", "0", "greater than 0"),
         ("geometry.counts_per_rev", "0.5", "0.5", "valid integer"),
-        ("safety.v_max", "1.51", "1.51", "less than or equal to 1.5"),
+        ("safety.v_max", "10.1", "10.1", "less than or equal to 10"),
         ("safety.v_max", "0", "0", "greater than 0"),
         ("safety.v_max", ".nan", "nan", "finite number"),
         ("safety.motor_max", "24001", "24001", "less than or equal to 24000"),

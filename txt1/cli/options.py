@@ -126,6 +126,7 @@ CONFIGURATION: Final = {
 }
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
 ROBOT: Final = CONFIGURATION | LINE | SEED | {
+    "--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own"),
     "--hal": takes("NAME", "hardware layer: sim, serial, or one from another package"),
     "--speed": takes(
         "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
@@ -181,7 +182,7 @@ def add_actions(
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
     """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}
-    options = {name: given[name] for name in ("hal", "seed") if name in given}
+    options = {name: given[name] for name in ("vehicle", "hal", "seed") if name in given}
     line = {f"serial.{name}": given[name] for name in ("port", "baud") if name in given}
     if line and "hal" not in options:
         options["hal"] = "serial"

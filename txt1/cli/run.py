@@ -95,7 +95,8 @@ async def _operate(
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
         radius_min = config.geometry.radius_min
-        teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min)
+        pivots = config.geometry.steering == "skid"
+        teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min, pivots)
         if view is not None:
             hand = robot.source("view")
             view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)

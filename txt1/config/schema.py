@@ -2,11 +2,13 @@
 
 from dataclasses import asdict
 from hashlib import blake2b
+from itertools import pairwise
 from math import inf
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from txt1.control.open_loop import SpeedMap
 from txt1.control.pad import PadParameters
 from txt1.control.parameters import KnownCar, Limits, ObstacleStop, RollGuard, Safety
 from txt1.control.pid import Gains
@@ -53,7 +55,7 @@ class GainSetConfig(GainsConfig):
     """The set is in force up to this measured speed, m/s."""
 
 
-class ControlConfig(Section):
+class LoopsConfig(Section):
     """The velocity loops."""
 
     linear: GainsConfig = GainsConfig(**LINEAR_GAINS._asdict())
@@ -76,6 +78,23 @@ class ControlConfig(Section):
     def schedule(self) -> Schedule:
         """The angular gains as a schedule."""
         return Schedule(tuple(GainSet(s.v_max, s.gains()) for s in self.angular))
+
+
+class ControlConfig(LoopsConfig):
+    """The velocity loops, and what stands for them without encoders."""
+
+    speed_map: SpeedMap = ()
+    """Motor counts and the speed they make, m/s, rising: how a vehicle without encoders is driven (txt1 calibrate)."""
+
+    @field_validator("speed_map")
+    @classmethod
+    def _speeds_rise(cls, speed_map: SpeedMap) -> SpeedMap:
+        for (u0, v0), (u1, v1) in pairwise(speed_map):
+            if not (u0 < u1 and v0 < v1):
+                raise ValueError(f"counts and speeds must rise: ({u1:g}, {v1:g}) follows ({u0:g}, {v0:g})")
+        if any(u * v <= 0.0 for u, v in speed_map):
+            raise ValueError("counts and speed of an entry have the same sign, and neither is 0")
+        return speed_map
 
 
 class RoomConfig(Section):
@@ -137,7 +156,7 @@ class SerialConfig(Section):
     """Who closes the velocity loops; "host" is experimental, and the board has to be in manual mode."""
     allow_host: bool = False
     """Allows arming with control: host. An original board in manual mode keeps its last PWM when this host dies."""
-    host: ControlConfig = ControlConfig(
+    host: LoopsConfig = LoopsConfig(
         linear=GainsConfig(kp=2.0, ki=6.0, kd=0.0),
         angular=(
             GainSetConfig(v_max=-0.15, kp=0.5, ki=15.0, kd=0.0),
@@ -356,6 +375,8 @@ class Config(Section):
     """Settings of a hardware layer from another package, handed to it as they are."""
     name: Annotated[str, Field(pattern="^([a-z][a-z0-9_]*)?$")] = ""
     """Of the robot, before the names of its topics; empty for one that is alone."""
+    vehicle: Annotated[str, Field(min_length=1)] = "txt1"
+    """Its kind: txt1, or another whose file in config/vehicles/, or of your own (.yaml), sets what differs."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
     geometry: Geometry = Geometry()
@@ -394,10 +415,12 @@ class Config(Section):
                 raise ValueError(f"timeouts.{name}: {timeout:g} s; use at most safety.command_timeout, {limit:g} s")
         return commander
 
-    def loops(self) -> ControlConfig:
+    def loops(self) -> LoopsConfig:
         """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""
         return self.serial.host if self.hal == "serial" and self.serial.control == "host" else self.control
 
     def limits(self) -> Limits:
         """The safety gate's limits."""
-        return Limits(**asdict(self.safety), radius_min=self.geometry.radius_min)
+        return Limits(
+            **asdict(self.safety), radius_min=0.0 if self.geometry.steering == "skid" else self.geometry.radius_min
+        )

@@ -1,7 +1,8 @@
 """The sources of the configuration's values, and the errors in them.
 
-A later source wins: the defaults, then the file, then the environment (``TXT1_CONTROL__LINEAR__KP=9``), then
-``--set control.linear.kp=9``. Unknown keys are refused; an error names the key, the value, its origin and the remedy.
+A later source wins: the defaults, then the vehicle's file that `vehicle` names, then the file, then the environment
+(``TXT1_CONTROL__LINEAR__KP=9``), then ``--set control.linear.kp=9``. Unknown keys are refused; an error names the key,
+the value, its origin and the remedy.
 
 Other programs have variables that begin with ``TXT1_`` too. One is taken for a setting when its name has a double
 underscore, or is a key of the first level or nearly one (a typing mistake, which is refused); any other is ignored.
@@ -19,10 +20,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from txt1.config.schema import Config
 from txt1.errors import ConfigError
+from txt1.shipped import shipped
 
 T = TypeVar("T")
 
 ENVIRONMENT_PREFIX: Final = "TXT1_"
+VEHICLES: Final = "config/vehicles"
 NEARLY: Final = 0.7  # likeness from which an environment variable's name is a key mistyped
 DEPTH_MAX: Final = 20  # levels of lists and mappings in a value
 
@@ -59,6 +62,7 @@ def load(
     for text in overrides:
         settings += _from_override(text)
     settings += [Setting(tuple(k.split(".")), v, f"--{k.rpartition('.')[2]}") for k, v in (options or {}).items()]
+    settings = _of_vehicle(settings) + settings
 
     tree = Config().model_dump()
     origins: dict[str, str] = {}
@@ -113,6 +117,24 @@ def origin_of(key: str, origins: Mapping[str, str]) -> str:
     while key and key not in origins:
         key = key.rpartition(".")[0]
     return origins.get(key, "default")
+
+
+def vehicles() -> list[str]:
+    """The names of the vehicles that come with the package."""
+    return sorted(path.stem for path in shipped(VEHICLES).glob("*.yaml"))
+
+
+def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:
+    """The settings in the file of the vehicle that was chosen last; none for the TXT-1: its values are the defaults."""
+    chosen = [setting for setting in settings if setting.path == ("vehicle",)]
+    if not chosen or not isinstance(chosen[-1].value, str) or chosen[-1].value == Config().vehicle:
+        return []
+    _, name, origin = chosen[-1]
+    file = Path(name) if name.endswith((".yaml", ".yml")) else shipped(VEHICLES) / f"{name}.yaml"
+    if not file.is_file():
+        known = ", ".join([Config().vehicle, *vehicles()])
+        raise ConfigError(f"vehicle: there is none '{name}' (from {origin}); there are: {known}; or give a YAML file")
+    return [setting for setting in _from_file(file) if setting.path != ("vehicle",)]
 
 
 def _from_file(path: Path) -> list[Setting]:

@@ -101,6 +101,6 @@ class InformedLoops:
         return motor, steering
 
 
-def loops_for(car: Car | None) -> VelocityLoops | InformedLoops:
-    """The loops of a car, known or not."""
-    return VelocityLoops() if car is None else InformedLoops(car)
+def loops_for(car: Car | None, steers: bool = True) -> VelocityLoops | InformedLoops:
+    """The loops of a car, known or not; `steers` as of `VelocityLoops`."""
+    return VelocityLoops(steers) if car is None else InformedLoops(car)

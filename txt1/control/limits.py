@@ -4,7 +4,8 @@ A value reaches the hardware only while the gate is armed, its command is fresh,
 inside the limits. What is refused or clipped is counted, never silent:
 
 * A command that is not finite is refused whole and does not refresh the time-out.
-* A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill.
+* A set-point is clipped to abs(v) <= v_max, then to abs(omega) <= abs(v) / R_min (2.16), so to 0 at standstill; a rover
+  that turns in place, to omega_max.
 * PWM is clipped to +-24000, the motor further to motor_max and the steering to +-18000 (thesis 4.3).
 * Guards, such as the obstacle stop, see every set-point after that and may lower it further.
 * A command older than command_timeout means neutral; the gate stays armed and the next fresh command resumes.
@@ -18,7 +19,7 @@ from enum import StrEnum
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
-from txt1.control.parameters import Limits, Safety
+from txt1.control.parameters import Limits
 from txt1.model.kinematics import yaw_rate_max
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -83,7 +84,9 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
         v = clip(v, limits.v_max)
     if abs(v) < limits.v_dead_band:
         v = 0.0
-    omega_max = yaw_rate_max(v, limits.radius_min)
+    omega_max = limits.omega_max
+    if limits.radius_min > 0.0:
+        omega_max = min(omega_max, yaw_rate_max(v, limits.radius_min))
     if not abs(omega) <= omega_max:
         omega = clip(omega, omega_max)
     return v, omega
@@ -92,11 +95,13 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
 class RunawayWatch:
     """Notices from encoders, and combined odometry in use, that the robot does not do what the outputs say.
 
-    At full lock the inner wheel of the two turns at 0.63 of the outer one's speed, so it is never silent for long.
+    At full lock the inner wheel of the two turns at 0.63 of the outer one's speed, so it is never silent for long. Of a
+    rover that turns in place, one wheel that is silent, or both against each other, say nothing.
     """
 
-    def __init__(self, limits: Safety) -> None:
+    def __init__(self, limits: Limits) -> None:
         self._limits = limits
+        self._pivots = limits.radius_min == 0.0  # so its sides may stand or turn against each other
         self.clear()
 
     def clear(self) -> None:
@@ -130,7 +135,7 @@ class RunawayWatch:
         self._apart = self._apart + dt if apart else 0.0
         if self._apart >= self._limits.runaway_time:
             return f"combined odometry says {v_combined:.1f} m/s, the encoders {v:.1f} m/s"
-        against = right * left < 0 and min(abs(right), abs(left)) > NOISE_COUNTS
+        against = not self._pivots and right * left < 0 and min(abs(right), abs(left)) > NOISE_COUNTS
         self._against = self._against + dt if against else 0.0
         if self._against >= PERSISTS:
             return "the encoders turn against each other"
@@ -149,7 +154,7 @@ class RunawayWatch:
         ]
         if all(too_long):
             return "both encoders are silent, or something blocks the robot"
-        if any(too_long):
+        if any(too_long) and not self._pivots:
             return f"the {'right' if too_long[0] else 'left'} encoder is silent"
         return None
 

@@ -16,8 +16,10 @@ from txt1.units import NotNegative, Positive, PositiveInt
 class Safety:
     """Limits of the safety gate, and the conditions under which it closes."""
 
-    v_max: Annotated[float, Gt(0.0), Le(1.5)] = 1.5
-    """Largest absolute speed, m/s (thesis 4.2)."""
+    v_max: Annotated[float, Gt(0.0), Le(10.0)] = 1.5
+    """Largest absolute speed, m/s; the TXT-1's is 1.5 (thesis 4.2)."""
+    omega_max: Positive = 6.0
+    """Largest absolute yaw rate, rad/s; a car that steers is limited by its turning radius before."""
     v_dead_band: NotNegative = 0.0
     """A slower set-point counts as 0, m/s."""
     motor_max: Annotated[int, Gt(0), Le(PWM_MAX)] = 8000
@@ -58,7 +60,7 @@ class KnownCar:
 
 @dataclass(frozen=True, slots=True)
 class Limits(Safety):
-    """The safety gate's limits for a vehicle that turns no sharper than `radius_min` (m)."""
+    """The safety gate's limits for a vehicle that turns no sharper than `radius_min` (m); 0: it turns in place."""
 
     radius_min: float = Geometry().radius_min
 

@@ -56,9 +56,13 @@ def errors(v: float, omega: float, v_now: float, omega_now: float) -> tuple[floa
 
 
 class VelocityLoops:
-    """The two PID loops. Errors in mm/s and mrad/s, outputs in PWM counts."""
+    """The two PID loops. Errors in mm/s and mrad/s, outputs in PWM counts.
 
-    def __init__(self) -> None:
+    `steers`: wheels that are turned make the yaw rate, so that it changes its sign in reverse; not sides at two speeds.
+    """
+
+    def __init__(self, steers: bool = True) -> None:
+        self._steers = steers
         self._linear = self._angular = CLEAR
 
     def clear(self) -> None:
@@ -75,6 +79,8 @@ class VelocityLoops:
         """
         if dt > 0.0:
             error, yaw_error = errors(v, omega, v_now, omega_now)
+            if v_now < 0.0 and not self._steers:
+                yaw_error = -yaw_error
             self._linear = pid(self._linear, error, linear, dt, PWM_MAX)
             self._angular = pid(self._angular, yaw_error, angular, dt, STEERING_MAX)
         return self._linear[0], self._angular[0]

@@ -24,6 +24,7 @@ from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event
 from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry
+from txt1.shipped import shipped
 
 IDENTITY: Final = 0x7F
 RELEASE: Final = b"REPL"
@@ -66,8 +67,7 @@ except OSError:
 
 def folder() -> Path:
     """Return where the firmware's files are: in the installed package, or in the source tree."""
-    installed = Path(__file__).parents[1] / "pico"
-    return installed if installed.exists() else Path(__file__).parents[2] / "firmware" / "pico"
+    return shipped("firmware/pico")
 
 
 def files() -> list[str]:

@@ -41,7 +41,9 @@ class Capabilities:
     """What a HAL can do; what it cannot, the screens show as a dash and the API refuses by name."""
 
     ticks: bool = False
-    """Reports encoder counts; otherwise it reports odometry."""
+    """Reports encoder counts."""
+    odometry: bool = False
+    """Reports odometry that it computes itself; what takes no PWM always does."""
     pwm: bool = False
     """Takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops."""
     gains: bool = False
@@ -68,6 +70,11 @@ class Capabilities:
     """Knows the robot's true pose in the room: a simulator."""
     simulated: bool = False
     """Nothing real moves, so the robot arms by itself."""
+
+    @property
+    def blind(self) -> bool:
+        """Whether it takes PWM and knows no motion: it is driven by a speed map, and its odometry is dead reckoning."""
+        return self.pwm and not (self.ticks or self.odometry)
 
 
 class BoardLink(NamedTuple):

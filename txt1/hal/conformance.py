@@ -344,7 +344,7 @@ class HalConformance(Conformance[Hal]):
             promise(fine, where, f"is {expected}, not {value!r}")
         odometry, arrived, buttons, backlight = inputs.odometry, inputs.odometry_time, inputs.buttons, inputs.backlight
         absent = odometry is None
-        missing = absent and complete and not can.ticks
+        missing = absent and complete and not (can.ticks or can.blind)
         promise(not missing, "Inputs.odometry", "is reported by a HAL without ticks, but there is none")
         sound = isinstance(odometry, Odometry) and all(map(isfinite, odometry))
         for fine, name, expected in (
@@ -377,4 +377,4 @@ def _moved(before: Inputs, after: Inputs) -> float:
         return max(map(abs, ticks)) * 0.0003
     if before.odometry is not None and after.odometry is not None:
         return hypot(after.odometry.x - before.odometry.x, after.odometry.y - before.odometry.y)
-    return broken("Inputs", "reports ticks or odometry, but has neither")
+    raise SkipTest("nothing tells whether it moves")

@@ -185,8 +185,8 @@ class SerialHal:
         self.receiver = Receiver(Role.HOST, self._take)
         on_board = control == "board"
         self.capabilities = Capabilities(
-            pwm=not on_board, gains=on_board, combined=on_board, battery=True, smoothed=True, power=True, servos=True,
-            halt=True, simulated=simulated,
+            odometry=True, pwm=not on_board, gains=on_board, combined=on_board, battery=True, smoothed=True, power=True,
+            servos=True, halt=True, simulated=simulated,
         )  # fmt: skip
         self._end: End = self if wrap is None else wrap(self)
         self._scale = scale

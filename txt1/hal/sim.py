@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from txt1.errors import NotCapable
@@ -38,6 +39,8 @@ class SimHal:
     )
 
     def __init__(self, vehicle: Vehicle, ground: Ground | None = None) -> None:
+        if not vehicle.body.counts_per_rev:
+            self.capabilities = replace(self.capabilities, ticks=False)
         self.vehicle = vehicle
         self._ground = ground
         self.world = vehicle.world
@@ -68,7 +71,8 @@ class SimHal:
         """Encoder counts, voltages and the true pose at `now`."""
         sensed = self.vehicle.sense(now)
         if sensed != self._sensed:
-            counts, batteries, cut_off, pose = self._sensed = sensed
+            counted, batteries, cut_off, pose = self._sensed = sensed
+            counts = counted if self.capabilities.ticks else None
             # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
             self._inputs = tuple.__new__(
                 Inputs, (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)

@@ -1,10 +1,12 @@
-"""The TXT-1's dimensions and command ranges (thesis 2.2.3, 3.2, 3.7.1, 4.2, 4.3)."""
+"""A vehicle's dimensions, the TXT-1's by default, and ranges of commands (thesis 2.2.3, 3.2, 3.7.1, 4.2, 4.3)."""
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
 
-from txt1.units import Positive, PositiveInt
+from annotated_types import Ge
+
+from txt1.units import Positive
 
 PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
 SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
@@ -13,27 +15,39 @@ STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Lengths of the vehicle, in metres; a section of the configuration."""
+    """Lengths of the vehicle, in metres; a section of the configuration.
 
+    The vehicle is where its pose is: midway between the axles, or on the rear axle where only the front wheels steer.
+    """
+
+    steering: Literal["both", "front", "skid"] = "both"
+    """Which wheels steer: those of both axles, as the TXT-1's; the front ones; none, as sides run at two speeds."""
     radius_min: Positive = 0.56
-    """Minimum turning radius R_min, m (thesis 2.2.3)."""
+    """Minimum turning radius R_min, m (thesis 2.2.3); of a path to plan, where the sides run at two speeds."""
     wheelbase: Positive = 0.34
     """Between the axles, m; assumed."""
     track_width: Positive = 0.25
     """Between the encoder wheels, m."""
     circumference: Positive = 0.5125
     """Of a tyre, m (thesis 3.7.1)."""
-    counts_per_rev: PositiveInt = 1600
-    """Encoder counts per wheel revolution: 400 CPR in quadrature."""
+    counts_per_rev: Annotated[int, Ge(0)] = 1600
+    """Encoder counts per wheel revolution: 400 CPR in quadrature; 0: there are no encoders."""
     length: Positive = 0.510
     """Of the body, m."""
     width: Positive = 0.385
     """Of the body, m."""
+    centre: float = 0.0
+    """The body's centre ahead of the pose, m."""
+
+    @property
+    def lever(self) -> float:
+        """Distance of a steered axle from the pose, m."""
+        return self.wheelbase if self.steering == "front" else 0.5 * self.wheelbase
 
     @property
     def tan_steering_max(self) -> float:
         """Tangent of the steering angle at full lock: (2.13) solved for R_min = v / omega."""
-        return self.wheelbase / (2.0 * self.radius_min)
+        return self.lever / self.radius_min
 
     @property
     def steering_max(self) -> float:
@@ -42,5 +56,5 @@ class Geometry:
 
     @property
     def count_length(self) -> float:
-        """Distance a wheel rolls per encoder count, m."""
-        return self.circumference / self.counts_per_rev
+        """Distance a wheel rolls per encoder count, m; infinite without encoders."""
+        return self.circumference / self.counts_per_rev if self.counts_per_rev else math.inf

@@ -118,11 +118,12 @@ def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float,
 
         q = tan(phi) cos(phi)^2 = tan(phi) / (1 + tan(phi)^2),   tan(phi) = (1 - sqrt(1 - 4 q^2)) / (2 q)
 
-    At full lock that is 4.3 % of the path and 4.5 % of the turn. Beyond full lock it is noise, and limited.
+    At full lock that is 4.3 % of the path and 4.5 % of the turn. Beyond full lock it is noise, and limited. Encoders of
+    other vehicles sit on wheels that do not steer, and tell the truth.
     """
-    if not distance:
+    if not distance or geometry.steering != "both":
         return distance, turn
-    q = 0.5 * geometry.wheelbase * turn / distance
+    q = geometry.lever * turn / distance
     tan_max = geometry.tan_steering_max
     q_max = tan_max / (1.0 + tan_max * tan_max)
     tangent = tan_max if abs(q) >= q_max else (1.0 - sqrt(1.0 - 4.0 * q * q)) / (2.0 * q) if abs(q) > 1e-6 else q
@@ -132,6 +133,8 @@ def straighten(distance: float, turn: float, geometry: Geometry) -> tuple[float,
 
 def encoders_view(v: float, curvature: float, geometry: Geometry) -> tuple[float, float]:
     """The (v, omega) that the encoders tell of a centre moving at v m/s along a curvature in 1/m: set-points for it."""
-    tangent = 0.5 * geometry.wheelbase * curvature
+    if geometry.steering != "both":
+        return v, v * curvature
+    tangent = geometry.lever * curvature
     stretch = sqrt(1.0 + tangent * tangent)
     return v * stretch, v * curvature / stretch

@@ -37,7 +37,7 @@ class VehicleState(NamedTuple):
 
 
 Dynamics = tuple[
-    float, float, float, float, float, float, float, float, float, float, float, float, float
+    float, float, float, float, float, float, float, float, float, float, float, float, float, float
 ]  # fmt: skip
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
@@ -47,8 +47,12 @@ RAMP_STEP: Final = 0.005  # longest piece of a motion while a servo turns, s
 
 
 def dynamics(vehicle: VehicleParameters, body: Geometry, ramp_step: float = RAMP_STEP) -> Dynamics:
-    """The parameters of `move` as plain numbers, which are read faster than attributes."""
-    return body.wheelbase, body.track_width, body.steering_max, *astuple(vehicle), ramp_step
+    """The parameters of `move` as plain numbers, which are read faster than attributes.
+
+    A car whose front wheels steer moves as one that steers both axles of twice its wheelbase, seen from the middle.
+    """
+    steered = 1.0 if body.steering == "both" else 0.0
+    return 2.0 * body.lever, body.track_width, body.steering_max, *astuple(vehicle)[:-1], ramp_step, steered
 
 
 def move(
@@ -76,7 +80,7 @@ def move(
     # one name each: in plain Python looking up an attribute costs as much as the multiplication it is for
     (
         wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
-        coast_friction, servo_rate, scrub, slip, understeer, ramp_step,
+        coast_friction, servo_rate, scrub, slip, understeer, ramp_step, steered,
     ) = p  # fmt: skip
     # front = -u, rear = +u turns left (spec: plant)
     lock_pwm = float(STEERING_MAX)
@@ -155,7 +159,9 @@ def move(
             # -- curvature, thesis (2.12) for opposite angles; understeer by the piece's mean speed
             mean_v = distance / h
             curvature = cos_beta * (tan_front - tan_rear) / (wheelbase * (1.0 + understeer * mean_v * mean_v))
-            # -- the front wheels roll along their own heading: the hub's velocity projected on it
+            # -- encoder wheels that are steered roll along their own heading: the hub's velocity projected on it
+            if not steered:
+                tan_front = 0.0
             cos_front = 1.0 / sqrt(1.0 + tan_front * tan_front)
             sin_front = tan_front * cos_front
             forward = cos_beta * cos_front + (sin_beta + 0.5 * curvature * wheelbase) * sin_front

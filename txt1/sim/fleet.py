@@ -107,7 +107,7 @@ def _drive(
     """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `dynamics.move`."""
     (
         wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, _, _,
-        servo_rate, scrub, slip, understeer, ramp_step,
+        servo_rate, scrub, slip, understeer, ramp_step, steered,
     ) = p  # fmt: skip
     scrub_by_tan = scrub / tan(steering_max) ** 2
     rate = 1.0 / speed_time_constant
@@ -135,11 +135,12 @@ def _drive(
         decay = exponential(-h * loss * rate)
         distance = v_end * h + (v[i] - v_end) * (1.0 - decay) / (loss * rate)
         v[i] = v_end + (v[i] - v_end) * decay
-        # -- curvature, and the front wheels
+        # -- curvature, and the encoder wheels
         mean_v = distance / h if h > 0.0 else 0.0
         curvature = 2.0 * tangent / (wheelbase * (1.0 + understeer * mean_v * mean_v))
-        cos_front = 1.0 / sqrt(1.0 + tangent * tangent)
-        forward = cos_front + 0.5 * curvature * wheelbase * tangent * cos_front
+        lean = tangent * steered
+        cos_front = 1.0 / sqrt(1.0 + lean * lean)
+        forward = cos_front + 0.5 * curvature * wheelbase * lean * cos_front
         apart = 0.5 * curvature * track_width * cos_front
         rolled = distance * (1.0 + slip)
         right[i] += rolled * (forward + apart)
@@ -179,7 +180,7 @@ def _move(
         remaining: likewise.
 
     """
-    _, _, steering_max, _, dead_band, speed_time_constant, _, _, _, _, _, _, _ = p
+    _, _, steering_max, _, dead_band, speed_time_constant, _, _, _, _, _, _, _, _ = p
     series_suffice = steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * speed_time_constant
     for i in range(fleet.shape[1]):
         target[i] = steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)

@@ -34,6 +34,8 @@ class VehicleParameters:
     """Share by which driven wheels turn more than the ground passes; 0 is no slip."""
     understeer: NotNegative = 0.0
     """Widens curves: curvature is divided by 1 + understeer v^2, s^2/m^2; 0 is no sideways slip."""
+    skid: Positive = 1.0
+    """Factor by which sides at two speeds turn it as if it were wider: tyres that scrub sideways; 1 is none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ class Room(NamedTuple):
 def clearance(x: float, y: float, theta: float, room: Room, body: Geometry) -> float:
     """Metres from the body's nearest corner to the nearest wall; negative when it sticks into the wall."""
     c, s = cos(theta), sin(theta)
+    x, y = x + body.centre * c, y + body.centre * s
     # half extents of the rotated body along the room's axes
     reach_x = 0.5 * (body.length * abs(c) + body.width * abs(s))
     reach_y = 0.5 * (body.length * abs(s) + body.width * abs(c))

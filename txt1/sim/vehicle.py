@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, isfinite, nan
+from math import cos, floor, isfinite, nan, sin
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
+from txt1.sim import skid
 from txt1.sim.battery import Packs, discharge
 from txt1.sim.dynamics import DEAD_BAND, Motion, VehicleState, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
@@ -56,6 +57,9 @@ class Vehicle:
     ) -> None:
         self.world = world
         self.dynamics = dynamics(parameters, body)
+        self.parameters = parameters
+        self.skids = body.steering == "skid"
+        """Whether its sides run at two speeds."""
         self.body = body
         self.packs = Packs(batteries.used_1, batteries.used_2)
         self.batteries = batteries
@@ -122,7 +126,10 @@ class Vehicle:
 
     def outline(self, motion: Sequence[float]) -> Box:
         """The body at a pose or in a motion, which begins with the pose."""
-        return Box(motion[0], motion[1], self.body.length, self.body.width, motion[2])
+        x, y, theta = motion[:3]
+        if self.body.centre:
+            x, y = x + self.body.centre * cos(theta), y + self.body.centre * sin(theta)
+        return Box(x, y, self.body.length, self.body.width, theta)
 
     # -- outputs -----------------------------------------------------------------------------------------------
 
@@ -192,7 +199,10 @@ class Vehicle:
         stands = before[3] == 0.0
         if stands and (motor, front, rear, before[4], before[5]) == self._rest:  # 5 % of an idle simulation is saved
             return before
-        after = move(before, motor, front, rear, dt, self.drag, self.dynamics)
+        if self.skids:
+            after = skid.move(before, motor, rear, dt, self.drag, self.parameters, self.body)
+        else:
+            after = move(before, motor, front, rear, dt, self.drag, self.dynamics)
         if stands and dt > INSTANT and after == before:
             self._rest = motor, front, rear, before[4], before[5]
         return after

@@ -38,7 +38,7 @@ class _Whereabouts:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
-        self.reach = 0.5 * hypot(vehicle.body.length, vehicle.body.width)  # of the body from its centre
+        self.reach = 0.5 * hypot(vehicle.body.length, vehicle.body.width) + abs(vehicle.body.centre)
         self.x = self.y = 0.0
         self.roam = inf  # there is nothing to look round for
         self.others: list[_Whereabouts] = []
@@ -153,11 +153,11 @@ class World:
         before = vehicle.motion
         left = clearance(after[0], after[1], after[2], room, vehicle.body)
         if left < 0.0 and left < clearance(before[0], before[1], before[2], room, vehicle.body):
-            return halted(before, after)
+            return halted(vehicle, before, after)
         for obstacle in here.obstacles:
             left = gap(vehicle.outline(after), obstacle)
             if left < 0.0 and left < gap(vehicle.outline(before), obstacle):
-                return halted(before, after)
+                return halted(vehicle, before, after)
         return after
 
     def _collide(self, here: _Whereabouts, there: _Whereabouts, after: Motion, until: float) -> Motion:
@@ -176,8 +176,8 @@ class World:
         if left >= gap(vehicle.outline(mine), other.outline(its)):
             return after
         if other.running:
-            other.arrive(halted(its, its_after), its_until)
-        return halted(mine, after)
+            other.arrive(halted(other, its, its_after), its_until)
+        return halted(vehicle, mine, after)
 
     def look_round(self, vehicle: Vehicle, motion: Motion | None = None) -> None:
         """Find what a vehicle may run into before it looks round again, and where it is free to go."""
@@ -212,7 +212,8 @@ class World:
         vehicle.free = NOWHERE if vehicle.crowded else free
 
 
-def halted(before: Motion, after: Motion) -> Motion:
+def halted(vehicle: Vehicle, before: Motion, after: Motion) -> Motion:
     """The motion at contact: pose and wheels as before, speed 0, the steering as it has turned."""
     x, y, theta, _, _, _, right, left = before
-    return x, y, theta, 0.0, after[4], after[5], right, left
+    front, rear = (0.0, 0.0) if vehicle.skids else (after[4], after[5])
+    return x, y, theta, 0.0, front, rear, right, left

@@ -4,9 +4,10 @@ from math import inf
 from operator import attrgetter
 from typing import Final
 
-from txt1.control.car import Car, loops_for
+from txt1.control.car import InformedLoops
 from txt1.control.limits import Fault, Gate
-from txt1.control.pid import Gains, at_rest
+from txt1.control.open_loop import OpenLoop
+from txt1.control.pid import Gains, VelocityLoops, at_rest
 from txt1.hal.base import Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
@@ -45,22 +46,29 @@ GAINS: Final = declare(Topic[tuple[Gains, Gains]](
     lambda gains: gains[0] + gains[1], in_snapshots=False,
 ))  # fmt: skip
 
+MEASURED_BY: Final = declare(Topic(
+    "/measured_by", Source, "", "std_msgs/String", Rule.CHANGE,
+    'where the velocities come from; "reckoned": nothing measures them, and /odom is dead reckoning',
+    make=lambda source: {"data": str(source)},
+))  # fmt: skip
+
 _OFF: Final = Gains()
 ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
 COMBINED: Final = Source.COMBINED
+RECKONED: Final = Source.RECKONED
 
 
-async def controller(
-    ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry, car: Car | None = None
-) -> None:
+Loops = VelocityLoops | InformedLoops | OpenLoop
+
+
+async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry, loops: Loops) -> None:
     """Turn the command in force into outputs, once per tick, through the safety gate.
 
     The loops step with every reading of the odometry: with every tick where there are encoders, else as it arrives.
-    `car` is what they know of it; None: nothing.
     """
-    loops = loops_for(car)
     closes_loops = hal.capabilities.pwm
     has_ticks = hal.capabilities.ticks
+    blind = hal.capabilities.blind
     was_manual = False
     board = state.board
     read_at = 0.0
@@ -74,7 +82,9 @@ async def controller(
             board = state.board
         source, v_now, omega_now = measured(state, now)
         right, left = state.encoders
-        if not has_ticks:
+        if blind:
+            source = RECKONED
+        elif not has_ticks:
             dt, read_at = min(state.odometry_time - read_at, STEP_MAX), state.odometry_time
             if closes_loops and dt > 0.0:
                 right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
@@ -91,7 +101,7 @@ async def controller(
         if not -inf < v_now + omega_now < inf:
             gate.count(Fault.MEASURED)
             passes = False
-        still = isinstance(given, Command) and at_rest(given.v, v_now)
+        still = isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, v_now)
         if not (passes and state.link.alive and state.power.esc is not False) or manual is not was_manual or still:
             loops.clear()
             outputs = gate.neutral(state.servos)

@@ -7,7 +7,7 @@ from typing import Final
 from txt1.errors import HalError
 from txt1.hal.base import Hal, Inputs
 from txt1.kernel.ticks import Ticks
-from txt1.model.odometry import Odometry, WheelOdometry
+from txt1.model.odometry import Odometry, WheelOdometry, advance
 from txt1.model.vehicle import Geometry
 from txt1.protocol.messages import BoardMessage, EncoderOdometry
 from txt1.tasks.fields import Encoders
@@ -75,13 +75,19 @@ STILL: Final = Encoders(0, 0)
 async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> None:
     """Keep the odometry up to date, from encoder ticks or from a HAL that computes odometry itself."""
     wheels = WheelOdometry(geometry)
+    if hal.capabilities.blind:
+        state.tell(0.0, "no encoders: odometry is dead reckoning, and the rules on runaways are off")
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
         if inputs.ticks is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
-            take_odometry(state, inputs, now)
+            if hal.capabilities.blind:
+                asked, since = state.control, now - state.odometry_time
+                state.odometry, state.odometry_time = advance(state.odometry, asked.v, asked.omega, since), now
+            else:
+                take_odometry(state, inputs, now)
             continue
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:

@@ -97,6 +97,7 @@ class Source(StrEnum):
 
     ENCODER = "encoder"
     COMBINED = "combined"
+    RECKONED = "reckoned"  # nothing measures them: they are what was asked for
 
 
 class Control(NamedTuple):
@@ -155,14 +156,16 @@ class Traffic(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Length and width of the room and of the robot's body in m, the light's position (x, y), and what stands there.
+    """The room, the light's position (x, y), the robot's body, and what stands there, in m.
+
+    Of the room length and width; of the body, too, and how far its centre is ahead of the pose.
 
     None is what nobody knows.
     """
 
     room: tuple[float, float] | None = None
     light: tuple[float, float] | None = None
-    body: tuple[float, float] = (0.510, 0.385)
+    body: tuple[float, float, float] = (0.510, 0.385, 0.0)
     obstacles: tuple[Outline, ...] = ()
 
 

@@ -172,18 +172,20 @@ def round_up(scale: float) -> float:
     return power * next((step for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if step * power >= scale), 10.0)
 
 
-def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: Point, layer: int) -> None:
-    """The outline of a body of this length and width (m), and a pointer out of its front."""
+def _draw_robot(canvas: Canvas, pose: tuple[float, float, float], body: tuple[float, float, float], layer: int) -> None:
+    """The outline of a body of this length and width, so far ahead of its pose (m), and a pointer out of its front."""
     x, y, theta = pose
     enlarge = max(1.0, BODY_DOTS * canvas.scale / body[0])
     front, side = 0.5 * enlarge * body[0], 0.5 * enlarge * body[1]
+    middle = enlarge * body[2]
     c, s = cos(theta), sin(theta)
 
     def place(ahead: float, left: float) -> Point:
         return x + ahead * c - left * s, y + ahead * s + left * c
 
-    canvas.outline([place(front, side), place(-front, side), place(-front, -side), place(front, -side)], layer)
-    canvas.line((x, y), place(2.0 * front, 0.0), layer)
+    nose, tail = middle + front, middle - front
+    canvas.outline([place(nose, side), place(tail, side), place(tail, -side), place(nose, -side)], layer)
+    canvas.line(place(middle, 0.0), place(nose + front, 0.0), layer)
 
 
 def _legend(snapshot: Snapshot, scale: float) -> Text:

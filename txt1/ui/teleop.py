@@ -27,12 +27,13 @@ class Teleop:
     """Velocity commands from key presses. Times are s of the run.
 
     `speed` in m/s is that of w and s, which + and - change; `turn` the share, 0 to 1, of the yaw-rate limit
-    abs(v) / R_min, (2.16), that a and d ask for; `radius_min` is R_min, m.
+    abs(v) / R_min, (2.16), that a and d ask for; `radius_min` is R_min, m. A rover that `pivots` turns as fast at rest.
     """
 
     speed: float = 0.5
     turn: float = 0.8
     radius_min: float = 0.56
+    pivots: bool = False
 
     def __post_init__(self) -> None:
         self.release()
@@ -69,4 +70,4 @@ class Teleop:
         )
         self._active = bool(drive or steer)
         v = self.speed * drive
-        return v, steer * self.turn * v / self.radius_min
+        return v, steer * self.turn * (self.speed if self.pivots else v) / self.radius_min

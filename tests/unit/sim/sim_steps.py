@@ -12,7 +12,14 @@ from txt1.sim.parameters import VehicleParameters
 
 Parameters: Any = namedtuple(
     "Parameters",
-    ["wheelbase", "track_width", "steering_max", *(f.name for f in fields(VehicleParameters)), "ramp_step"],
+    [
+        "wheelbase",
+        "track_width",
+        "steering_max",
+        *(f.name for f in fields(VehicleParameters) if f.name != "skid"),
+        "ramp_step",
+        "steered",
+    ],
     defaults=dynamics(VehicleParameters(), Geometry()),
 )
 """`txt1.sim.dynamics.Dynamics` with names."""

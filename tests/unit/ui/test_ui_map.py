@@ -105,7 +105,7 @@ def test_the_pose_in_the_room_is_preferred() -> None:
 
 def test_the_robot_is_drawn_as_long_as_it_is() -> None:
     def size(length: float) -> int:
-        robot = dots(drawn(at(room=(5.0, 5.0), body=(length, 0.4)), 200, 60)[:-1])
+        robot = dots(drawn(at(room=(5.0, 5.0), body=(length, 0.4, 0.0)), 200, 60)[:-1])
         return len({x for x, y in robot if 60 < y < 180 and 100 < x < 300})
 
     assert size(2.0) > 1.4 * size(1.0)

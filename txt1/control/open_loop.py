@@ -1,0 +1,63 @@
+"""Driving without encoders: the outputs by the speed map that a calibration made, and by the steering's geometry."""
+
+from math import atan
+from typing import Final
+
+from txt1.control.pid import Gains
+from txt1.model.vehicle import STEERING_MAX, Geometry
+
+SpeedMap = tuple[tuple[float, float], ...]
+"""Motor counts and the steady speed they make, m/s: both rising, from the slowest that moves it; reverse, below 0."""
+
+TRACK_COUNTS: Final = (
+    3.0  # counts of steering for a count of difference between a side and the mean, where sides differ
+)
+
+
+def counts_for(v: float, speed_map: SpeedMap) -> float:
+    """The motor output for a speed, PWM counts: on the line between two entries of the map, or through the last two.
+
+    Without an entry in the direction asked for, the other direction's with its sign changed; without any, 0.
+    """
+    if v == 0.0 or not speed_map:
+        return 0.0
+    sign = 1.0 if v > 0.0 else -1.0
+    way = sorted((abs(u), abs(speed)) for u, speed in speed_map if speed * sign > 0.0)
+    if not way:
+        way = sorted((abs(u), abs(speed)) for u, speed in speed_map if speed != 0.0)
+    if len(way) == 1:
+        return sign * way[0][0] * abs(v) / way[0][1]
+    above = next((k for k in range(1, len(way)) if way[k][1] >= abs(v)), len(way) - 1)
+    (u0, v0), (u1, v1) = way[above - 1], way[above]
+    return sign * max(0.0, u0 + (u1 - u0) * (abs(v) - v0) / (v1 - v0))
+
+
+def steering_for(v: float, omega: float, geometry: Geometry, speed_map: SpeedMap) -> float:
+    """The steering output for a set-point in m/s and rad/s, PWM counts, left positive: (2.12) solved for the angle."""
+    if geometry.steering == "skid":
+        faster = counts_for(v + 0.5 * omega * geometry.track_width, speed_map)
+        slower = counts_for(v - 0.5 * omega * geometry.track_width, speed_map)
+        return 0.5 * TRACK_COUNTS * (faster - slower)
+    if v == 0.0:
+        return 0.0
+    return STEERING_MAX * atan(geometry.lever * omega / v) / geometry.steering_max
+
+
+class OpenLoop:
+    """What stands for `txt1.control.pid.VelocityLoops` where nothing is measured."""
+
+    def __init__(self, geometry: Geometry, speed_map: SpeedMap) -> None:
+        self._geometry, self._map = geometry, speed_map
+
+    def clear(self) -> None:
+        """Nothing is remembered."""
+
+    def step(
+        self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
+    ) -> tuple[float, float]:
+        """Motor and steering output, counts, for a set-point in m/s and rad/s; the rest is as of `VelocityLoops`."""
+        steering = steering_for(v, omega, self._geometry, self._map)
+        if self._geometry.steering == "skid":
+            turn = 0.5 * omega * self._geometry.track_width
+            return 0.5 * (counts_for(v + turn, self._map) + counts_for(v - turn, self._map)), steering
+        return counts_for(v, self._map), steering
