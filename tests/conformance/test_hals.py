@@ -280,7 +280,7 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
      "Inputs.ticks is None without the capability"),
     ("battery kept secret", mutant(capabilities=able(battery=False)), "every_input_agrees_with_the_capabilities",
      "Inputs.batteries is None without the capability"),
-    ("neither ticks nor odometry", mutant(capabilities=able(ticks=False), read=reading(ticks=lambda i: None)),
+    ("neither ticks nor odometry", mutant(capabilities=able(ticks=False, pwm=False), read=reading(ticks=lambda i: None)),
      "every_input_agrees_with_the_capabilities", "Inputs.odometry is reported by a HAL without ticks"),
     ("voltage not a number", mutant(read=reading(batteries=lambda i: (float("nan"), 0.0))),
      "every_input_agrees_with_the_capabilities", "Inputs.batteries is a pair of voltages"),

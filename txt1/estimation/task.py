@@ -86,7 +86,9 @@ class Estimator:
             name: Belonging(each.gate, each.timeout, name in kinds and tells_pose(kinds[name], each))
             for name, each in self.settings.items()
         }
-        self.fusion = Fusion(belongings, geometry.wheelbase, slip_sigma=config.slip)
+        # encoder wheels that do not steer tell the truth
+        steered = geometry.wheelbase if geometry.steering == "both" else 0.0
+        self.fusion = Fusion(belongings, steered, slip_sigma=config.slip)
         self.through: Callable[[Measurement], Iterable[Measurement]] = lambda measurement: (measurement,)
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
@@ -145,7 +147,7 @@ class Estimator:
         aimed = body.steering_max * max(-1.0, min(1.0, before / STEERING_MAX))
         turned = max(-SERVO_RATE * dt, min(SERVO_RATE * dt, aimed - self._angle))
         self._angle += turned
-        curvature = 2.0 * tan(self._angle) / body.wheelbase
+        curvature = tan(self._angle) / body.lever
         bend, self._curvature = curvature - self._curvature, curvature
         if bend:
             middle = begin + 0.5 * abs(turned) / SERVO_RATE
