@@ -85,7 +85,7 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
             if hal.capabilities.blind:
                 asked, since = state.control, now - state.odometry_time
-                state.odometry, state.odometry_time = advance(state.odometry, asked.v, asked.omega, since), now
+                _put(state, advance(state.odometry, asked.v, asked.omega, since), now)
             else:
                 take_odometry(state, inputs, now)
             continue

@@ -10,7 +10,7 @@ import pytest
 
 from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
-from txt1.control.pid import Gains
+from txt1.control.pid import Gains, VelocityLoops
 from txt1.control.schedule import GainSet, Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.ticks import Ticks
@@ -39,7 +39,7 @@ class Desk:
 
     def __init__(self, **capabilities: bool) -> None:
         self.written: list[Outputs] = []
-        can = Capabilities(**({"pwm": True, "ticks": True} | capabilities))
+        can = Capabilities(**({"pwm": True, "ticks": True, "odometry": True} | capabilities))
         hal: Any = SimpleNamespace(capabilities=can, write=lambda outputs, now: self.written.append(outputs))
         self.state = State()
         self.state.link = LinkState(alive=True)
@@ -51,7 +51,7 @@ class Desk:
         self.gate = Gate(Limits(), on_close=lambda reason: None)
         self.gate.arm(0.0)
         self.ticks = Ticks(TICK)
-        self._task = controller(self.ticks, self.state, hal, self.gate, Geometry())
+        self._task = controller(self.ticks, self.state, hal, self.gate, Geometry(), VelocityLoops())
         self._task.send(None)
         self.now = 0.0
 
