@@ -10,11 +10,10 @@ import pytest
 
 from tests.browser.live import CHROMIUM, FLAGS, Live, live
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: make test-web does it")
-
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: make test-web does it")
     if CHROMIUM is None:
         pytest.skip("there is no chromium: apt-get install chromium, as make test-web does")
     with sync_api.sync_playwright() as playwright:
