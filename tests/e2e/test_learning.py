@@ -31,6 +31,7 @@ from txt1.hal.sim import SimHal
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.experiment import Plan
+from txt1.learning.provenance import code_hash
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import EPISODES, LearningTask
 from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
@@ -251,7 +252,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     with (out / "learning.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
-        "trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s",
+        "trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s",
     ]  # fmt: skip
     assert [(row["trial"], row["episode"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
     assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)
@@ -317,6 +318,10 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert "was begun with seed=0, not 9" in capsys.readouterr().err
     assert learn(done, "--resume", "--set", "learning.thesis.gamma=0.9") == 2
     assert "was begun with learning.thesis.gamma=0.5, not 0.9" in capsys.readouterr().err
+    told = (done / "experiment.json").read_text()
+    (done / "experiment.json").write_text(told.replace(code_hash(), "0123456789abcdef"))
+    assert learn(done, "--resume") == 2
+    assert "was begun by other code (0123456789abcdef" in capsys.readouterr().err
     (done / "experiment.json").write_text("{}")
     assert learn(done, "--resume") == 2
     assert "experiment.json is not this program's" in capsys.readouterr().err
@@ -324,7 +329,7 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert learn(done, "--resume") == 2
     assert "no experiment.json to say of what" in capsys.readouterr().err
     assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
-    assert "there is no learner 'genius'; installed: sweeps, thesis" in capsys.readouterr().err
+    assert "there is no learner 'genius'; installed: pilot, sweeps, thesis" in capsys.readouterr().err
 
 
 def test_a_damaged_trial_is_not_carried_on_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -89,12 +89,18 @@ def _tell(metrics: dict[str, Any]) -> None:
     """Print the figures in a few lines."""
     for key, what in (("after_episode_7", "after episode 7"), ("last_10", "last 10 episodes")):
         one = metrics.get(key, {})
-        if one.get("episodes"):
-            print(
-                f"{what:<20} mean {one['mean_time_s']:.2f} s, median {one['median_time_s']:.2f} s, success "
-                f"{one['success']:.2%}; optimum {one['optimal_mean_time_s']:.2f} s, "
-                f"regret {one['mean_regret_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}"
-            )
+        if not one.get("episodes"):
+            continue
+        print(f"{what:<20} success {one['success']:.2%}, {one['failures']} of {one['episodes']} failed", end="")
+        if "mean_time_s" not in one:
+            print()
+            continue
+        least = one["ratio_to_floor"]
+        print(
+            f"; the successes: mean {one['mean_time_s']:.2f} s, median {one['median_time_s']:.2f} s, optimum "
+            f"{one['optimal_mean_time_s']:.2f} s, ratio {one['ratio_to_optimum']:.3f}, to the floor "
+            f"{'not known (txt1 learn --floor)' if least is None else f'{least:.3f}'}"
+        )
     if "thesis_mean_time_s" in metrics:
         print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
     if "ratio_at_episode" in metrics:

@@ -24,6 +24,8 @@ from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
+from txt1.learning.floor import Floor, known_floor
+from txt1.learning.provenance import code_hash, provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
@@ -31,7 +33,7 @@ from txt1.record.session import discard, need
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1
-COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s")
+COLUMNS: Final = ("trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s")
 
 KEPT: Final = ("trial", "complete", "voided", "memory")  # of a `TrialResult`, as they are
 
@@ -114,7 +116,7 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
         if before is not None and (before.get("format"), before.get("version")) != (FORMAT, VERSION):
             raise ConfigError(f"--out {out}: experiment.json is not this program's; give another directory")
         if not trials:  # nothing came of what was begun here, if anything was
-            content = {"format": FORMAT, "version": VERSION, **identity}
+            content = {"format": FORMAT, "version": VERSION, **identity, "provenance": provenance()}
             mark.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
             return []
     except OSError as error:
@@ -125,6 +127,12 @@ def prepare(plan: Plan, out: Path, resume: bool) -> list[TrialResult]:
         raise ConfigError(f"--out {out}: holds trials, but no experiment.json to say of what; give another directory")
     if not resume:
         raise ConfigError(f"--out {out}: holds an experiment; --resume carries it on, or give another directory")
+    begun = (before.get("provenance") or {}).get("code")
+    if begun != code_hash():
+        raise ConfigError(
+            f"--resume: {out} was begun by other code ({begun or 'not told'}, this is {code_hash()}); go on with the "
+            "version that began it, or give another directory"
+        )
     was, now = (dict(_flat({key: tree.get(key) for key in identity})) for tree in (before, identity))
     for key in now | was:
         if was.get(key) != now.get(key):
@@ -192,18 +200,23 @@ def best(results: Sequence[TrialResult]) -> TrialResult:
 
 def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, Any]:
     """The metrics, after writing them and all but the pictures; raises QTableError or OSError: it cannot."""
+    floor = known_floor(plan.config)
     lines: list[tuple[str, ...]] = [COLUMNS]
     for result in results:
         for one in result.episodes:
+            least = "" if floor is None else floor.time(one.start)
             numbers = (*one.start, one.time, int(one.success), one.optimal_time)
-            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers)))
+            lines.append((str(result.trial), str(one.number), *(str(round(x, 9)) for x in numbers), str(least)))
     qtable.replace_file(out / "learning.csv", "".join(",".join(line) + "\r\n" for line in lines))
     metrics = {
         "agent": plan.agent,
         "seed": plan.seed,
         "hal": plan.config.hal,
         "voided": sum(one.voided for one in results),
-        **summary([one.episodes for one in results]),
+        "provenance": provenance(),
+        "settings": plan.config.learning.model_dump(mode="json").get(plan.agent),
+        "config": plan.config.model_dump(mode="json", exclude={"seed"}),
+        **summary([one.episodes for one in results], floor),
     }
     qtable.replace_file(out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     if results:
@@ -213,62 +226,72 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
     return metrics
 
 
-def summary(trials: Sequence[Sequence[Episode]]) -> dict[str, Any]:
-    """Times in s, success as shares, and ratios to the optimum; JSON values. Trials may be of different length."""
+def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> dict[str, Any]:
+    """Times in s, success as shares, ratios to the optimum and the floor; JSON values. Trials may differ in length.
+
+    Failures are counted apart: times and ratios are of successes, and None where there are none. Only robot seconds
+    have the failures' time in them, because the robot drove it.
+    """
     every = [one for trial in trials for one in trial]
     if not every:
         return {"trials": len(trials), "episodes": 0}
     length = max(len(trial) for trial in trials)
-    # the mean of an episode over the trials that got so far, against the same starts' optimum
+    # an episode over the trials that got so far
     curve = [[trial[k] for trial in trials if len(trial) > k] for k in range(length)]
-    means = [_times(row).mean() for row in curve]
+    means = [np.mean([one.time for one in row]) for row in curve]
     milestones = [k for k in MILESTONES if k <= length]
     return {
         "trials": len(trials),
         "episodes": len(every),
+        "failures": sum(not one.success for one in every),
         "thesis_mean_time_s": THESIS_MEAN,
-        "after_episode_7": _figures([trial[LEARNED:] for trial in trials]),
-        "last_10": _figures([trial[-LAST:] for trial in trials]),
+        "after_episode_7": _figures([trial[LEARNED:] for trial in trials], floor),
+        "last_10": _figures([trial[-LAST:] for trial in trials], floor),
         "ratio_at_episode": {str(k): _ratio(curve[k - 1]) for k in milestones},
         "robot_seconds_until_episode": {str(k): _round(sum(means[:k])) for k in milestones},
         "success_at_episode": [_round(np.mean([one.success for one in row])) for row in curve],
-        "mean_time_at_episode_s": [_round(mean) for mean in means],
+        "mean_time_at_episode_s": [_round(_times(row).mean()) if len(_times(row)) else None for row in curve],
         "robot_seconds_in_all": _round(sum(one.time for one in every)),
     }
 
 
-def _figures(by_trial: Sequence[Sequence[Episode]]) -> dict[str, Any]:
-    """Times, success and regret of some episodes of each trial."""
+def _figures(by_trial: Sequence[Sequence[Episode]], floor: Floor | None) -> dict[str, Any]:
+    """Success, and the times and regret of the successes, of some episodes of each trial."""
     some = [one for trial in by_trial for one in trial]
     if not some:
         return {"episodes": 0}
-    time, best = _times(some), np.array([one.optimal_time for one in some])
-    means = np.array([_times(trial).mean() for trial in by_trial if trial])
-    won = np.array([one.success for one in some])
+    won = [one for one in some if one.success]
+    counts = {"episodes": len(some), "failures": len(some) - len(won), "success": len(won) / len(some)}
+    if not won:
+        return counts
+    time, best = _times(won), np.array([one.optimal_time for one in won])
+    means = np.array([_times(trial).mean() for trial in by_trial if any(one.success for one in trial)])
+    least = None if floor is None else sum(floor.time(one.start) for one in won)
     return {
-        "episodes": len(some),
-        "failures": int((~won).sum()),
-        "success": float(won.mean()),
+        **counts,
         "mean_time_s": _round(time.mean()),
         "median_time_s": _round(np.median(time)),
         "percentile_5_time_s": _round(np.percentile(time, 5)),
         "percentile_95_time_s": _round(np.percentile(time, 95)),
-        "mean_time_of_successes_s": _round(time[won].mean()) if won.any() else None,
         "sd_of_trial_means_s": _round(means.std(ddof=1)) if len(means) > 1 else None,
         "median_of_trial_means_s": _round(np.median(means)),
         "slowest_30_percent_take": _round(np.sort(time)[::-1][: max(1, round(0.3 * len(time)))].sum() / time.sum()),
         "optimal_mean_time_s": _round(best.mean()),
         "mean_regret_s": _round((time - best).mean()),
         "ratio_to_optimum": _round(time.sum() / best.sum()),
+        "ratio_to_floor": None if least is None else _round(time.sum() / least),
     }
 
 
 def _times(some: Sequence[Episode]) -> NDArray[np.float64]:
-    return np.array([one.time for one in some])
+    """The times of the successes, s."""
+    return np.array([one.time for one in some if one.success])
 
 
-def _ratio(some: Sequence[Episode]) -> float:
-    return _round(_times(some).sum() / sum(one.optimal_time for one in some))
+def _ratio(some: Sequence[Episode]) -> float | None:
+    """Of the successes; None where there are none."""
+    won = [one for one in some if one.success]
+    return _round(_times(won).sum() / sum(one.optimal_time for one in won)) if won else None
 
 
 def _round(value: Any) -> float:

@@ -10,8 +10,12 @@ optimum (`txt1.model.optimal`), and `gap` tells how much a third piece still bro
 a fraction of that.
 """
 
+import hashlib
+import json
+from dataclasses import asdict
 from functools import partial
 from math import cos, pi, sin
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -114,6 +118,21 @@ def floor_of(config: Config) -> Floor:
             reached = min(reached, finer)
         times.append(reached)
     return Floor(tuple(times), float(np.mean(gaps)) if gaps else 0.0)
+
+
+def known_floor(config: Config) -> Floor | None:
+    """The floor of a world that was searched before (floors.json); None: of others `txt1 learn --floor` tells it."""
+    known = json.loads(Path(__file__).with_name("floors.json").read_text(encoding="utf-8"))
+    found = known.get(key_of(config))
+    return None if found is None else Floor(tuple(found["times"]), found["gap"])
+
+
+def key_of(config: Config) -> str:
+    """All that a floor depends on, as a hash."""
+    sim, task = config.sim.vehicle, task_of(config)
+    parts = [asdict(sim), asdict(config.geometry), asdict(config.car), config.control.model_dump(mode="json")]
+    told = [*parts, config.learning.actions, config.safety.motor_max, task.start_radius, task.goal_radius, task.delay]
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
 
 def _arrivals(config: Config, task: Task, bearing: float, plans: NDArray[np.int64], horizon: int) -> Array:

@@ -68,6 +68,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     """Return a learner as configured, or one that drives by a stored survey; ValueError: it has another shape."""
     settings = checked(Settings, config.learning.pilot, "learning.pilot")
     agent = PilotAgent(rng, len(config.learning.actions), settings)
+    _compile()
     if table is not None:
         table.shaped(*agent.table().values.shape)
         agent.recall({**agent.memory(), **table.about["memory"]})
@@ -87,14 +88,21 @@ class Effects:
         self.k = np.zeros((delays, 2))
         self.c = np.zeros((delays, 2, actions + 1))
 
-    def learn(self, taken: Array, distance: Place, curvature: Place, forgets: float) -> None:
+    def learn(self, taken: NDArray[np.int64], distance: Place, curvature: Place, forgets: float) -> None:
         """Take distances and curvatures before and after a decision; `taken` are the last actions, the latest first."""
         learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
 
 
 @compiled
 def learn_effects(
-    sums: Array, error: Array, k: Array, c: Array, taken: Array, distance: Place, curvature: Place, forgets: float
+    sums: Array,
+    error: Array,
+    k: Array,
+    c: Array,
+    taken: NDArray[np.int64],
+    distance: Place,
+    curvature: Place,
+    forgets: float,
 ) -> None:
     """See `Effects.learn`."""
     weight = distance[1] * distance[1]
@@ -153,7 +161,7 @@ class PilotAgent:
         """An episode begins."""
         self._before = self.memory()
         self._rows: list[list[float]] = []
-        self._clear()
+        self._samples: list[Readings] = []  # since the last decision
         self._taken = [self.actions] * self.settings.delays  # actions, the latest first
         self._at: Odometry | None = None
         self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
@@ -164,28 +172,15 @@ class PilotAgent:
         self._deadline = inf
         self.plan = inf  # decisions that the plan takes
 
-    def _clear(self) -> None:
-        """Begin a new mean of the readings."""
-        self._count = 0
-        self._sum, self._squares = [0.0] * SENSORS, [0.0] * SENSORS
-        self._usable = [True] * SENSORS
-
     def see(self, readings: Readings, odometry: Odometry) -> None:
         """One sample of the light, lux."""
         del odometry
-        self._count += 1
-        total, squares = self._sum, self._squares
-        for k, lux in enumerate(readings):
-            if not LUX_MIN < lux < LUX_MAX:  # dead, dazzled, or no number
-                self._usable[k] = False
-            else:
-                total[k] += lux
-                squares[k] += lux * lux
+        self._samples.append(readings)
 
     @property
     def ready(self) -> bool:
         """Whether it has seen anything."""
-        return self._count > 5
+        return len(self._samples) > 5
 
     def waits(self, now: float, odometry: Odometry) -> bool:
         """Whether the action in force goes on."""
@@ -243,17 +238,24 @@ class PilotAgent:
 
     def _readings(self) -> tuple[Array, Array]:
         """The logarithms of the mean readings, and their variances; infinite where a sensor is of no use."""
-        n = self._count
+        lux, n = np.array(self._samples), len(self._samples)
+        self._samples = []
         z, noise = np.zeros(SENSORS), np.full(SENSORS, inf)
-        varies = [n > 1 and self._squares[k] * n - self._sum[k] ** 2 > 1e-9 * self._sum[k] ** 2 for k in range(SENSORS)]
+        if not n:
+            return z, noise
+        varies = lux.std(axis=0) > 1e-6 * np.abs(lux.mean(axis=0))
+        dark, dazzled = (lux <= LUX_MIN).sum(axis=0), (lux >= LUX_MAX).sum(axis=0)
         for k in range(SENSORS):
-            if n and self._usable[k] and (varies[k] or not any(varies)):  # one that is frozen is of no use
-                mean = self._sum[k] / n
-                if n > 2:
-                    share = (self._squares[k] / n - mean * mean) / (mean * mean) * n / (n - 1)
-                    self.spread[k] += 0.02 * (max(share, 0.0) - self.spread[k])
-                z[k], noise[k] = log(mean), self.spread[k] / n + self.settings.model**2
-        self._clear()
+            frozen = not varies[k] and varies.any()
+            if not isfinite(lux[:, k].sum()) or 2 * dark[k] >= n or 2 * dazzled[k] >= n or frozen:
+                continue
+            mean = float(lux[:, k].mean())
+            if n > 2 and not dazzled[k]:
+                share = float(lux[:, k].var()) / (mean * mean) * n / (n - 1)
+                self.spread[k] += 0.02 * (share - self.spread[k])
+            # the limit of what a sensor can tell cuts off a mean, but no median, which varies more
+            z[k] = log(np.median(lux[:, k]) if dazzled[k] else mean)
+            noise[k] = self.spread[k] * (0.5 * pi if dazzled[k] else 1.0) / n + self.settings.model**2
         return z, noise
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
@@ -403,6 +405,16 @@ class PilotAgent:
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
         self._rng.bit_generator.state = memory["rng"]
+
+
+def _compile() -> None:
+    """Have numba compile what is called while the robot drives: it must not wait for that."""
+    rows, survey, square = np.ones((2, 2 + 2 * SENSORS)), np.ones(NUMBERS), np.ones(NUMBERS)
+    surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
+    seen_along(survey, rows, 0.1)
+    pending, c = np.zeros(1, np.int64), np.ones((2, 3))
+    quickest(1.0, 0.0, 0.1, 0.0, pending, np.zeros(2), c[:, :2].copy(), c, 1.0, 0.5, 2)
+    Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)
 
 
 # -- the light on the robot's map ------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
-from txt1.learning.floor import Floor, floor_of
+from txt1.learning.floor import Floor, floor_of, known_floor
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
 from txt1.learning.trial import Episode
@@ -99,7 +99,8 @@ def floors(config: Config, episodes: int) -> list[Floor]:
 
 @cache
 def _floor(config: str) -> Floor:
-    return floor_of(Config.model_validate_json(config))
+    world = Config.model_validate_json(config)
+    return known_floor(world) or floor_of(world)
 
 
 def _stage(config: Config, episode: int, episodes: int) -> Config:
