@@ -371,6 +371,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("only", nargs="*", help="those of which the name has one of these words in it")
     parser.add_argument("--kept", type=Path, default=Path("out/torture/mutation.jsonl"), help="what came out so far")
     parser.add_argument("--again", action="store_true", help="try the survivors again: the tests are others now")
+    parser.add_argument("--tests", nargs="+", default=TESTS, help="ask only these, as a quick look at new ones")
     parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args(words)
@@ -419,7 +420,7 @@ def main(words: Sequence[str] | None = None) -> int:
     if left:
         warm = Warm(wanted, kept.with_name("concerned.json"))
         warm.told = told
-        _pytest(TESTS, [warm])
+        _pytest(options.tests, [warm])
     wrong, text = report(everyone, results, fine)
     print(text)
     if options.page:

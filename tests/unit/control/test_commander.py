@@ -342,3 +342,18 @@ def test_a_zero_in_the_instant_of_the_release_counts() -> None:
     one.release("b", 0.2)
     one.command("a", 0.0, 0.0, 0.2, 0.2)
     assert one.command("a", *FAST, 0.2, 0.2)
+
+
+def test_to_ask_is_no_command() -> None:
+    one = commander(a=1)
+    assert one.request("a", 1.0)
+    assert one.setpoint(1.0) == (0.0, 0.0, -inf)
+
+
+def test_who_holds_the_wheel_by_asking_does_not_hold_the_command_before() -> None:
+    one = commander(a=1)
+    one.command("a", *FAST, 0.0, 0.0)
+    one.request("a", 0.2)
+    assert moving(one, 0.2) == FAST
+    assert drives(one, "a", 0.3)
+    assert one.setpoint(0.3) == (0.0, 0.0, 0.0)

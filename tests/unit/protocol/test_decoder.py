@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from txt1.protocol.decoder import OLD_COMMANDS, Decoder, Event, FrameFault, Reason
-from txt1.protocol.layout import Role, encode
+from txt1.protocol.layout import Role, checksum, encode
 from txt1.protocol.messages import (
     BatteryLevels,
     EncoderOdometry,
@@ -342,3 +342,25 @@ def test_silence_between_frames_is_no_fault() -> None:
         assert decoder.expire() == []
     assert decoder.skipped == 5
     assert not any(decoder.faults.values())
+
+
+def test_a_new_decoder_knows_its_end_and_holds_nothing() -> None:
+    decoder = Decoder(Role.BOARD)
+    assert (decoder.role, decoder.position, decoder.offsets, decoder.pending, decoder.skipped) == (
+        Role.BOARD,
+        0,
+        [],
+        0,
+        0,
+    )
+
+
+def test_a_switch_that_there_is_not_is_told_with_its_place_in_the_stream() -> None:
+    frame = bytearray(encode(PowerControl(Switch.ESC, True)))
+    frame[4] = 7
+    frame[-2:] = checksum(frame[3:-2]).to_bytes(2, "big")
+    decoder = Decoder(Role.BOARD)
+    decoder.feed(b"noise")
+    (fault,) = decoder.feed(bytes(frame))
+    assert fault == FrameFault(Reason.BAD_VALUE, 5, bytes(frame[:8]))
+    assert decoder.offsets == [5]
