@@ -62,11 +62,11 @@ function telemetry(snapshot) {
   know.name = snapshot.name
   if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
   else Object.assign(know.topics, snapshot.topics)
-  for (const event of snapshot.events ?? []) occurred(event)
   for (const { time, text } of snapshot.topics["/events"] ?? []) {
     if (/^episode \d+:/.test(text)) know.learning.episodes.set(`${time} ${text}`, text)
   }
-  map.take(know.topics, know.topics)
+  map.take(know.time, know.topics, know.topics)
+  for (const event of snapshot.events ?? []) occurred(event)
   const odometry = know.topics["/odom"], goal = know.topics["/setpoint"]
   if (odometry) {
     speeds.add(know.time, odometry.v, goal?.v)
@@ -81,17 +81,8 @@ function occurred({ topic, time, value }) {
   if (topic === "/learning/step") {
     know.learning.steps.push(value)
     if (know.learning.steps.length > 2000) know.learning.steps.shift()
-  } else if (Array.isArray(value?.ranges)) map.scan = points(value)
+  } else if (Array.isArray(value?.ranges)) map.sweep(time, value)
   else if (typeof value?.data === "string" && value.width && !("focal" in value)) picture(value)
-}
-
-// The end points of a laser's beams in the robot's frame, m.
-function points({ ranges, angle_min: first, angle_step: step, mount }) {
-  return ranges.flatMap((range, index) => {
-    if (range === null || !Number.isFinite(range)) return []
-    const angle = mount.yaw + first + index * step
-    return [[mount.x + range * Math.cos(angle), mount.y + range * Math.sin(angle)]]
-  })
 }
 
 function picture({ data }) {

@@ -49,7 +49,7 @@ export class Chart {
     c.lineWidth = 1
     c.textAlign = "right"
     c.textBaseline = "middle"
-    for (const value of ticks(low, high, Math.max(2, Math.floor(height / 26)))) {
+    for (const value of ticks(low, high, Math.max(2, Math.floor(height / 20)))) {
       c.strokeStyle = this.#colours.grid
       line(c, [[left, py(value)], [width, py(value)]])
       c.fillStyle = this.#colours.dim

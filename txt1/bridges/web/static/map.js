@@ -8,7 +8,8 @@ const VIEW_MIN = 2.0  // m, the smallest view without a room
 export class Map2d {
   path = []
   waypoints = []
-  scan = []  // laser points in the robot's frame, m
+  scan = []  // laser points, m
+  #poses = []  // [time, pose] of the last two seconds
   frames = 0
   follow = false
   #robot = null  // {pose, v, omega, at}
@@ -35,10 +36,11 @@ export class Map2d {
 
   clear() {
     this.path = []
+    this.scan = []
     this.#robot = null
   }
 
-  take(topics, about) {
+  take(time, topics, about) {
     this.about = about
     this.others = topics["/vehicles"] ?? []
     this.route = about["/route"] ?? []
@@ -51,11 +53,34 @@ export class Map2d {
     }
     this.frame = topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
     this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now() }
+    if (time <= this.#poses.at(-1)?.[0]) this.#poses = []
+    this.#poses.push([time, pose])
+    while (this.#poses[0][0] < time - 2) this.#poses.shift()
     const last = this.path.at(-1)
     const gone = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity
     if (gone > 1 && last) this.path.push(null)  // it was put down somewhere else
     if (gone > STEP) this.path.push([pose[0], pose[1]])
     if (this.path.length > PATH_MAX) this.path.splice(0, 1000)
+  }
+
+  // A sweep of a laser that began at `time`: each beam from where the robot was then.
+  sweep(time, { ranges, angle_min: first, angle_step: step, time_step: pause, mount }) {
+    this.scan = ranges.flatMap((range, index) => {
+      const from = Number.isFinite(range) ? this.#poseAt(time + index * pause) : null
+      if (!from) return []
+      const [x, y, theta] = from, cos = Math.cos(theta), sin = Math.sin(theta), angle = theta + mount.yaw + first + index * step
+      return [[
+        x + mount.x * cos - mount.y * sin + range * Math.cos(angle), y + mount.x * sin + mount.y * cos + range * Math.sin(angle),
+      ]]
+    })
+  }
+
+  #poseAt(time) {
+    const poses = this.#poses, index = poses.findIndex((each) => each[0] >= time)
+    if (index <= 0) return (index < 0 ? poses.at(-1) : poses[0])?.[1] ?? null
+    const [t0, a] = poses[index - 1], [t1, b] = poses[index], share = (time - t0) / (t1 - t0)
+    const turn = Math.atan2(Math.sin(b[2] - a[2]), Math.cos(b[2] - a[2]))
+    return [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * turn]
   }
 
   get pose() {
@@ -141,10 +166,8 @@ export class Map2d {
     for (const other of this.others ?? []) this.#body(c, other, body, colour.other, pixel)
     if (!pose) return
     c.fillStyle = colour.scan
-    const cos = Math.cos(pose[2]), sin = Math.sin(pose[2]), dot = 2.5 * pixel
-    for (const [ahead, left] of this.scan) {
-      c.fillRect(pose[0] + ahead * cos - left * sin - dot / 2, pose[1] + ahead * sin + left * cos - dot / 2, dot, dot)
-    }
+    const dot = 2.5 * pixel
+    for (const [x, y] of this.scan) c.fillRect(x - dot / 2, y - dot / 2, dot, dot)
     this.#body(c, pose, body, colour.robot, pixel)
     this.#uncertainty(c, colour, pixel)
   }
