@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from txt1.errors import Txt1Error
+    from txt1.fleet.fleet import Fleet
     from txt1.hal.base import Button
     from txt1.kernel.loop import run
     from txt1.model.odometry import Odometry
@@ -33,12 +34,13 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "Box", "Button", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
+    "Box", "Button", "Fleet", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
 ]  # fmt: skip
 
 _WHERE = {
     "Box": "txt1.sim.parameters",
     "Button": "txt1.hal.base",
+    "Fleet": "txt1.fleet.fleet",
     "Odometry": "txt1.model.odometry",
     "Post": "txt1.sim.parameters",
     "Robot": "txt1.robot",

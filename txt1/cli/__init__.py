@@ -28,6 +28,7 @@ EPILOG: Final = (
 
 COMMANDS: Final = {
     "run": "run the robot, on the desk or on the floor",
+    "fleet": "run several simulated robots in one world",
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
     "learn": "let the robot learn to find the light (thesis 5)",
     "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",

@@ -27,7 +27,7 @@ from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
-from txt1.record.session import open_view, recording
+from txt1.record.session import open_view, recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER, LOG
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from txt1.board import Board
+    from txt1.fleet.fleet import Fleet
+    from txt1.fleet.plan import FleetPlan
     from txt1.record.live import LiveView
 
 BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
@@ -61,7 +63,7 @@ class App:
         self.code = OK
         self.reason = ""  # why the safety gate was closed at the end
         self.report: dict[str, Any] | None = None  # of the run, as far as it came
-        self._subject: Robot | Board | None = None
+        self._subject: Robot | Board | Fleet | None = None
 
     def run(self, work: Coroutine[Any, Any, None]) -> int:
         """Run it until it ends, a signal ends it or a callback of the event loop fails, and return the exit code.
@@ -133,6 +135,20 @@ class App:
             if not through and not isinstance(error.__context__, asyncio.CancelledError):
                 raise
             self.code, self.reason = UNSTOPPED, str(error)
+
+    @asynccontextmanager
+    async def fleet(
+        self, plan: FleetPlan, configs: Mapping[str, Config], *, log: Path | None, about: Mapping[str, object]
+    ) -> AsyncIterator[Fleet]:
+        """Return a running fleet, disarmed; on leaving it stands and its recording is complete."""
+        from txt1.fleet.fleet import Fleet
+
+        async with (
+            recording_together(log, configs, self.speed, about, say) as attach,
+            Fleet.of(plan, configs, attach) as fleet,
+        ):
+            self._subject = fleet
+            yield fleet
 
     @asynccontextmanager
     async def board(

@@ -159,6 +159,7 @@ WEB: Final = {
     ),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
+ONE_ROBOT: Final = {"--robot": takes("NAME", "of a recording of several robots this one")}
 
 
 def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:

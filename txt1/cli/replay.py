@@ -3,13 +3,13 @@
 import argparse
 
 from txt1.cli import FAULT, OK
-from txt1.cli.options import RECORDING, add, flag, positive, takes
+from txt1.cli.options import ONE_ROBOT, RECORDING, add, flag, positive, takes
 from txt1.kernel.loop import run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and how it is to be shown."""
-    add(parser, RECORDING | {
+    add(parser, RECORDING | ONE_ROBOT | {
         "--verify": flag("run the recorded inputs through the tasks and compare"),
         "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
         "--from": takes("S", "begin at this time of the run", float, dest="start"),
@@ -23,10 +23,10 @@ def main(arguments: argparse.Namespace) -> int:
         from txt1.record.snapshots import Snapshots
         from txt1.ui.replay import play
 
-        run(play(Snapshots(arguments.file), arguments.speed, arguments.start, arguments.loop))
+        run(play(Snapshots(arguments.file, arguments.robot), arguments.speed, arguments.start, arguments.loop))
         return OK
     from txt1.record.verify import verify
 
-    compared, difference = verify(arguments.file)
+    compared, difference = verify(arguments.file, arguments.robot)
     print(f"{arguments.file}: {difference or f'no difference in {compared} messages'}")
     return OK if difference is None else FAULT

@@ -4,13 +4,16 @@ import argparse
 from pathlib import Path
 
 from txt1.cli import OK
-from txt1.cli.options import RECORDING, add, takes
+from txt1.cli.options import ONE_ROBOT, RECORDING, add, takes
 from txt1.record.session import need
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and the names of what is drawn."""
-    add(parser, RECORDING | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", Path)})
+    add(
+        parser,
+        RECORDING | ONE_ROBOT | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", Path)},
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -18,6 +21,6 @@ def main(arguments: argparse.Namespace) -> int:
     need("txt1 report", "plots", "matplotlib")
     from txt1.record.report import report
 
-    for path in report(arguments.file, arguments.output or arguments.file.with_suffix("")):
+    for path in report(arguments.file, arguments.output or arguments.file.with_suffix(""), arguments.robot):
         print(path)
     return OK

@@ -71,14 +71,22 @@ class Block:
 
 
 class Encoder:
-    """Makes blocks of batches; remembers channels and sequence numbers. `epoch` s are added to the run's time."""
+    """Makes blocks of batches; remembers channels and sequence numbers. `epoch` s are added to the run's time.
 
-    def __init__(self, epoch: float, full_name: Callable[[Topic[Any]], str] = lambda topic: topic.name) -> None:
+    Encoders whose blocks go into one file have their `channels` in common.
+    """
+
+    def __init__(
+        self,
+        epoch: float,
+        full_name: Callable[[Topic[Any]], str] = lambda topic: topic.name,
+        channels: list[Channel] | None = None,
+    ) -> None:
         self._epoch_ns = nanoseconds(epoch)
         self._full_name = full_name
-        self.channels: list[Channel] = []
+        self.channels = [] if channels is None else channels
         self._numbers: dict[Topic[Any], int] = {}
-        self._sequences: list[int] = [0]
+        self._sequences: dict[int, int] = {}
         self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
         self._makers: dict[Topic[Any], _Make] = {}
 
@@ -141,7 +149,7 @@ class Encoder:
         if number is None:
             self.channels.append(Channel(self._full_name(topic), topic))
             number = self._numbers[topic] = len(self.channels)
-            self._sequences.append(0)
+            self._sequences[number] = 0
         return number
 
     def _runs(self, samples: Sequence[Sample], times: Sequence[int]) -> Iterator[_Run]:
@@ -297,7 +305,9 @@ class _Row:
             {"names": names, "formats": list(kinds), "offsets": list(offsets), "itemsize": self.width}
         )
 
-    def fill(self, samples: Sequence[Sequence[Any]], times: NDArray[np.uint64], sequences: list[int]) -> memoryview:
+    def fill(
+        self, samples: Sequence[Sequence[Any]], times: NDArray[np.uint64], sequences: dict[int, int]
+    ) -> memoryview:
         """The rows of these samples' values; counts them in the channels' `sequences`."""
         if not self._topics:
             return memoryview(b"")

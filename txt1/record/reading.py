@@ -1,5 +1,6 @@
 """A recording as it is read: message by message from the front, whole or broken off, with every checksum compared."""
 
+import json
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -41,16 +42,21 @@ class Item(NamedTuple):
         return self.channel.metadata.get("topic", self.topic)
 
     @property
+    def robot(self) -> str:
+        """The name of the robot that told it; empty for one that is alone."""
+        return self.topic.removesuffix(self.name).strip("/")
+
+    @property
     def time(self) -> float:
         """Its time stamp in s since 1970."""
         return self.message.log_time / NS_PER_S
 
 
 class Reading:
-    """One pass through a file."""
+    """One pass through a file; of a recording of several robots, what that `robot` told, or all of them for None."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, robot: str | None = None) -> None:
+        self.path, self.robot = path, robot
         self.complete = False
         """Whether the file goes to its proper end; known after the pass."""
         self.damaged = 0
@@ -69,7 +75,9 @@ class Reading:
             if isinstance(record, Message):
                 channel = self.channels.get(record.channel_id)
                 if channel is not None and (schema := self.schemas.get(channel.schema_id)) is not None:
-                    yield Item(channel.topic, schema, channel, record)
+                    item = Item(channel.topic, schema, channel, record)
+                    if self.robot is None or item.robot == self.robot:
+                        yield item
 
     def run_time(self, item: Item) -> float:
         """When it was told, s of the run."""
@@ -152,6 +160,24 @@ def metadata_of(path: Path, name: str) -> dict[str, str]:
             if isinstance(record, Metadata) and record.name == name:
                 return dict(record.metadata)
     return {}
+
+
+def robots_in(path: Path) -> list[str]:
+    """The names of the robots whose recording it is, in the order of their plan; one that is alone may have none."""
+    about = metadata_of(path, "txt1")
+    if "robots" in about:
+        return list(json.loads(about["robots"]))
+    return [json.loads(about.get("config", "{}")).get("name", "")]
+
+
+def robot_in(path: Path, name: str | None) -> str:
+    """The robot of that name in a recording, the first for None; RecordingError where there is no such robot."""
+    names = robots_in(path)
+    if name is None:
+        return names[0]
+    if name not in names:
+        raise RecordingError(f"{path}: robot '{name}' is not in it; choose one of: {', '.join(names) or 'none'}")
+    return name
 
 
 class Decoding:

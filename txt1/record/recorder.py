@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.errors import RecordingError
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.record.encoder import Block, Encoder, Event, Sample
+from txt1.record.encoder import Block, Channel, Encoder, Event, Sample
 from txt1.runtime import Runtime
 from txt1.tasks.controller import PERIOD
 from txt1.telemetry.topics import Topic
@@ -44,10 +44,19 @@ class Recorder:
     """Listens to a robot that is not started yet.
 
     `epoch` is added to the run's time in every time stamp, s; `batch` s are between batches, None: as the clock asks
-    for.
+    for. Recorders of several robots that share their sinks share `writer`, a single thread, and `channels`.
     """
 
-    def __init__(self, runtime: Runtime, sinks: Sequence[Sink], epoch: float, batch: float | None = None) -> None:
+    def __init__(
+        self,
+        runtime: Runtime,
+        sinks: Sequence[Sink],
+        epoch: float,
+        batch: float | None = None,
+        *,
+        writer: ThreadPoolExecutor | None = None,
+        channels: list[Channel] | None = None,
+    ) -> None:
         self._overflowed = 0  # messages lost because the writer was behind; counted in the loop
         self._not_written = 0  # ... and because the disk did not take them; counted in the writer's thread
         self._runtime = runtime
@@ -64,8 +73,9 @@ class Recorder:
         self._skipped = 0
         self._told = False
         self._failure: RecordingError | None = None
-        self._encoder = Encoder(epoch, runtime.bus.full_name)
-        self._writer = ThreadPoolExecutor(1, "txt1 recorder")
+        self._encoder = Encoder(epoch, runtime.bus.full_name, channels)
+        self._shared = writer is not None
+        self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: set[asyncio.Future[None]] = set()
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
 
@@ -76,12 +86,22 @@ class Recorder:
 
     async def close(self) -> None:
         """Write what is left and close the sinks; RecordingError: they have failed, on the way or now."""
-        self._leave()
-        await self._loop.run_in_executor(self._writer, self._write, self._take_batch())  # behind all before it
+        await self._finish()
         await self._loop.run_in_executor(self._writer, self._close_sinks)
-        self._writer.shutdown(wait=False)
+        if not self._shared:
+            self._writer.shutdown(wait=False)
         if self._failure is not None:
             raise self._failure
+
+    async def finish(self) -> None:
+        """Write what is left; the sinks stay open for others. RecordingError: they have failed."""
+        await self._finish()
+        if self._failure is not None:
+            raise self._failure
+
+    async def _finish(self) -> None:
+        self._leave()
+        await self._loop.run_in_executor(self._writer, self._write, self._take_batch())  # behind all before it
 
     async def written(self) -> None:
         """Wait until the sinks have what was handed over."""

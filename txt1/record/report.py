@@ -4,7 +4,7 @@ import base64
 import html
 import json
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, flatten
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, Item, Reading
+from txt1.record.reading import Decoding, Item, Reading, robot_in, robots_in
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
@@ -30,16 +30,19 @@ DPI: Final = 110
 
 
 class Content:
-    """A recording as far as a report needs it; RecordingError: it cannot be read, or no odometry is in it."""
+    """A robot's recording as far as a report needs it, of several in one file the robot of that name.
 
-    def __init__(self, path: Path) -> None:
+    RecordingError: it cannot be read, or no odometry is in it.
+    """
+
+    def __init__(self, path: Path, robot: str | None = None) -> None:
         self._rows: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
         self.topics: dict[str, TopicSummary] = {}
         self.events: list[tuple[float, str]] = []
         self.tasks: dict[str, dict[str, str]] = {}
         self.faults: dict[str, str] = {}
         self._decoding = Decoding()
-        reading = Reading(path)
+        reading = Reading(path, robot_in(path, robot))
         for item in reading:
             summary = self.topics.setdefault(item.name, TopicSummary(item.schema.name))
             summary.add(item.message.log_time, item.message.sequence)
@@ -177,14 +180,97 @@ def _changed(text: str) -> list[tuple[str, str]]:
     return [(key, json.dumps(value)) for key, value in flatten(config)]
 
 
-def report(path: Path, stem: Path) -> tuple[Path, Path]:
-    """The files drawn, STEM.png and STEM.html; RecordingError when one cannot be read or written."""
-    content = Content(path)
-    picture = draw(content)
+def draw_together(contents: Mapping[str, Content]) -> bytes:
+    """The pictures of several robots in one room as one PNG."""
+    figure = Figure(figsize=(13.0, 10.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplot_mosaic([["path", "v"], ["path", "apart"]], width_ratios=(3, 2))
+    poses = {name: each.columns("pose") for name, each in contents.items()}
+    for number, (name, pose) in enumerate(poses.items()):
+        colour = f"C{number % 10}"
+        if pose.shape[1]:
+            axes["path"].plot(pose[1], pose[2], color=colour, linewidth=1.0, label=name)
+            axes["path"].plot(pose[1, -1], pose[2, -1], "o", color=colour)
+        odometry = contents[name].columns("odometry")
+        axes["v"].plot(odometry[0], odometry[3], color=colour, linewidth=0.7)
+    axes["path"].set(title="Paths in the room", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
+    if 1 < len(poses) <= 20:
+        axes["path"].legend(loc="best", fontsize="small")
+    axes["v"].set(title="Speed", xlabel="t / s", ylabel="v / (m/s)")
+    time, nearest = distances([pose for pose in poses.values() if pose.shape[1] > 1])
+    axes["apart"].plot(time, nearest, linewidth=1.0)
+    axes["apart"].set(title="Smallest distance between two centres", xlabel="t / s", ylabel="m", ylim=(0.0, None))
+    for each in axes.values():
+        each.grid(visible=True, alpha=0.3)
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": "txt1"})
+    return picture.getvalue()
+
+
+def distances(poses: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, s, ten a second, and the smallest distance between two robots then, m; empty for fewer than two."""
+    if len(poses) < 2:
+        return np.empty(0), np.empty(0)
+    time = np.arange(max(pose[0, 0] for pose in poses), min(pose[0, -1] for pose in poses), 0.1)
+    places = np.array([[np.interp(time, pose[0], pose[row]) for row in (1, 2)] for pose in poses])
+    nearest = np.full(len(time), np.inf)
+    for number, place in enumerate(places):
+        for other in places[:number]:
+            nearest = np.minimum(nearest, np.hypot(*(place - other)))
+    return time, nearest
+
+
+def page_together(name: str, contents: Mapping[str, Content], picture: bytes) -> str:
+    """One HTML page of several robots."""
+    encoded = base64.b64encode(picture).decode("ascii")
+    about = next(iter(contents.values())).metadata.get("txt1", {})
+    facts = [(key, value) for key, value in about.items() if key not in ("config", "plan", "robots")]
+    events = sorted((time, robot, text) for robot, each in contents.items() for time, text in each.events)
+    robots = [
+        (
+            robot,
+            f"{_travelled(each):.2f}",
+            ", ".join(f"{what} {count}" for what, count in each.faults.items()) or "none",
+        )
+        for robot, each in contents.items()
+    ]
+    return "\n".join(
+        (
+            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+            f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body><h1>{html.escape(name)}</h1>",
+            f'<img alt="paths, speeds, distances" src="data:image/png;base64,{encoded}">',
+            "<h2>The run</h2>", *_table(("", ""), facts),
+            "<h2>Robots</h2>", *_table(("robot", "driven / m", "faults"), robots),
+            "<h2>Events</h2>",
+            *_table(("t / s", "robot", "what"), [(f"{time:.2f}", robot, text) for time, robot, text in events]),
+            "</body></html>\n",
+        )
+    )  # fmt: skip
+
+
+def _travelled(content: Content) -> float:
+    """The length of a robot's path by its odometry, m."""
+    return float(np.hypot(*np.diff(content.columns("odometry")[1:3])).sum())
+
+
+def report(path: Path, stem: Path, robot: str | None = None) -> tuple[Path, Path]:
+    """The files drawn, STEM.png and STEM.html; RecordingError when one cannot be read or written.
+
+    A recording of several robots is drawn as one picture, unless one of them is asked for.
+    """
+    names = robots_in(path)
+    if robot is None and len(names) > 1:
+        contents = {name: Content(path, name) for name in names}
+        picture = draw_together(contents)
+        text = page_together(path.name, contents, picture)
+    else:
+        content = Content(path, robot)
+        picture = draw(content)
+        text = page(path.name, content, picture)
     png, page_file = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
     try:
         png.write_bytes(picture)
-        page_file.write_text(page(path.name, content, picture), encoding="utf-8")
+        page_file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise RecordingError(f"{error.filename or stem}: cannot write it: {error.strerror}") from None
     return png, page_file

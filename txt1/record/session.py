@@ -6,21 +6,23 @@ import asyncio
 import json
 import platform
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from txt1 import __version__
-from txt1.config import Config
+from txt1.config import Config, flatten
 from txt1.errors import MissingExtra
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
 from txt1.runtime import Runtime
 
 if TYPE_CHECKING:
+    from txt1.record.encoder import Channel
     from txt1.record.live import LiveView
     from txt1.record.recorder import Recorder, Sink
 
@@ -106,8 +108,60 @@ async def recording(
                 told(f"{file}: {recorder.dropped} messages were not recorded: the disk was full or too slow")
 
 
+@asynccontextmanager
+async def recording_together(
+    file: Path | None,
+    configs: Mapping[str, Config],
+    speed: Speed,
+    plan: Mapping[str, object],
+    told: Callable[[str], None],
+) -> AsyncIterator[Attach]:
+    """The same for several robots in one file, by their names, which stand before those of the topics.
+
+    Raises as `recording` does.
+    """
+    if file is None:
+        yield lambda runtime: None
+        return
+    first = next(iter(configs.values()))
+    own = {name: _differences(first, config) for name, config in configs.items()}
+    sinks, make = await asyncio.to_thread(_prepare, file, first, speed, plan, [], {"robots": json.dumps(own)})
+    recorders: list[Recorder] = []
+    writer = ThreadPoolExecutor(1, "txt1 recorder")
+    channels: list[Channel] = []
+
+    def attach(runtime: Runtime) -> None:
+        recorders.append(make(runtime, sinks, first.record.epoch, writer=writer, channels=channels))
+
+    try:
+        yield attach
+    finally:
+        async with AsyncExitStack() as stack:  # last in, first out: the sinks are closed behind all that is left
+            stack.callback(writer.shutdown, wait=False)
+            if not recorders:
+                for each in sinks:
+                    stack.push_async_callback(asyncio.to_thread, each.close, 0)
+            for recorder in recorders[:1]:
+                stack.push_async_callback(recorder.close)
+            for recorder in recorders[1:]:
+                stack.push_async_callback(recorder.finish)
+        if dropped := sum(recorder.dropped for recorder in recorders):
+            told(f"{file}: {dropped} messages were not recorded: the disk was full or too slow")
+
+
+def _differences(first: Config, other: Config) -> dict[str, Any]:
+    """What another configuration has otherwise, by dotted key."""
+    before = dict(flatten(first))
+    return {key: value for key, value in flatten(other) if key not in before or before[key] != value}
+
+
 def _prepare(
-    file: Path | None, config: Config, speed: Speed, plan: Mapping[str, object], sinks: Sequence[Sink]
+    file: Path | None,
+    config: Config,
+    speed: Speed,
+    plan: Mapping[str, object],
+    sinks: Sequence[Sink],
+    more: Mapping[str, str] | None = None,
 ) -> tuple[Sequence[Sink], type[Recorder]]:
     """The sinks, with one for the file, and what makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
@@ -116,7 +170,7 @@ def _prepare(
 
     record = config.record
     rotation = Rotation(round(record.rotate_size * MEGABYTE), round(record.rotate_time * NS_PER_S))
-    about = metadata(config, speed, plan)
+    about = {**metadata(config, speed, plan), **(more or {})}
     if file is not None:
         sinks = [*sinks, FileSink(file, about, rotation, record.compression, strict=speed is not None)]
     return sinks, Recorder

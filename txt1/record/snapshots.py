@@ -11,10 +11,10 @@ from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
 from txt1.kernel.clock import NS_PER_S
 from txt1.model.odometry import Odometry
-from txt1.record.reading import Decoding, Reading
+from txt1.record.reading import Decoding, Reading, robot_in
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
-from txt1.tasks.fields import EVENTS, LOG, Control, Encoders, Event
+from txt1.tasks.fields import EVENTS, LOG, VEHICLES, Control, Encoders, Event
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 from txt1.telemetry.topics import Topic
@@ -31,11 +31,14 @@ Values = dict[Topic[Any], Any]
 class Snapshots:
     """The snapshots in a recording, one a second, with what changes fast brought up to date ten times a second.
 
-    `start` and `end` are the times of the first and the last, s of the run. RecordingError: the file cannot be read, or
-    there are no snapshots in it.
+    Of a recording of several robots they are of that one, the first for None, with the others' poses. `start` and `end`
+    are the times of the first and the last, s of the run. RecordingError: the file cannot be read, or there are no
+    snapshots in it.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, robot: str | None = None) -> None:
+        robot = robot_in(path, robot)
+        self._others: dict[str, list[tuple[float, tuple[float, float, float]]]] = {}
         self._steps: list[tuple[float, Values]] = []
         self._recorded: list[tuple[float, str]] = []
         reading, decoding = Reading(path), Decoding()
@@ -44,6 +47,12 @@ class Snapshots:
         due_ns, shown_ns, shown, wanted = 0, 0, 0.0, True
         for item in reading:
             time_ns, now = item.message.log_time, reading.run_time(item)
+            if item.robot != robot:
+                if item.name == POSE.name:
+                    passed = self._others.setdefault(item.robot, [])
+                    if not passed or time_ns >= round(passed[-1][0] * NS_PER_S) + STEP_NS:
+                        passed.append((now, _place(decoding.message(item).pose)))
+                continue
             if item.name == LOG.name:
                 events.append(Event(now, decoding.message(item).msg))
             elif item.name == SNAPSHOT.name:
@@ -74,6 +83,11 @@ class Snapshots:
         if MODE in values:  # the panel, link and power are in the snapshot
             armed, stopped, reason = values[MODE]
             values = values | {MODE: snapshot.get(MODE, Mode())._replace(armed=armed, stopped=stopped, reason=reason)}
+        if self._others:
+            before = {
+                name: bisect_right(passed, now, key=lambda each: each[0]) for name, passed in self._others.items()
+            }
+            values = values | {VEHICLES: tuple(self._others[name][max(0, at - 1)][1] for name, at in before.items())}
         return snapshot.replaced(values, now)
 
 
@@ -99,6 +113,11 @@ def _values(latest: dict[str, Any], events: tuple[Event, ...]) -> Values:
     if mode is not None:
         values[MODE] = mode.armed, mode.stopped, mode.reason
     return values
+
+
+def _pose_at(passed: list[tuple[float, tuple[float, float, float]]], time: float) -> tuple[float, float, float]:
+    """The last pose up to a time, s of the run, or the first there is."""
+    return passed[max(0, bisect_right(passed, time, key=lambda each: each[0]) - 1)][1]
 
 
 def _place(pose: Any) -> tuple[float, float, float]:

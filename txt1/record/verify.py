@@ -20,7 +20,8 @@ from typing import Any, Final, NamedTuple
 from pydantic import ValidationError
 
 from txt1.config import Config
-from txt1.errors import NotArmed, RecordingError, TaskFault
+from txt1.config.sources import with_values
+from txt1.errors import ConfigError, NotArmed, RecordingError, TaskFault
 from txt1.hal.base import LINK, Button
 from txt1.hal.registry import create
 from txt1.kernel.clock import NS_PER_S
@@ -29,7 +30,7 @@ from txt1.kernel.scheduler import PeriodicTask, Scheduler
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.layout import from_numbers
 from txt1.record.encoder import Block
-from txt1.record.reading import Decoding, Item, Reading, flat
+from txt1.record.reading import Decoding, Item, Reading, flat, robot_in
 from txt1.record.recorder import Recorder
 from txt1.runtime import OnFault, Runtime
 from txt1.sensors.base import SENSORS
@@ -73,12 +74,14 @@ class Verdict(NamedTuple):
     difference: Difference | None
 
 
-def verify(path: Path) -> Verdict:
-    """The verdict on a recorded simulation.
+def verify(path: Path, robot: str | None = None) -> Verdict:
+    """The verdict on a recorded simulation; of several robots' on that one, the first for None.
+
+    It drives alone then: where it met another one, this is where it differs.
 
     Raises RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
     """
-    return run(_replay(_recorded(path)), speed="max")
+    return run(_replay(_recorded(path, robot_in(path, robot))), speed="max")
 
 
 class _Recorded(NamedTuple):
@@ -92,8 +95,8 @@ class _Recorded(NamedTuple):
     last: float  # the time of the last message, s of the run
 
 
-def _recorded(path: Path) -> _Recorded:
-    reading, decoding = Reading(path), Decoding()
+def _recorded(path: Path, robot: str) -> _Recorded:
+    reading, decoding = Reading(path, robot), Decoding()
     inputs: list[tuple[float, Input]] = []
     steps: list[tuple[int, float, int]] = []
     cycles, last, whole = 0, 0.0, True
@@ -121,7 +124,9 @@ def _recorded(path: Path) -> _Recorded:
         )
     try:
         config = Config.model_validate(json.loads(about["config"]))
-    except (ValueError, ValidationError) as error:
+        if "robots" in about:
+            config = with_values(config, json.loads(about["robots"])[robot])
+    except (ValueError, ValidationError, ConfigError) as error:
         raise RecordingError(f"{path}: its configuration is not one of this version's: {error}") from None
     virtual = about.get("clock") == "virtual"
     if not virtual and not steps:
@@ -143,7 +148,7 @@ class _Comparison:
         self._real = recorded.steps is not None
         measured: set[Topic[Any]] = {SENSORS, SNAPSHOT, *((diagnostics.TASKS, STEP) if self._real else ())}
         self._own = {topic.name for topic in {*runtime.bus.offered, INPUT, COMMAND, LOG, LINK} - measured}
-        self._reading, self._decoding = Reading(recorded.path), Decoding()
+        self._reading, self._decoding = Reading(recorded.path, recorded.config.name), Decoding()
         self._recorded = (item for item in self._reading if item.name in self._own)
         self.compared = 0
         self.difference: Difference | None = None

@@ -38,6 +38,7 @@ SCREENS: Final = {
     "MAP": "txt1.ui.map:screen",
     "SENSORS": "txt1.ui.tables:sensors",
     "TASKS": "txt1.ui.tables:tasks",
+    "FLEET": "txt1.ui.fleet:screen",
 }
 """Our screens in the order of the joystick: the LCD's four, and more that it could not show."""
 

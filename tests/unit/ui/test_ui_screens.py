@@ -39,6 +39,7 @@ FIELDS = {
     "MAP": "room light path ✶ ├ m x y θ",
     "SENSORS": "light front 812.5 rear 20 lx thermometer 21.5 °C 16.0ms 2.00s 5000 40 3 healthy sonar –",
     "TASKS": "controller 50Hz 123456 serial event 12µs 346µs 34.5ms prio rate cycles miss p50 p99 max",
+    "FLEET": "alone",
 }
 
 

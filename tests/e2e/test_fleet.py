@@ -1,0 +1,167 @@
+"""A fleet: several simulated robots in one world, from a plan, with one recording and one stop."""
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+from blockbuster import BlockBuster
+
+from txt1.cli import execute
+from txt1.cli.fleet import line
+from txt1.errors import ConfigError
+from txt1.fleet.fleet import Fleet
+from txt1.fleet.members import FLEET
+from txt1.fleet.plan import FleetPlan, MemberPlan, plan_of
+from txt1.kernel.loop import run
+from txt1.kernel.ticks import Ticks
+from txt1.record.reading import robots_in
+from txt1.record.snapshots import Snapshots
+from txt1.tasks.encoder import POSE
+from txt1.tasks.fields import VEHICLES
+from txt1.ui.helm import Helm
+from txt1.ui.screens import render
+from txt1.ui.viewer import Viewer
+
+PLAN = """
+all: {sim: {room: {length: 10, width: 8}}}
+robots:
+  txt01: {start: [-2, 0, 0], drive: [0.4, 0.3]}
+  txt02: {start: [2, 0, 0], set: {sim.vehicle.slip: 0.05}}
+  txt03:
+"""
+
+
+@pytest.fixture(autouse=True)
+def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+        function.can_block_in("txt1/fleet/plan.py", {"plan_of"})
+        function.can_block_in("txt1/ui/screens.py", {"installed"})
+        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_steps", "write", "close"})
+        function.can_block_in("txt1/record/recorder.py", {"_write", "_close_sinks"})
+        function.can_block_in("txt1/ui/replay.py", {"play"})
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(PLAN)
+    return path
+
+
+async def test_a_plan_says_who_is_where_and_what_is_his_own(plan: Path) -> None:
+    async with Fleet.open(plan, seed=3, settings=["sim.room.width=9"]) as fleet:
+        one, two, three = fleet.robots.values()
+        assert list(fleet.robots) == ["txt01", "txt02", "txt03"]
+        assert (fleet.world.room.length, fleet.world.room.width) == (10.0, 9.0)
+        assert two.config.sim.vehicle.slip == 0.05 and one.config.sim.vehicle.slip == 0.0
+        assert one.pose == (-2.0, 0.0, 0.0) and three.config.seed == 3
+        fleet.begin_tasks()
+        await asyncio.sleep(2.0)
+        assert (one.odometry.v, two.odometry.v) == (pytest.approx(0.4, abs=0.05), 0.0)
+        fleet.stop_all()
+        assert not any(robot.armed for robot in fleet.robots.values())
+        await asyncio.sleep(1.0)
+        assert "0 armed, 0 moving" in line(fleet)
+
+
+async def test_one_stop_reaches_all_from_the_helm_and_the_keys_only_one() -> None:
+    async with Fleet.open(3) as fleet:
+        helm = Helm(fleet)
+        helm.next()
+        for _ in range(20):
+            helm.command(0.3, 0.0)
+            await asyncio.sleep(0.05)
+        assert [robot.odometry.v > 0.1 for robot in fleet.robots.values()] == [False, True, False]
+        members = helm.snapshot[FLEET]
+        assert [one.driver for one in members] == ["", "keys", ""]
+        for name in fleet.robots:
+            assert name in str(members)
+        assert render(helm.snapshot, Viewer(), 100, 30)
+        helm.stop()
+        assert [robot.reason for robot in fleet.robots.values()] == ["emergency stop"] * 3
+
+
+async def test_events_come_with_the_robots_name() -> None:
+    async with Fleet.open(2) as fleet:
+        events = fleet.events()
+        first = asyncio.ensure_future(anext(events))
+        await asyncio.sleep(0.01)
+        fleet.robots["txt02"].tell("here I am")
+        assert (await first)[::2] == ("txt02", "here I am")
+        await events.aclose()  # type: ignore[attr-defined]
+
+
+def path_of(names: list[str], who: str) -> list[object]:
+    starts = {"txt01": (0.0, 0.0, 0.0), "txt02": (0.0, 2.0, 0.0), "txt03": (0.0, -2.0, 1.0)}
+    plan = FleetPlan(robots={name: MemberPlan(start=starts[name]) for name in names})
+
+    async def main() -> list[object]:
+        seen: list[object] = []
+        async with Fleet.open(plan, seed=7) as fleet:
+            robot = fleet.robots[who]
+
+            async def look(ticks: Ticks) -> None:
+                async for now in ticks:
+                    if now < 1.5:  # until then the others have to be waited for
+                        continue
+                    robot.command(0.4, 0.2)
+                    seen.append((now, robot.pose, robot.odometry, robot.battery))
+
+            robot.add_task("look", 0.05, look)
+            await asyncio.sleep(3.0 - robot.now)
+        return seen
+
+    return run(main(), speed="max")
+
+
+def test_seeds_repeat_whatever_the_number_and_the_order_of_the_robots() -> None:
+    alone = path_of(["txt02"], "txt02")
+    assert alone == path_of(["txt01", "txt02"], "txt02") == path_of(["txt03", "txt02", "txt01"], "txt02")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("robots: {}", "robots: Dictionary should have at least 1 item"),
+        ("robots: {TXT: }", "robots.TXT: String should match pattern"),
+        ("robots: {a: {fly: 1}}", "robots.a.fly: Extra inputs are not permitted"),
+        ("robots: [", "no valid YAML"),
+    ],
+)
+def test_a_plan_that_is_wrong_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        plan_of(path)
+    assert message in str(refused.value) and str(path) in str(refused.value)
+
+
+def test_a_setting_of_one_robot_that_is_wrong_names_the_robot() -> None:
+    plan = FleetPlan(robots={"txt05": MemberPlan(set={"sim.vehicle.slip": "much"})})
+    with pytest.raises(ConfigError, match=r"robots.txt05: sim.vehicle.slip"):
+        run(_open(plan))
+
+
+async def _open(plan: FleetPlan) -> None:
+    async with Fleet.open(plan):
+        pass
+
+
+def test_one_recording_of_all_is_shown_verified_and_drawn(plan: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log, stem = plan.with_name("fleet.mcap"), plan.with_name("picture")
+    words = ["fleet", str(plan), "--json", "--speed", "max", "--duration", "6", "--drive", "0.3,0.4"]
+    assert execute([*words, "--log", str(log)]) == 0
+    reports = json.loads(capfd.readouterr().out)
+    assert list(reports) == robots_in(log) == ["txt01", "txt02", "txt03"]
+    assert reports["txt03"]["odometry"]["v"] == pytest.approx(0.3, abs=0.05)
+    for name in reports:
+        assert execute(["replay", str(log), "--verify", "--robot", name]) == 0
+    second, first = Snapshots(log, "txt02").at(5.0), Snapshots(log).at(5.0)
+    assert first[POSE] in second[VEHICLES] and second[POSE] not in second[VEHICLES]
+    assert execute(["report", str(log), "-o", str(stem)]) == 0
+    page = stem.with_suffix(".html").read_text()
+    assert "txt03" in page and "Paths" not in page and stem.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
+    assert execute(["replay", str(log), "--verify", "--robot", "txt09"]) == 1
+    assert "robot 'txt09' is not in it; choose one of: txt01, txt02, txt03" in capfd.readouterr().err

@@ -1,0 +1,126 @@
+"""`txt1 fleet`: several simulated robots in one world."""
+
+import argparse
+import asyncio
+import json
+from collections.abc import Mapping
+from functools import partial
+from itertools import combinations
+from math import dist
+
+from txt1.cli import DISARMED, OK, options
+from txt1.cli.app import App, report, say, view_of
+from txt1.cli.options import flag, takes
+from txt1.cli.run import DISARMING
+from txt1.config import Config
+from txt1.errors import ConfigError
+from txt1.fleet.fleet import Fleet
+from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.ui.helm import KEYS, Helm
+from txt1.ui.teleop import Teleop
+from txt1.ui.terminal import Terminal
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `fleet` takes."""
+    options.add(parser.add_mutually_exclusive_group(required=True), {
+        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": options.existing, "help": "names, starts, tasks"},
+        "--robots": takes("N", "so many robots, txt01, txt02 and so on", options.count),
+    })  # fmt: skip
+    options.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | options.LOG | {
+        "--duration": takes("S", "end after S seconds of the robots' time", options.positive),
+        "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", options.velocity),
+        "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
+        "--headless": flag("no screens; one status line a second"),
+        "--json": flag("no screens; one JSON object at the end"),
+    })  # fmt: skip
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run the fleet until the duration is over, the operator quits or a signal comes."""
+    plan = plan_of(arguments.plan or arguments.robots)
+    if arguments.drive is not None:
+        robots = {
+            name: one
+            if one.drive or one.source or plan.cooperate
+            else one.model_copy(update={"drive": arguments.drive})
+            for name, one in plan.robots.items()
+        }
+        plan = plan.model_copy(update={"robots": robots})
+    loaded = options.loaded(argparse.Namespace(**vars(arguments), hal=None, port=None, baud=None), plan.overrides)
+    if loaded.config.hal != "sim":
+        raise ConfigError(f"hal: '{loaded.config.hal}'; a fleet in one process is simulated, so choose hal=sim")
+    configs = plan.configs(loaded.config)
+    app = App(arguments.speed)
+    reports: dict[str, object] = {}
+    app.run(_operate(app, arguments, plan, configs, reports))
+    if arguments.json and reports:
+        print(json.dumps(reports))
+    if app.code == DISARMED:
+        say(app.reason)
+    return app.code
+
+
+async def _operate(
+    app: App,
+    arguments: argparse.Namespace,
+    plan: FleetPlan,
+    configs: Mapping[str, Config],
+    reports: dict[str, object],
+) -> None:
+    told = {"robots": list(configs), "duration": arguments.duration, "arm": arguments.arm}
+    async with app.fleet(plan, configs, log=arguments.log, about=told) as fleet:
+        robots = list(fleet.robots.values())
+        if arguments.duration is not None:
+            for robot in robots:
+                robot.runtime.scheduler.end_at(arguments.duration)
+        helm = Helm(fleet)
+        teleop = Teleop(
+            robots[0].config.teleop.speed, robots[0].config.teleop.turn, robots[0].config.geometry.radius_min
+        )
+
+        async def prepare() -> None:
+            await fleet.get_ready(arm=arguments.arm)
+            steering = fleet.begin_tasks()
+            await asyncio.gather(*steering, asyncio.Future[None]())  # only an error of these ends the run
+
+        preparing = asyncio.ensure_future(prepare())
+        terminal = partial(Terminal, helm, helm, app.beat, teleop, shown=KEYS, more={"n": helm.next})
+        lines = asyncio.ensure_future(_lines(fleet)) if view_of(arguments) == "lines" else None
+        others = [robot.runtime.scheduler.ended for robot in robots[1:]]
+        view = "nothing" if view_of(arguments) == "lines" else view_of(arguments)
+        try:
+            await app.watch(robots[0].runtime, terminal, view, preparing, *others)
+        finally:
+            preparing.cancel()
+            if lines is not None:
+                lines.cancel()
+            reports.update({name: report(robot.runtime) for name, robot in fleet.robots.items()})
+        if app.code == OK:
+            app.code, app.reason = verdict(fleet)
+
+
+async def _lines(fleet: Fleet) -> None:
+    """Print one line a second."""
+    while True:
+        print(line(fleet), flush=True)
+        await asyncio.sleep(1.0)
+
+
+def line(fleet: Fleet) -> str:
+    """A fleet in one line: how many may drive, how many move, and the smallest distance between two centres."""
+    robots = list(fleet.robots.values())
+    armed = sum(robot.armed for robot in robots)
+    moving = sum(abs(robot.odometry.v) > 0.05 for robot in robots)
+    apart = min((dist(a[:2], b[:2]) for a, b in combinations([r.pose for r in robots if r.pose], 2)), default=None)
+    near = "" if apart is None else f"  nearest two {apart:.2f} m apart"
+    return f"t={fleet.now:8.2f} s  {len(robots)} robots, {armed} armed, {moving} moving{near}"
+
+
+def verdict(fleet: Fleet) -> tuple[int, str]:
+    """Return the exit code of a run that ended by itself, and the reason."""
+    for name, robot in fleet.robots.items():
+        gate = robot.runtime.gate
+        if any(gate.counts[fault] for fault in DISARMING):
+            return DISARMED, f"{name} was stopped: {gate.reason}"
+    return OK, ""

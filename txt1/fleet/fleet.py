@@ -1,0 +1,173 @@
+"""Several simulated robots in one world, in one process: by name, with their events, and one stop for all."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from typing import Any, NamedTuple
+
+from txt1.config import Config, load
+from txt1.driver import REFRESH, SOURCES, CommandSource
+from txt1.errors import HalError, NotArmed
+from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.hal.registry import in_world
+from txt1.kernel.ticks import Ticks
+from txt1.robot import Robot
+from txt1.runtime import Runtime
+from txt1.sim.room import Room
+from txt1.sim.world import World
+from txt1.tasks.fields import LOG, Event
+from txt1.telemetry.topics import Topic
+
+LINKED_WITHIN = 10.0  # s
+
+
+class FleetEvent(NamedTuple):
+    """A line of a robot's event log: the robot's name, when (s of its run) and what."""
+
+    robot: str
+    time: float
+    text: str
+
+
+class Fleet:
+    """Running robots. Get one from `Fleet.open`."""
+
+    def __init__(self, plan: FleetPlan, robots: Mapping[str, Robot], world: World) -> None:
+        self.plan = plan
+        """As it was written down."""
+        self.robots = robots
+        """By name, in the order of the plan."""
+        self.world = world
+        """In which all of them are."""
+
+    @staticmethod
+    @asynccontextmanager
+    async def open(
+        fleet: FleetPlan | str | os.PathLike[str] | int,
+        *,
+        config: str | os.PathLike[str] | Config | None = None,
+        seed: int | None = None,
+        settings: Sequence[str] = (),
+        ready: bool = True,
+        attach: Callable[[Runtime], None] | None = None,
+    ) -> AsyncIterator["Fleet"]:
+        """A running fleet, its gains loaded and all of it armed; stopped safely when the block is left.
+
+        Every robot has random values of its own from the same seed, by its name: they repeat whatever the number and
+        the order of the robots. When a task of one fails, all are stopped and the block is left with a TaskFault.
+
+        Args:
+            fleet: a plan, a file with one, or so many robots, called txt01, txt02 and so on.
+            config: of all of them, beneath the plan's: a YAML file or a ready configuration.
+            seed: repeats every random value.
+            settings: ``a.b=c`` each, as with ``--set``; they win.
+            ready: whether to wait for the links, load the gains and arm; else that is left to the caller.
+            attach: called with each runtime before it starts, such as a recorder.
+
+        Raises ConfigError: the plan or a setting is wrong, or two robots would stand in one place; TaskFault.
+
+        """
+        plan = plan_of(fleet)
+        if isinstance(config, Config):
+            base = config
+        else:
+            options = {} if seed is None else {"seed": seed}
+            base = load(config, [*plan.overrides, *settings], os.environ, options).config
+        async with Fleet.of(plan, plan.configs(base), attach) as team:
+            if ready:
+                await team.get_ready()
+            yield team
+
+    @staticmethod
+    @asynccontextmanager
+    async def of(
+        plan: FleetPlan, configs: Mapping[str, Config], attach: Callable[[Runtime], None] | None = None
+    ) -> AsyncIterator["Fleet"]:
+        """A fleet of these configurations, which are one robot's each, disarmed, its links not up yet."""
+        sim = next(iter(configs.values())).sim
+        world = World(Room(sim.room.length, sim.room.width), sim.room.light, sim.obstacles)
+        async with AsyncExitStack() as stack:
+            robots = {}
+            for name, own in configs.items():
+                opened = Robot.open(
+                    config=in_world(own, world), world=world, arm=False, patience=0.0, attach=attach
+                )  # fmt: skip
+                robots[name] = await stack.enter_async_context(opened)
+            yield Fleet(plan, robots, world)
+
+    async def get_ready(self, *, arm: bool = True) -> None:
+        """Wait for all the links, arm and load the gains; HalError or NotArmed, where one cannot be made ready."""
+        await asyncio.gather(*(robot.linked(LINKED_WITHIN) for robot in self.robots.values()))
+        if arm:
+            self.arm_all()
+        loaded = await asyncio.gather(*(robot.load_gains() for robot in self.robots.values()))
+        for name, done in zip(self.robots, loaded, strict=True):
+            if not done:
+                raise HalError(f"{name}: its gains were not acknowledged; check control.linear and control.angular")
+
+    def begin_tasks(self) -> list[asyncio.Task[None]]:
+        """Set every robot to its own task; an error of a source of commands is in what is returned.
+
+        Raises ConfigError: there is no source of commands of that name.
+        """
+        steering = []
+        for name, member in self.plan.robots.items():
+            robot = self.robots[name]
+            if member.drive is not None:
+                robot.add_task("script", REFRESH, partial(_drive, robot.source("script"), member.drive))
+            if member.source is not None:
+                steer, _ = SOURCES.find(f"robots.{name}.source", member.source)
+                steering.append(asyncio.ensure_future(steer(robot)))
+        return steering
+
+    @property
+    def now(self) -> float:
+        """Seconds since the first robot's run started."""
+        return next(iter(self.robots.values())).now
+
+    @property
+    def armed(self) -> bool:
+        """Whether every gate is open."""
+        return all(robot.armed for robot in self.robots.values())
+
+    def stop_all(self) -> None:
+        """Emergency stop of every robot: neutral outputs at once, latched until armed again."""
+        for robot in self.robots.values():
+            robot.stop()
+
+    def arm_all(self) -> None:
+        """Arm every robot; NotArmed: one may not be, and then none of them is."""
+        try:
+            for robot in self.robots.values():
+                robot.arm()
+        except NotArmed:
+            self.disarm("another robot of the fleet cannot be armed")
+            raise
+
+    def disarm(self, reason: str = "disarmed by the program") -> None:
+        """Disarm every robot."""
+        for robot in self.robots.values():
+            robot.disarm(reason)
+
+    async def events(self) -> AsyncIterator[FleetEvent]:
+        """Every line of every event log from now on, as it comes."""
+        queue: asyncio.Queue[FleetEvent] = asyncio.Queue()
+
+        def take(name: str, topic: Topic[Any], event: Event, time: float) -> None:
+            del topic
+            queue.put_nowait(FleetEvent(name, time, event.text))
+
+        leave = [robot.runtime.bus.subscribe(partial(take, name), [LOG]) for name, robot in self.robots.items()]
+        try:
+            while True:
+                yield await queue.get()
+        finally:
+            for each in leave:
+                each()
+
+
+async def _drive(source: CommandSource, velocity: tuple[float, float], ticks: Ticks) -> None:
+    async for _ in ticks:
+        source.command(*velocity)

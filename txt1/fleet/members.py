@@ -1,0 +1,43 @@
+"""A fleet as it is shown: one line for each robot."""
+
+from typing import Final, NamedTuple
+
+from txt1.robot import Robot
+from txt1.telemetry.topics import Rule, Topic, declare
+
+
+class Member(NamedTuple):
+    """A robot of a fleet.
+
+    Its name, whether it may drive and else why not, its pose in the room (m, rad) and velocities (m/s, rad/s), who
+    drives it, its battery (V); how long ago it was heard (s), how its clock stands to ours (s), and whether those it
+    cooperates with are heard: the name of one that is not. None is what nobody knows.
+    """
+
+    name: str
+    armed: bool
+    reason: str = ""
+    pose: tuple[float, float, float] | None = None
+    v: float = 0.0
+    omega: float = 0.0
+    driver: str = ""
+    battery: float | None = None
+    age: float | None = None
+    offset: float | None = None
+    alive: bool = True
+    silent: str = ""
+
+
+FLEET: Final[Topic[tuple[Member, ...]]] = declare(
+    Topic("/fleet", tuple[Member, ...], "", "std_msgs/String", Rule.SNAPSHOT, "all robots of the fleet")
+)
+
+
+def member_of(robot: Robot, silent: str = "") -> Member:
+    """A robot's own line, as it is now; `silent` is whom it waits for."""
+    odometry = robot.odometry
+    pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
+    return Member(
+        robot.config.name, robot.armed, robot.reason, pose, odometry.v, odometry.omega, robot.driver.name,
+        robot.battery.battery1, silent=silent,
+    )  # fmt: skip

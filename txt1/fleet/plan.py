@@ -1,0 +1,122 @@
+"""A fleet as it is written down: the robots' names, starts and tasks, and what is theirs alone.
+
+::
+
+    all:                                  # the configuration of all of them, with the keys of config/txt1.yaml
+      sim: {room: {length: 12, width: 8}}
+    cooperate: {law: convoy, speed: 0.5}  # by a law of txt1.fleet.laws
+    robots:
+      txt01: {start: [0, 0, 0], drive: [0.5, 0.3]}
+      txt02: {start: [2, 0, 0], set: {sim.vehicle.slip: 0.02}}
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import yaml
+from pydantic import Field, ValidationError
+
+from txt1.config import Config
+from txt1.config.schema import Section
+from txt1.config.sources import with_values
+from txt1.errors import ConfigError
+
+APART: Final = 1.5  # m between two robots that nobody gave a start
+
+RobotName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+
+
+class MemberPlan(Section):
+    """One robot of a fleet."""
+
+    start: tuple[float, float, float] | None = None
+    """Pose in the room, x and y in m, theta in rad; null: a place of its own beside the others."""
+    drive: tuple[float, float] | None = None
+    """A velocity to command throughout, m/s and rad/s."""
+    source: Annotated[str, Field(min_length=1)] | None = None
+    """A source of commands to drive it (entry points txt1.sources)."""
+    set: Mapping[str, Any] = Field(default_factory=dict)
+    """Its own settings, by dotted key."""
+
+
+class FleetPlan(Section):
+    """A fleet."""
+
+    all: Mapping[str, Any] = Field(default_factory=dict)
+    """The configuration of all of them, nested as in a configuration file."""
+    robots: Annotated[dict[RobotName, MemberPlan], Field(min_length=1)]
+    """The robots by name."""
+    cooperate: Mapping[str, Any] = Field(default_factory=dict)
+    """The law by which they cooperate and its settings; empty: each does its own task."""
+
+    @property
+    def overrides(self) -> list[str]:
+        """What is set for all of them, as for ``--set``."""
+        return list(_dotted(self.all))
+
+    def configs(self, base: Config) -> dict[str, Config]:
+        """Each robot's configuration; raises ConfigError, which names the robot."""
+        room = base.sim.room
+        side = APART * (ceil(sqrt(len(self.robots))) + 1)
+        if any(member.start is None for member in self.robots.values()):
+            wider = {"sim.room.length": max(room.length, side), "sim.room.width": max(room.width, side)}
+            base = with_values(base, wider)
+        configs = {}
+        for (name, member), place in zip(self.robots.items(), places(len(self.robots)), strict=True):
+            own = {"sim.start": list(place if member.start is None else member.start), **member.set, "name": name}
+            try:
+                configs[name] = with_values(base, own)
+            except ConfigError as error:
+                raise ConfigError(f"robots.{name}: {error}") from None
+        return configs
+
+
+def places(count: int) -> Iterator[tuple[float, float, float]]:
+    """So many poses in rows around the origin, all looking along x; m and rad."""
+    columns = ceil(sqrt(count))
+    rows = ceil(count / columns)
+    for number in range(count):
+        row, column = divmod(number, columns)
+        yield APART * (column - 0.5 * (columns - 1)), APART * (row - 0.5 * (rows - 1)), 0.0
+
+
+def names(count: int) -> list[str]:
+    """The laboratory's names: txt01, txt02 and so on."""
+    return [f"txt{number:02d}" for number in range(1, count + 1)]
+
+
+def plan_of(fleet: FleetPlan | str | os.PathLike[str] | int) -> FleetPlan:
+    """A fleet's plan: itself, of a file, or so many robots; raises ConfigError."""
+    if isinstance(fleet, FleetPlan):
+        return fleet
+    if isinstance(fleet, int):
+        if fleet < 1:
+            raise ConfigError(f"robots: {fleet}; a fleet has at least one")
+        return FleetPlan(robots={name: MemberPlan() for name in names(fleet)})
+    path = Path(fleet)
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the fleet: {error.strerror}; check the name") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: no valid YAML: {' '.join(str(error).split())}") from None
+    if isinstance(tree, dict) and isinstance(tree.get("robots"), dict):
+        tree["robots"] = {name: member or {} for name, member in tree["robots"].items()}
+    try:
+        return FleetPlan.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"] if part != "[key]") or "the file"
+        raise ConfigError(f"{path}: {where}: {first['msg']}; see docs/fleet.md") from None
+
+
+def _dotted(tree: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping) and value:
+            yield from _dotted(value, f"{path}{key}.")
+        else:
+            yield f"{path}{key}={json.dumps(value)}"

@@ -1,0 +1,70 @@
+"""The robot of a fleet that the terminal shows and steers; SPACE stops all of them."""
+
+from math import inf
+
+from txt1.errors import CommandRefused
+from txt1.fleet.fleet import Fleet
+from txt1.fleet.members import FLEET, member_of
+from txt1.hal.base import Button
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.viewer import DRIVING
+
+KEYS = {"SPACE": "stop all", "n": "next robot", **{key: word for key, word in DRIVING.items() if key not in ("SPACE",)}}
+
+
+class Helm:
+    """To the terminal it is a robot, and the source of the driving keys' commands."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet = fleet
+        self._robots = list(fleet.robots.values())
+        self._keys = [robot.source("keys") for robot in self._robots]
+        self._at = 0
+
+    def next(self) -> None:
+        """Let go of this robot, and take the next one."""
+        self.release()
+        self._at = (self._at + 1) % len(self._robots)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What the robot at hand tells, with a line for each of the fleet."""
+        members = tuple(map(member_of, self._robots))
+        return self._robots[self._at].snapshot.replaced({FLEET: members})
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run of the robot at hand started."""
+        return self._robots[self._at].now
+
+    def stop(self) -> None:
+        """Stop all robots."""
+        self._fleet.stop_all()
+
+    def arm(self) -> None:
+        """Arm all robots."""
+        self._fleet.arm_all()
+
+    def disarm(self, reason: str) -> None:
+        """Disarm all robots."""
+        self._fleet.disarm(reason)
+
+    def press(self, button: Button) -> None:
+        """Press a button of the joystick of every robot, so that all show the same screen."""
+        for robot in self._robots:
+            robot.press(button)
+
+    def tell(self, text: str) -> None:
+        """Add a line to the event log of the robot at hand."""
+        self._robots[self._at].tell(text)
+
+    def command(self, v: float, omega: float, time: float = -inf) -> None:
+        """Drive the robot at hand, m/s and rad/s; raises CommandRefused."""
+        robot, keys = self._robots[self._at], self._keys[self._at]
+        if not robot.armed:
+            raise CommandRefused(f"{robot.config.name} is not armed ({robot.reason}); m arms")
+        keys.command(v, omega, None if time == -inf else time)
+
+    def release(self) -> None:
+        """Let go of the robot at hand."""
+        self._keys[self._at].release()
