@@ -26,7 +26,7 @@ class Car(NamedTuple):
 
 def car_of(known: KnownCar, body: Geometry) -> Car | None:
     """What the loops know of the car; None: nothing."""
-    if not known.known:
+    if not known.known or body.steering != "both":
         return None
     return Car(
         body.wheelbase, body.tan_steering_max, body.steering_max, known.speed_gain, known.dead_band,

@@ -12,7 +12,6 @@ a fraction of that.
 
 import hashlib
 import json
-from dataclasses import asdict
 from functools import partial
 from math import cos, pi, sin
 from pathlib import Path
@@ -21,7 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config
+from txt1.config import Config, flatten
 from txt1.control.car import Car, car_of
 from txt1.control.pid import Gains
 from txt1.learning.abreast import DECISION_MS, gains_table
@@ -31,6 +30,10 @@ from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.fleet import LEFT, RIGHT, Array, X, Y, compiled, move
 
 BEARINGS: Final = 120  # that are driven, 3 degrees apart
+DEPENDS: Final = (
+    "geometry.", "sim.vehicle.", "car.", "control.", "safety.motor_max", "learning.actions", "learning.start_radius",
+    "learning.goal_radius", "learning.delay",
+)  # keys of the configuration, or what they begin with  # fmt: skip
 TICKS: Final = DECISION_MS // TICK_MS
 
 
@@ -128,11 +131,10 @@ def known_floor(config: Config) -> Floor | None:
 
 
 def key_of(config: Config) -> str:
-    """All that a floor depends on, as a hash."""
-    sim, task = config.sim.vehicle, task_of(config)
-    parts = [asdict(sim), asdict(config.geometry), asdict(config.car), config.control.model_dump(mode="json")]
-    told = [*parts, config.learning.actions, config.safety.motor_max, task.start_radius, task.goal_radius, task.delay]
-    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+    """All that a floor depends on and that is not its default, as a hash."""
+    usual = dict(flatten(Config()))
+    told = {key: value for key, value in flatten(config) if key.startswith(DEPENDS) and usual.get(key) != value}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _arrivals(config: Config, task: Task, bearing: float, plans: NDArray[np.int64], horizon: int) -> Array:

@@ -12,6 +12,7 @@ from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
 
 DPI: Final = 120
+RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
 
 
@@ -49,29 +50,49 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
 
 
 def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_collection: Any) -> None:
-    """Time of each episode: every trial, their mean and median, the optimum (figure 5.10)."""
-    axes = _panel(figure, 0.65, 0.475, 7.2, 3.775)
+    """Ratio of each episode's time to its optimum, so that no luck of the starts is in it (cf. figure 5.10).
+
+    Every trial, the mean of the successes with an interval of 95 % over trials, and how many failed.
+    """
+    axes = _panel(figure, 0.65, 0.475, 7.2, 3.5)
     length = max((len(one.episodes) for one in outcomes), default=0)
-    begun = [one.episodes for one in outcomes if one.episodes]  # a trial may be ended in its first one
-    lines = [[(episode.number, episode.time) for episode in episodes] for episodes in begun]
+    lines = [[(one.number, one.time / one.optimal_time) for one in trial.episodes if one.success] for trial in outcomes]
     alpha = max(0.05, min(0.6, 4.0 / len(outcomes)))
-    axes.add_collection(line_collection(lines, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
-    rows = [[one.episodes[k] for one in outcomes if len(one.episodes) > k] for k in range(length)]
-    numbers = range(1, length + 1)
-    times = [[one.time for one in row] for row in rows]
-    best = [np.mean([one.optimal_time for one in row]) for row in rows]
-    axes.plot(numbers, [np.mean(row) for row in times], color=RED, lw=2.5, label="mean")
-    axes.plot(numbers, [np.median(row) for row in times], color=RED, lw=1.2, ls="--", label="median")
-    axes.plot(numbers, best, color=GREEN, lw=2.0, label="optimum")
+    shown = [line for line in lines if line]
+    axes.add_collection(line_collection(shown, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
+    numbers, means, low, high, failed = [], [], [], [], []
+    rng = np.random.default_rng(0)
+    for k in range(length):
+        row = [one.episodes[k] for one in outcomes if len(one.episodes) > k]
+        failed.append(sum(not one.success for one in row))
+        pairs = np.array([(one.time, one.optimal_time) for one in row if one.success])
+        if not len(pairs):
+            continue
+        drawn = pairs[rng.integers(0, len(pairs), (RESAMPLES, len(pairs)))].sum(axis=1)
+        band = np.percentile(drawn[:, 0] / drawn[:, 1], (2.5, 97.5))
+        numbers.append(k + 1)
+        means.append(pairs[:, 0].sum() / pairs[:, 1].sum())
+        low.append(band[0])
+        high.append(band[1])
+    axes.fill_between(numbers, low, high, color=RED, alpha=0.25, lw=0.0, label="its interval of 95 %")
+    axes.plot(numbers, means, color=RED, lw=2.5, label="mean of successes")
+    axes.axhline(1.0, color=GREEN, lw=2.0, label="optimum")
+    lost = [(k, count) for k, count in enumerate(failed, 1) if count]
+    top = max([2.0, *(ratio for line in shown for _, ratio in line)]) * 1.3
+    if lost:
+        axes.plot([k for k, _ in lost], [top] * len(lost), "x", color="black", label="failures, and how many")
+        for k, count in lost:
+            axes.annotate(str(count), (k, top), (0, 4), textcoords="offset points", ha="center", fontsize=7)
     agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
     title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
-    axes.set(xlabel="episode", ylabel="time, s", yscale="log", title=title, xlim=(0.5, length + 0.5))
-    axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 3.0, 5.0, 7.0)))
+    axes.set(xlabel="episode", ylabel="time / optimum", yscale="log", xlim=(0.5, length + 0.5), ylim=(0.9, 1.25 * top))
+    axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(ticker.NullLocator())
     axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
-    axes.legend(loc="upper right")
+    figure.suptitle(title, y=0.985, fontsize=10)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=8, frameon=False)
 
 
 def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
@@ -84,7 +105,7 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         x, y = np.array(chosen.paths[number]).T
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
-        title = f"trial {chosen.trial}, episode {number}"
+        title = f"best trial ({chosen.trial}), episode {number}"
         if len(chosen.episodes) >= number:  # else it was broken off
             one = chosen.episodes[number - 1]
             tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
@@ -115,9 +136,12 @@ def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
         figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
     axes, scale = _panel(figure, 0.97, 0.28, 4.04, 3.97), _panel(figure, 5.2, 0.28, 0.2, 3.97)
-    image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn")
-    axes.set_xticks(range(len(ACTIONS)), ACTIONS)
-    axes.set_yticks(range(len(table.values)), table.about.get("states", range(len(table.values))))
+    most = float(np.abs(table.values).max())
+    image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn", vmin=-most, vmax=most)
+    actions = table.about.get("actions", ACTIONS)
+    if len(actions) == np.shape(table.values)[1]:
+        axes.set_xticks(range(len(actions)), actions)
+    axes.set_yticks(range(len(table.values)), list(table.about.get("states", range(len(table.values)))))
     for (row, column), value in np.ndenumerate(table.values):
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
     axes.set_title("Q(s, a)")
