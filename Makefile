@@ -3,11 +3,13 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 BENCH := .venv-bench
+ROS2 := $(CURDIR)/.venv-ros2
+ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag
 FUZZ := .venv-fuzz
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 
-.PHONY: run test test-long test-web lint wheel bench clean
+.PHONY: run test test-long test-web test-ros lint wheel bench clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -22,6 +24,11 @@ test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, in
 	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'
 	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
 	$(BIN)/python -m pytest -m browser -rs tests/browser
+
+test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from wheels, ROS 1 from Debian, installed where possible
+	@command -v rosmaster >/dev/null || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true
+	TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m txt1 ros2 install || true
+	TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m pytest -m long -rs tests/ros
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .

@@ -18,8 +18,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
@@ -78,6 +79,8 @@ class Beside:
     """Told what the process asks for, and with an empty name of every heartbeat without a request."""
     _: KW_ONLY
     options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
+    program: Sequence[str] = (sys.executable, "-m", "txt1.beside")  # another Python's calls `main` of this module, too
+    environment: Mapping[str, str] | None = None  # of the process; None: this one's
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
     on_terminal: bool = False  # stays in the terminal's session; else it has its own, and a share of the processor
@@ -146,12 +149,14 @@ class Beside:
     # -- inside ------------------------------------------------------------------------------------------------
 
     async def _start(self) -> None:
-        command = [self.target, str(self.beat), json.dumps(dict(self.options))]
+        words = [self.target, str(self.beat), json.dumps(dict(self.options))]
         ours, theirs = socket.socketpair()
         try:
             with theirs:
                 # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
-                self._child = await asyncio.to_thread(_start, theirs.fileno(), command, self.on_terminal)
+                self._child = await asyncio.to_thread(
+                    _start, theirs.fileno(), self.program, words, self.on_terminal, self.environment
+                )
         except BaseException:
             ours.close()
             raise
@@ -306,14 +311,17 @@ class Beside:
                 self._drop("")
 
 
-def _start(fd: int, command: list[str], on_terminal: bool) -> subprocess.Popen[bytes]:
+def _start(
+    fd: int, program: Sequence[str], words: Sequence[str], on_terminal: bool, environment: Mapping[str, str] | None
+) -> subprocess.Popen[bytes]:
     """The process, which inherits the socket `fd`, and the terminal's session or none; to be called in a thread."""
     # Ctrl-C goes to the whole foreground group: the child is born deaf to it, before it can say so itself
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         child = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-m", "txt1.beside", str(fd), *command],
+            [*program, str(fd), *words],
             pass_fds=(fd,),
+            env=environment,
             # Linux shares the processor out among sessions first: in ours it would use up the loop's own share
             start_new_session=not on_terminal,
         )
@@ -353,6 +361,7 @@ class Connection:
         self._tail = b""
         self._received = 0  # pieces of telemetry
         self._next = _clock.now_ns()
+        self._lock = threading.Lock()
 
     def fileno(self) -> int:
         """The descriptor to wait on."""
@@ -362,12 +371,13 @@ class Connection:
         """S until the next heartbeat; 0 when it is due."""
         return max(0.0, seconds(self._next - _clock.now_ns()))
 
-    def request(self, name: str, **fields: object) -> None:
-        """Ask the robot for something, as of now; OSError: its process is gone."""
-        now = _clock.now_ns()
-        message = {"time": now, "received": self._received, "request": name, **fields}
-        self._socket.sendall(json.dumps(message).encode() + b"\n")
-        self._next = now + self._beat
+    def request(self, name: str, /, **fields: object) -> None:
+        """Ask the robot for something, as of now, from any thread; OSError: its process is gone."""
+        with self._lock:
+            now = _clock.now_ns()
+            message = {"time": now, "received": self._received, "request": name, **fields}
+            self._socket.sendall(json.dumps(message).encode() + b"\n")
+            self._next = now + self._beat
 
     def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
         """The newest telemetry; None when there is none within `timeout` s, and after each heartbeat.

@@ -296,13 +296,14 @@ class Robot:
         """A source of commands of your own, beside the keys, the live view and the program.
 
         One source at a time has the wheel (see `txt1.control.commander`); the higher priority outranks the lower. None
-        is by name: keys 50, gamepad 40, web 30, ros 20, any other 10. Commands are stale after `timeout` s; None takes
-        ``commander.timeouts``, or the safety gate's.
+        takes ``commander.priorities``, or is by name: keys 50, gamepad 40, web 30, ros 20, any other 10. Commands are
+        stale after `timeout` s; None takes ``commander.timeouts``, or the safety gate's.
 
         Raises ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
         """
-        if timeout is None:
-            timeout = self.config.commander.timeouts.get(name)
+        commander = self.config.commander
+        timeout = commander.timeouts.get(name) if timeout is None else timeout
+        priority = commander.priorities.get(name) if priority is None else priority
         try:
             self._wheel.commander.add(name, priority, timeout)
         except ValueError as error:

@@ -90,7 +90,7 @@ class Desk:
         self._events: deque[dict[str, object]] = deque(maxlen=EVENTS_MAX)
         self._requests: dict[str, Callable[..., object]] = {
             "subscribe": self._subscribe,
-            "drive": self._drive,
+            "drive": self.drive,
             "request": self._source.request,
             "release": self._source.release,
             "arm": robot.arm,
@@ -148,7 +148,7 @@ class Desk:
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _drive(self, v: object, omega: object, age: object = 0.0) -> None:
+    def drive(self, v: object, omega: object, age: object = 0.0) -> None:
         """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
         old = self._age + max(0.0, _number("age", age))
         self._source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - old))

@@ -16,6 +16,7 @@ from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, 
 from txt1.cli.errands import Errands
 from txt1.cli.notify import served
 from txt1.cli.options import flag, takes
+from txt1.cli.ros import RosNode, ros2_node
 from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.control.limits import Fault
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
         "--gamepad": flag("let gamepads drive, whichever are plugged in (see txt1 gamepad)"),
-    } | options.WEB | {
+    } | options.WEB | options.ROS2 | {
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
             options.bridge_options, action="append", default=[],
@@ -77,8 +78,9 @@ def main(arguments: argparse.Namespace) -> int:
     page = web_page(arguments)
     if arguments.gamepad:
         need("--gamepad", "gamepad", "pygame")
+    node = ros2_node(arguments)
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent, steer, page))
+    app.run(_operate(app, arguments, config, agent, steer, page, node))
     return conclude(app, arguments.json)
 
 
@@ -89,6 +91,7 @@ async def _operate(
     agent: Agent | None,
     steer: Steer | None,
     page: WebPage | None,
+    node: RosNode | None,
 ) -> None:
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
@@ -108,6 +111,8 @@ async def _operate(
             bridges.push_async_callback(errands.close)
             for name, given in wanted:
                 await bridges.enter_async_context(bridge(robot, name, given, errands.requests))
+        if node is not None:
+            await bridges.enter_async_context(node(robot))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
 
         async def prepare() -> None:

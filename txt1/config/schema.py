@@ -192,6 +192,8 @@ class CommanderConfig(Section):
 
     timeouts: dict[str, Positive] = {}
     """Age at which the commands of a source are stale, s, by its name; at most safety.command_timeout, the default."""
+    priorities: dict[str, int] = {}
+    """Priority of a source by its name; left out: keys 50, gamepad 40, web 30, ros 20, any other 10."""
 
 
 class TeleopConfig(Section):

@@ -10,7 +10,8 @@ from txt1.telemetry.messages import Field, fields
 HEADER: Final = b"\x00\x01\x00\x00"  # CDR, little-endian; alignment counts from the byte behind it
 
 CODES: Final = {
-    "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
+    "bool": "?", "byte": "B", "int8": "b", "uint8": "B", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f",
+    "float64": "d",
 }  # fmt: skip
 
 _LENGTH: Final = struct.Struct("<I")

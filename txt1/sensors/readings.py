@@ -90,7 +90,7 @@ def imu_topic(name: str) -> Topic[ImuReading]:
         name, ImuReading, "m/s^2, rad/s", "accelerations and rates", _IMU,
         (*(f"orientation.{each}" for each in "xyzw"), "orientation_covariance.0",
          *(f"angular_velocity.{each}" for each in _XYZ), *(f"linear_acceleration.{each}" for each in _XYZ)),
-        _imu, {"header": {"frame_id": "base_footprint"}},
+        _imu, {"header": {"frame_id": "base_imu_link"}},
     )  # fmt: skip
 
 

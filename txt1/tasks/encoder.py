@@ -20,6 +20,19 @@ PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 _ROBOT: Final = {"header": {"frame_id": "odom"}, "child_frame_id": "base_footprint"}
 
 
+def _diagonal(x: float, y: float, theta: float) -> dict[str, list[float]]:
+    """A covariance of ROS's, 6 x 6, of a robot in the plane: what it cannot do is certain."""
+    values = [0.0] * 36
+    values[0], values[7], values[14], values[21], values[28], values[35] = x, y, 1e-6, 1e-6, 1e-6, theta
+    return {"covariance": values}
+
+
+_UNSURE: Final = {
+    "pose": _diagonal(0.01, 0.01, 0.01),  # it grows with the way, which a constant cannot say: 0.1 m and 0.1 rad
+    "twist": _diagonal(0.006**2, 1e-6, 0.04**2),  # a count more or less, the floor and the tyres: m/s, rad/s
+}
+
+
 def in_the_plane(pose: Sequence[float]) -> tuple[float, float, float, float]:
     """Return a pose (m, rad) as the numbers of `PLACE`: the heading is a quaternion's z and w."""
     half = 0.5 * pose[2]
@@ -34,7 +47,7 @@ def _moving(odometry: Odometry) -> tuple[float, ...]:
 
 ODOMETRY: Final = declare(Topic(
     "/odom", Odometry, "m, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
-    "the odometry that the loops use, from where it began", _ROBOT,
+    "the odometry that the loops use, from where it began", _ROBOT | _UNSURE,
     (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"), _moving,
 ))  # fmt: skip
 _TRANSFORM: Final = tuple(

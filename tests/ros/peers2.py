@@ -1,0 +1,171 @@
+"""Programs of ROS 2 beside the robot, run by the Python that has ROS: each prints what it saw as one line of JSON."""
+
+import json
+import sys
+import time
+from collections import Counter
+from importlib import import_module
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def kind(name):
+    package, _, name = name.partition("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class Peer(Node):
+    def __init__(self, name="peer"):
+        super().__init__(name)
+        self.seen, self.last = Counter(), {}
+
+    def hear(self, topic, message, quality=10):
+        def take(heard):
+            self.seen[topic] += 1
+            self.last[topic] = heard
+
+        self.create_subscription(kind(message), topic, take, quality)
+
+    def run(self, seconds, every=0.1, do=lambda: None):
+        ends, due = time.monotonic() + seconds, time.monotonic()
+        while time.monotonic() < ends:
+            if time.monotonic() >= due:
+                due += every
+                do()
+            rclpy.spin_once(self, timeout_sec=0.01)
+
+    def until(self, true, limit=40.0):
+        ends = time.monotonic() + limit
+        while not true():
+            if time.monotonic() > ends:
+                raise TimeoutError(str(true))
+            rclpy.spin_once(self, timeout_sec=0.02)
+
+    def call(self, service, name, **fields):
+        package, _, kind_name = service.partition("/")
+        found = getattr(import_module(f"{package}.srv"), kind_name)
+        client = self.create_client(found, name)
+        assert client.wait_for_service(20.0), name
+        future = client.call_async(found.Request(**fields))
+        self.until(future.done)
+        return future.result()
+
+
+def twist(v, omega):
+    from geometry_msgs.msg import Twist
+
+    made = Twist()
+    made.linear.x, made.angular.z = v, omega
+    return made
+
+
+def theta(q):
+    from math import atan2
+
+    return atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+
+
+def circle():
+    """Drive a left circle, and look at every frame."""
+    peer = Peer()
+    transforms, static = {}, {}
+
+    def take(into):
+        def taken(message):
+            for each in message.transforms:
+                into[each.child_frame_id] = each
+
+        return taken
+
+    from tf2_msgs.msg import TFMessage
+
+    peer.create_subscription(TFMessage, "tf", take(transforms), 100)
+    peer.create_subscription(TFMessage, "tf_static", take(static), LATCHED)
+    peer.hear("odom", "nav_msgs/Odometry")
+    peer.hear("joint_states", "sensor_msgs/JointState")
+    peer.hear("imu/data", "sensor_msgs/Imu", SENSOR)
+    peer.hear("scan", "sensor_msgs/LaserScan", SENSOR)
+    peer.hear("battery_state", "sensor_msgs/BatteryState", LATCHED)
+    peer.hear("robot_description", "std_msgs/String", LATCHED)
+    peer.hear("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    peer.hear("/txt1/setpoint", "geometry_msgs/TwistStamped")
+    peer.hear("/txt1/pwm", "txt1_msgs/Pwm")
+    peer.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(lambda: peer.seen["odom"] > 10 and "txt1/mode" and peer.last.get("/txt1/mode") is not None)
+    peer.until(lambda: peer.last["/txt1/mode"].armed or peer.call("std_srvs/Trigger", "/txt1/arm").success)
+    peer.run(2.0, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
+    moving = peer.last["/txt1/setpoint"].twist
+    joints = peer.last["joint_states"].name, peer.last["joint_states"].position
+    base = transforms["base_footprint"].transform
+    told = {
+        "setpoint": (moving.linear.x, moving.angular.z),
+        "odom": [
+            (o := peer.last["odom"]).pose.pose.position.x, o.pose.pose.position.y, theta(o.pose.pose.orientation),
+            o.twist.twist.linear.x, o.twist.twist.angular.z,
+        ],
+        "odom_frames": (o.header.frame_id, o.child_frame_id),
+        "odom_covariance": (o.twist.covariance[0], o.twist.covariance[35], o.pose.covariance[0]),
+        "stamp_age": time.time() - o.header.stamp.sec - 1e-9 * o.header.stamp.nanosec,
+        "joints": dict(zip(*joints, strict=True)),
+        "gyro": peer.last["imu/data"].angular_velocity.z, "imu_frame": peer.last["imu/data"].header.frame_id,
+        "scan": len(peer.last["scan"].ranges), "scan_frame": peer.last["scan"].header.frame_id,
+        "battery": peer.last["battery_state"].voltage,
+        "pwm": (peer.last["/txt1/pwm"].motor, peer.last["/txt1/pwm"].front, peer.last["/txt1/pwm"].rear),
+        "description": peer.last["robot_description"].data,
+        "frames": {c: t.header.frame_id for c, t in {**transforms, **static}.items()},
+        "tf": (base.translation.y, theta(base.rotation)),
+        "static": {c: (t.transform.translation.x, t.transform.translation.z) for c, t in static.items()},
+        "diagnostics": peer.seen["/diagnostics"],
+    }  # fmt: skip
+    peer.run(0.8)  # silent
+    told["after"] = peer.last["/txt1/setpoint"].twist.linear.x
+    return told
+
+
+def services():
+    """What the node can be asked for, and parameters."""
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+
+    peer = Peer()
+    peer.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
+    told = {}
+    for name in ("arm", "load_gains", "disarm", "stop"):
+        told[name] = peer.call("std_srvs/Trigger", f"/txt1/{name}").success
+        peer.run(0.2)
+        told[f"{name}: armed"] = peer.last["/txt1/mode"].armed
+    told["manual"] = peer.call("std_srvs/SetBool", "/txt1/manual", data=True).success
+    peer.run(0.2)
+    told["mode"] = peer.last["/txt1/mode"].mode
+    told["esc"] = peer.call("std_srvs/SetBool", "/txt1/power_esc", data=False).success
+    placed = peer.call("txt1_msgs/Place", "/txt1/place", x=1.0, y=-0.5, theta=0.3)
+    told["place"] = (placed.success, placed.message)
+    far = peer.call("txt1_msgs/Place", "/txt1/place", x=100.0, y=0.0, theta=0.0)
+    told["far"] = (far.success, far.message)
+
+    def put(name, value):
+        if isinstance(value, list):
+            made = ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=value)
+        else:
+            made = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+        asked = [Parameter(name=name, value=made)]
+        result = peer.call("rcl_interfaces/SetParameters", "/txt1/set_parameters", parameters=asked).results[0]
+        return result.successful, result.reason
+
+    told["kp"] = put("control.linear.kp", 9.0)
+    told["angular"] = put("control.angular", [0.5, 3.0, 20.0, 0.0, 1.5, 2.0, 10.0, 0.0])
+    told["falling"] = put("control.angular", [0.5, 3.0, 20.0, 0.0, 0.2, 2.0, 10.0, 0.0])
+    told["v_max"] = put("v_max", 0.4)
+    told["too fast"] = put("v_max", 9.0)
+    told["safety"] = put("safety.v_max", 1.0)
+    return told
+
+
+if __name__ == "__main__":
+    rclpy.init()
+    print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))

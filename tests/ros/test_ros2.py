@@ -1,0 +1,111 @@
+"""Programs of ROS 2 and the robot, each in a process of its own. `make test-ros` installs the peers."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from txt1.bridges.ros.install import outdated
+from txt1.bridges.ros.python import RosPython, home, ros2
+from txt1.errors import ConfigError
+
+pytestmark = pytest.mark.long
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+
+@pytest.fixture(scope="module")
+def ros() -> RosPython:
+    """The Python that has ROS 2."""
+    try:
+        found = ros2()
+    except ConfigError as error:
+        pytest.skip(f"no ROS 2: {error}")
+    if found.ours and outdated(home()):
+        pytest.skip("the types of ROS 2 here are of other definitions: run 'txt1 ros2 install' again")
+    return found
+
+
+@pytest.fixture(scope="module")
+def domain(worker_id: str) -> dict[str, str]:
+    """A domain of ROS 2 that no other test uses, on this computer alone."""
+    number = 100 + (int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 10)
+    return {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": "/tmp/txt1-ros"}
+
+
+@contextmanager
+def robot(domain: dict[str, str], *words: str) -> Iterator[subprocess.Popen[str]]:
+    """`txt1 run --ros2`, patient with a busy computer; its output is read when it has ended."""
+    command = [sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros2", *words]
+    patient = ["--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=20", "--set", "sim.room.width=20"]
+    process = subprocess.Popen(
+        [*command, *patient], env={**os.environ, **domain, "PYTHONPATH": str(ROOT)}, text=True, cwd=ROOT,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.terminate()
+        said, _ = process.communicate(timeout=20)
+        print(said)
+
+
+def ask(ros: RosPython, domain: dict[str, str], scenario: str, *words: str, limit: float = 90.0) -> Any:
+    """What a peer saw."""
+    command = [*ros.program, str(HERE / "peers2.py"), scenario, *words]
+    done = subprocess.run(command, env={**ros.environment, **domain}, capture_output=True, text=True, timeout=limit)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+SENSORS = ("--set", "sensors.imu.driver=sim_imu", "--set", "sensors.laser.driver=sim_laser")
+
+
+def test_a_left_circle_has_the_signs_of_rep_103_in_every_frame(ros: RosPython, domain: dict[str, str]) -> None:
+    with robot(domain, *SENSORS):
+        told = ask(ros, domain, "circle")
+    x, y, theta, v, omega = told["odom"]
+    assert told["setpoint"] == pytest.approx([0.5, 0.5])
+    assert x > 0.0 and y > 0.0 and theta > 0.0 and v > 0.3 and omega > 0.2
+    assert told["odom_frames"] == ["odom", "base_footprint"]
+    assert 0.0 <= told["stamp_age"] < 1.0
+    assert told["tf"][0] > 0.0 and told["tf"][1] > 0.0
+    assert told["gyro"] > 0.2 and told["imu_frame"] == "base_imu_link"
+    assert told["scan"] > 100 and told["scan_frame"] == "base_laser_link"
+    joints = told["joints"]
+    assert joints["front_left_wheel_joint"] > 0.0
+    assert joints["front_left_steering_joint"] > 0.0 > joints["rear_left_steering_joint"]
+    assert told["pwm"][0] > 0 > told["pwm"][1], "front steering: right is positive"
+    assert 9.0 < told["battery"] < 13.0
+    frames = told["frames"]
+    assert frames["odom"] == "room" and frames["base_footprint"] == "odom", (
+        "REP 105: one parent each, from the room down"
+    )
+    assert frames["base_link"] == "base_footprint"
+    assert frames["base_laser_link"] == frames["base_imu_link"] == "base_link"
+    assert told["static"]["base_imu_link"] == pytest.approx([-0.1016, 0.3187])
+    assert told["diagnostics"] > 0 and "<robot" in told["description"]
+    assert all(0.0 < each < 1.0 for each in told["odom_covariance"])
+    assert told["after"] == 0.0, "its silence is neutral"
+
+
+def test_services_and_parameters_are_checked_as_on_the_command_line(ros: RosPython, domain: dict[str, str]) -> None:
+    with robot(domain, "--no-arm"):
+        told = ask(ros, domain, "services")
+    assert told["arm"] and told["arm: armed"]
+    assert told["load_gains"] and told["disarm"] and not told["disarm: armed"]
+    assert told["stop"] and told["manual"] and told["mode"] == "manual" and told["esc"]
+    assert told["place"] == [True, ""]
+    assert not told["far"][0] and told["far"][1]
+    assert told["kp"] == [True, ""] and told["angular"] == [True, ""] and told["v_max"] == [True, ""]
+    assert not told["falling"][0] and "rise" in told["falling"][1]
+    assert not told["too fast"][0] and "safety.v_max" in told["too fast"][1]
+    assert not told["safety"][0]

@@ -1,0 +1,67 @@
+"""The Python that has ROS: an installed ROS 2 first, else the virtual environment that `txt1 ros2 install` makes."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from txt1.errors import ConfigError
+
+INSTALLED: Final = Path("/opt/ros")
+DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")  # newest first; older ones have an older Python
+OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+"""Variables of our own environment that another Python must not see."""
+REMEDY: Final = "install ROS 2 Jazzy or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
+
+
+class RosPython(NamedTuple):
+    """A Python that has ROS, its environment, and where it comes from, for people."""
+
+    program: tuple[str, ...]
+    environment: Mapping[str, str]
+    where: str
+    ours: bool = False  # made by `txt1 ros2 install`
+
+
+def home() -> Path:
+    """Where `txt1 ros2 install` puts its environment."""
+    data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(os.environ.get("TXT1_ROS2_HOME") or Path(data) / "txt1" / "ros2")
+
+
+def clean(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment without what belongs to our own Python."""
+    return {name: value for name, value in environment.items() if name not in OWN}
+
+
+def ros2() -> RosPython:
+    """The Python for ROS 2; raises ConfigError with what to do where there is none."""
+    if os.environ.get("AMENT_PREFIX_PATH"):  # the user has sourced a set-up, perhaps with a workspace on top
+        kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH", "PYTHONPATH") if name in os.environ}
+        return RosPython(("python3", "-P"), clean(os.environ) | kept, "the ROS 2 of this shell")
+    for name in DISTRIBUTIONS:
+        setup = INSTALLED / name / "setup.bash"
+        if setup.exists():
+            return RosPython(("python3", "-P"), _sourced(setup), str(INSTALLED / name))
+    python = home() / "bin" / "python"
+    if python.exists():
+        return RosPython((str(python), "-P"), clean(os.environ), str(home()), ours=True)
+    raise ConfigError(f"--ros2: there is no ROS 2 on this machine: {REMEDY}")
+
+
+def _sourced(setup: Path) -> dict[str, str]:
+    """The environment as ROS's own set-up leaves it."""
+    script = f". {shlex.quote(str(setup))} >&2 && env -0"
+    done = subprocess.run(  # noqa: S603
+        ["/bin/bash", "-c", script], env=clean(os.environ), capture_output=True, check=False
+    )
+    if done.returncode != 0:
+        raise ConfigError(
+            f"--ros2: {setup} fails: {done.stderr.decode(errors='replace').strip()[-200:]}; source it yourself"
+        )
+    pairs = (line.partition("=") for line in done.stdout.decode(errors="replace").split("\0") if "=" in line)
+    return {name: value for name, _, value in pairs}

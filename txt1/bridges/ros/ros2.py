@@ -1,0 +1,284 @@
+"""The node of ROS 2: it publishes ready bytes, and hands on what it is asked for. Runs under the Python that has rclpy.
+
+The main thread serves subscriptions, services and parameters; another one publishes what the robot sends.
+"""
+
+import signal
+import threading
+import time
+from base64 import b64decode
+from contextlib import suppress
+from importlib import import_module
+from itertools import count
+from typing import Any, Final
+
+import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from txt1.beside import Connection
+from txt1.bridges.ros.stamps import Publishers, Stamps
+
+PATIENCE: Final = 10.0  # s within which the robot answers
+SECOND: Final = 1.0  # s between two reports about the node itself
+HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
+
+_BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
+QUALITIES: Final = {
+    "default": QoSProfile(depth=10),
+    "sensor": QoSProfile(depth=5, reliability=_BEST_EFFORT),
+    "latched": QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    "clock": QoSProfile(depth=1, reliability=_BEST_EFFORT),
+}
+
+
+class Bridge:
+    """The node with everything it serves; `stale` is the age in s at which a command is."""
+
+    def __init__(
+        self, robot: Connection, node: Node, parameters: dict[str, Any], stamped: bool, stale: float, virtual: bool
+    ) -> None:
+        self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
+        self._publishers: dict[int, tuple[Any, str]] = {}
+        self._by_name: dict[str, Any] = {}
+        self._clock: Any = None
+        self._now = 0  # the robot's time stamp of now, ns
+        self._ids = count(1)
+        self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
+        self._counts = {"commands": 0, "publishers": 0}
+        self._alive = time.monotonic()
+        self._names: tuple[str, ...] = ()
+        self._stamps, self._order = Stamps(stale), Publishers()
+        self._commands: Any = None
+        self._group = ReentrantCallbackGroup()
+        self._driving = MutuallyExclusiveCallbackGroup()
+        self._declare(parameters, stamped)
+        self._subscribe(stamped)
+        self._serve()
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(SECOND, self._report, callback_group=self._driving)
+
+    # -- the robot's messages ----------------------------------------------------------------------------------
+
+    def publish(self) -> None:
+        """Publish whatever the robot sends, until its process ends; in a thread of its own."""
+        self._robot.request("begin")
+        for telemetry in self._robot:
+            self._robot.request("")  # received: the next may come
+            if time.monotonic() - self._alive > HUNG:
+                return  # the main thread hangs, and so does this heartbeat
+            self._now = telemetry["now"]
+            if self._virtual:
+                self._tell_time(self._now)
+            for number, name, message, quality in telemetry.get("new", ()):
+                self._advertise(number, name, message, quality)
+            for number, _, data in telemetry.get("messages", ()):
+                publisher = self._publishers.get(number)
+                if publisher is not None:
+                    publisher[0].publish(b64decode(data))
+            for number, done, text in telemetry.get("answers", ()):
+                waiting = self._waiting.get(number)
+                if waiting is not None:
+                    waiting[1].extend((done, text))
+                    waiting[0].set()
+
+    def _advertise(self, number: int, name: str, message: str, quality: str) -> None:
+        package, _, kind = message.partition("/")
+        publisher = self._by_name.get(name)
+        if publisher is None:
+            try:
+                found = getattr(import_module(f"{package}.msg"), kind)
+                publisher = self._node.create_publisher(found, name, QUALITIES[quality])
+            except (ImportError, AttributeError):
+                self._publishers.pop(number, None)
+                self._robot.request("missing", message=message, name=name)
+                return
+            self._by_name[name] = publisher
+        self._publishers[number] = publisher, name
+
+    def _tell_time(self, now: int) -> None:
+        from rosgraph_msgs.msg import Clock
+
+        if self._clock is None:
+            self._clock = self._node.create_publisher(Clock, "/clock", QUALITIES["clock"])
+        told = Clock()
+        told.clock.sec, told.clock.nanosec = divmod(now, 10**9)
+        self._clock.publish(told)
+
+    # -- commands ----------------------------------------------------------------------------------------------
+
+    def _subscribe(self, stamped: bool) -> None:
+        from geometry_msgs.msg import Twist, TwistStamped
+        from nav_msgs.msg import Odometry
+        from std_msgs.msg import Int32MultiArray
+
+        self._subscribe_to_commands(TwistStamped if stamped else Twist)
+        self._node.create_subscription(
+            Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self._driving
+        )
+        self._node.create_subscription(Int32MultiArray, "~/servos", self._servos, 10, callback_group=self._driving)
+
+    def _subscribe_to_commands(self, kind: type) -> None:
+        """Take commands of this type: a topic has one."""
+        if self._commands is not None:
+            self._node.destroy_subscription(self._commands)
+        self._stamps, self._order = Stamps(self._stale), Publishers()
+        take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
+        # best effort goes together with publishers of both kinds, and an old command is of no use
+        quality = QoSProfile(depth=1, reliability=_BEST_EFFORT)
+        self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self._driving)
+
+    def _take(self, twist: Any, info: dict[str, Any] | None = None, age: float = 0.0) -> None:
+        self._counts["commands"] += 1
+        self._order.take((info or {}).get("publication_sequence_number"))
+        self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
+
+    def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
+        stamp = message.header.stamp
+        received = self._now if self._virtual else time.time_ns()
+        age = self._stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received)
+        if age is not None:
+            self._take(message.twist, info, age)
+
+    def _combined(self, message: Any) -> None:
+        twist, place = message.twist.twist, message.pose.pose.position
+        self._robot.request("combined", x=place.x, y=place.y, theta=0.0, v=twist.linear.x, omega=twist.angular.z)
+
+    def _servos(self, message: Any) -> None:
+        if len(message.data) == 2:
+            self._robot.request("servos", pwm4=message.data[0], pwm5=message.data[1])
+
+    # -- services ----------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        from std_srvs.srv import SetBool, Trigger
+
+        def trigger(name: str) -> Any:
+            return lambda request, response: self._answer(response, name)
+
+        def switch(name: str, **fields: Any) -> Any:
+            word = "manual" if name == "manual" else "on"
+            return lambda request, response: self._answer(response, name, **fields, **{word: request.data})
+
+        for name in ("arm", "disarm", "stop", "load_gains"):
+            self._node.create_service(Trigger, f"~/{name}", trigger(name), callback_group=self._group)
+        self._node.create_service(SetBool, "~/manual", switch("manual"), callback_group=self._group)
+        for which in ("atx", "esc"):
+            self._node.create_service(
+                SetBool, f"~/power_{which}", switch("power", switch=which), callback_group=self._group
+            )
+
+        with suppress(ImportError):  # types of our own
+            from txt1_msgs.srv import Place
+
+            def place(request: Any, response: Any) -> Any:
+                return self._answer(response, "place", x=request.x, y=request.y, theta=request.theta)
+
+            self._node.create_service(Place, "~/place", place, callback_group=self._group)
+
+    def _answer(self, response: Any, name: str, **fields: Any) -> Any:
+        response.success, response.message = self.call(name, **fields)
+        return response
+
+    def call(self, name: str, **fields: Any) -> tuple[bool, str]:
+        """Have the robot do something; whether it did, and if not why."""
+        number = next(self._ids)
+        answered, answer = self._waiting[number] = threading.Event(), []
+        try:
+            self._robot.request("call", id=number, name=name, fields=fields)
+            if not answered.wait(PATIENCE):
+                return False, f"the robot did not answer within {PATIENCE:g} s"
+            return answer[0], answer[1]
+        finally:
+            del self._waiting[number]
+
+    # -- parameters --------------------------------------------------------------------------------------------
+
+    def _declare(self, parameters: dict[str, Any], stamped: bool) -> None:
+        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+
+        for name, (value, may_set) in parameters.items():
+            self._node.declare_parameter(name, value, ParameterDescriptor(read_only=not may_set))
+        self._node.declare_parameter(
+            "use_stamped_vel", stamped, ParameterDescriptor(description="cmd_vel is TwistStamped, not Twist")
+        )
+
+        def changed(given: list[Parameter]) -> SetParametersResult:
+            values = {each.name: each.value for each in given if each.name in parameters}
+            if values:
+                told = {name: list(value) if name == "control.angular" else value for name, value in values.items()}
+                done, text = self.call("set", values=told)
+                if not done:
+                    return SetParametersResult(successful=False, reason=text)
+            for each in given:
+                if each.name == "use_stamped_vel":
+                    from geometry_msgs.msg import Twist, TwistStamped
+
+                    self._subscribe_to_commands(TwistStamped if each.value else Twist)
+            return SetParametersResult(successful=True)
+
+        self._node.add_on_set_parameters_callback(changed)
+
+    # -- about the node itself ---------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+        self._alive = time.monotonic()
+        found = self._node.get_publishers_info_by_topic("cmd_vel")
+        names = tuple(sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found))
+        if names != self._names:
+            self._names = names
+            self._order = Publishers()
+            if len(names) > 1:
+                self._robot.request("tell", text=f"{len(names)} programs publish cmd_vel: {', '.join(names)}")
+        order, refused = self._order, self._stamps.refused
+        counts = {
+            "publishers": len(names), "commands": self._counts["commands"], "lost": order.lost, "mixed": order.mixed,
+            "from_the_past": refused["past"], "from_the_future": refused["future"],
+        }  # fmt: skip
+        message = DiagnosticArray()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._now, 10**9)
+        message.status = [DiagnosticStatus(
+            level=DiagnosticStatus.WARN if len(names) > 1 or refused else DiagnosticStatus.OK, name="cmd_vel",
+            message="several programs publish it: " + ", ".join(names) if len(names) > 1 else "",
+            values=[KeyValue(key=key, value=str(value)) for key, value in counts.items()],
+        )]  # fmt: skip
+        self._diagnostics.publish(message)
+
+
+def main(
+    robot: Connection,
+    *,
+    namespace: str = "",
+    stamped: bool = False,
+    stale: float = 0.25,
+    virtual: bool = False,
+    parameters: dict[str, Any],
+) -> None:
+    """Serve until the robot's process ends."""
+    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    node = Node("txt1", namespace=namespace)
+    executor = MultiThreadedExecutor(num_threads=3)
+    executor.add_node(node)
+    bridge = Bridge(robot, node, parameters, stamped, stale, virtual)
+
+    def publish() -> None:
+        with suppress(OSError):  # the robot's process has gone
+            bridge.publish()
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=publish, daemon=True, name="publishing").start()
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+    finally:
+        executor.shutdown(timeout_sec=0.2)
+        node.destroy_node()
+        rclpy.try_shutdown()

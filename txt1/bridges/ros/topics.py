@@ -1,0 +1,194 @@
+"""The names, messages and qualities of service under which ROS 2 finds the robot's topics.
+
+What consumers know by a name of theirs has it (``odom``, ``imu/data``, ``scan``); every other topic of the table stands
+below the node's own name, ``~/``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import nan
+from typing import Any, Final, Literal, NamedTuple
+
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.sensors.readings import DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.tasks.encoder import ROOM
+from txt1.telemetry.messages import define
+from txt1.telemetry.topics import Rule, Topic
+
+Quality = Literal["default", "sensor", "latched", "clock"]
+"""Reliable; best effort, for sensors' data; kept for who comes late; the newest only."""
+
+
+class Publication(NamedTuple):
+    """A ROS topic: its name, relative to the namespace, how it is served, and the topic that makes its messages."""
+
+    name: str
+    quality: Quality
+    topic: Topic[Any]
+
+
+STANDARD: Final[dict[str, tuple[str, Quality]]] = {
+    "/odom": ("odom", "default"),
+    "/odometry/filtered": ("odometry/filtered", "default"),
+    "/tf": ("tf", "default"),
+    "/battery1": ("battery_state", "latched"),
+    "/diagnostics": ("/diagnostics", "default"),
+    "/faults": ("/diagnostics", "default"),
+    "/sensors": ("/diagnostics", "default"),
+    "/estimation": ("/diagnostics", "default"),
+    "/rosout": ("/rosout", "latched"),
+}
+"""Topics of the table that have a name of ROS's own."""
+
+NOT_TOLD: Final = frozenset({"/tf_room", "/snapshot", "/input", "/steps", "/link", "/cmd_vel"})
+"""Topics for recordings alone. ``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``."""
+
+define(
+    "sensor_msgs/JointState",
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+)
+define("sensor_msgs/NavSatStatus", "int8 status\nuint16 service")
+define(
+    "sensor_msgs/NavSatFix",
+    "std_msgs/Header header\nsensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+    "float64[9] position_covariance\nuint8 position_covariance_type",
+)
+define("sensor_msgs/RegionOfInterest", "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify")
+define(
+    "sensor_msgs/CameraInfo",
+    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
+    "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi",
+)
+define("rosgraph_msgs/Clock", "builtin_interfaces/Time clock")
+
+
+# -- frames ------------------------------------------------------------------------------------------------------
+
+_FORWARD: Final = tuple(
+    f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
+)
+
+
+def parent(frame: str) -> Topic[tuple[float, float, float]]:
+    """The transform from `frame`, map or room, to odom: of poses (m, rad) of the odometry's origin in it."""
+    return Topic(
+        f"/tf_{frame}", tuple, "m", "tf2_msgs/TFMessage", Rule.CYCLE, f"where the odometry began in the {frame}",
+        {"transforms": [{"header": {"frame_id": frame}, "child_frame_id": "odom"}]}, _FORWARD, ROOM.make,
+    )  # fmt: skip
+
+
+def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
+    """The static transforms of links: by their names the parent, and where they are in it, m."""
+    transforms = [
+        {
+            "header": {"frame_id": above}, "child_frame_id": name,
+            "transform": {"translation": {"x": x, "y": y, "z": z}, "rotation": {"w": 1.0}},
+        }
+        for name, (above, x, y, z) in links.items()
+    ]  # fmt: skip
+    return Topic(
+        "/tf_static", object, "m", "tf2_msgs/TFMessage", Rule.EVENT, "where everything sits on the robot",
+        make=lambda _: {"transforms": transforms},
+    )  # fmt: skip
+
+
+# -- joints ------------------------------------------------------------------------------------------------------
+
+WHEELS: Final = ("front_left", "front_right", "rear_left", "rear_right")
+JOINTS: Final = (*(f"{wheel}_wheel_joint" for wheel in WHEELS), *(f"{wheel}_steering_joint" for wheel in WHEELS))
+
+
+class Joints(NamedTuple):
+    """Angles (rad) and speeds (rad/s) of the joints, in the order of `JOINTS`."""
+
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+
+
+JOINT_STATES: Final = Topic(
+    "/joint_states", Joints, "rad, rad/s", "sensor_msgs/JointState", Rule.CYCLE,
+    "wheels by the odometry, steering as it was told",
+    {"header": {"frame_id": "base_link"}, "name": list(JOINTS), "position": [0.0] * 8, "velocity": [0.0] * 8},
+    (*(f"position.{k}" for k in range(8)), *(f"velocity.{k}" for k in range(8))),
+    lambda joints: joints.positions + joints.velocities,
+)  # fmt: skip
+
+
+def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
+    """The front's and the rear's steering angle (rad, left positive) for PWM counts of the two channels."""
+    return -geometry.steering_max * front / STEERING_MAX, -geometry.steering_max * rear / STEERING_MAX
+
+
+# -- sensors -----------------------------------------------------------------------------------------------------
+
+
+def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
+    known = value.sigma_x is not None and value.sigma_y is not None
+    east, north = value.sigma_x or 0.0, value.sigma_y or 0.0
+    up = 4.0 * max(east, north) ** 2  # a receiver that does not say is about twice as wrong in height
+    return {
+        "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
+        "latitude": value.latitude, "longitude": value.longitude,
+        "altitude": nan if value.altitude is None else value.altitude,
+        "position_covariance": (east**2, 0.0, 0.0, 0.0, north**2, 0.0, 0.0, 0.0, up),
+        "position_covariance_type": 1 if known else 0,
+    }  # fmt: skip
+
+
+FIX: Final = Topic(
+    "/fix", FixReading, "degrees, m", "sensor_msgs/NavSatFix", Rule.EVENT, "a position on the earth",
+    {"header": {"frame_id": "base_gps_link"}}, make=_nav_sat_fix,
+)  # fmt: skip
+
+
+def _info(image: Image | DepthImage) -> dict[str, Any]:
+    """A pinhole camera; all zero where nobody has calibrated it."""
+    found = {"height": image.height, "width": image.width, "distortion_model": "plumb_bob"}
+    if isinstance(image, Image):
+        return found
+    f, x, y = image.focal, 0.5 * image.width, 0.5 * image.height
+    return found | {
+        "d": (0.0,) * 5, "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0), "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        "p": (f, 0.0, x, 0.0, 0.0, f, y, 0.0, 0.0, 0.0, 1.0, 0.0),
+    }  # fmt: skip
+
+
+def _camera_info(name: str) -> Topic[Any]:
+    return Topic(
+        f"/{name}", object, "pixels", "sensor_msgs/CameraInfo", Rule.EVENT, "how a camera sees",
+        {"header": {"frame_id": "base_camera_link"}}, make=_info,
+    )  # fmt: skip
+
+
+_KINDS: Final[dict[type, str]] = {
+    ImuReading: "imu/data", Scan: "scan", FixReading: "fix", Image: "image_raw/compressed",
+    DepthImage: "depth/image_raw",
+}  # fmt: skip
+
+
+def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
+    """The publications of a sensor's topic; the first of its kind has the name that programs look for."""
+    name = topic.name.removeprefix("/sensors/")
+    known = _KINDS.get(topic.type)
+    if known is None:
+        return (Publication(f"~{topic.name}", "sensor", topic),)
+    place = "camera/" if topic.type in (Image, DepthImage) else ""
+    if not first:
+        place = f"{name}/"
+    if topic.type is FixReading:
+        own = Topic("/fix", FixReading, FIX.units, FIX.message, FIX.rule, FIX.about, FIX.constants, (), FIX.make)
+        return Publication(f"{place}fix", "sensor", own), Publication(f"~{topic.name}", "sensor", topic)
+    told = Publication(f"{place}{known}", "sensor", topic)
+    if topic.type in (Image, DepthImage):
+        beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
+        return told, Publication(beside, "sensor", _camera_info(beside))
+    return (told,)
+
+
+def of_the_table(topic: Topic[Any]) -> Publication:
+    """The publication of any other topic of the table."""
+    if topic.name in STANDARD:
+        name, quality = STANDARD[topic.name]
+        return Publication(name, quality, topic)
+    return Publication(f"~{topic.name}", "latched" if topic.rule in (Rule.CHANGE, Rule.SECOND) else "default", topic)

@@ -1,0 +1,47 @@
+"""`txt1 ros2`: the ROS 2 that the robot's node runs under."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from txt1.cli import OK
+from txt1.cli.options import add_actions, takes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the actions."""
+    which = {
+        "--distribution": {
+            "choices": ("jazzy", "kilted"), "default": "jazzy", "help": "which ROS 2; jazzy by default",
+        },
+    }  # fmt: skip
+    place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", Path)}
+    add_actions(parser, {"install": (install, which), "info": (show, {}), "package": (package, place)})
+
+
+def install(arguments: argparse.Namespace) -> int:
+    """Install a ROS 2 of its own from wheels (Linux on x86-64; 250 MB), with the robot's types."""
+    from txt1.bridges.ros import install
+    from txt1.bridges.ros.python import home
+
+    place = home()
+    install.install(place, arguments.distribution)
+    print(f"ROS 2 {arguments.distribution} is in {place}; 'txt1 run --ros2' uses it where no other is installed")
+    return OK
+
+
+def show(arguments: argparse.Namespace) -> int:
+    """Print which ROS 2 the node runs under."""
+    from txt1.bridges.ros.python import ros2
+
+    print(ros2().where)
+    return OK
+
+
+def package(arguments: argparse.Namespace) -> int:
+    """Write the robot's messages as a package that colcon builds."""
+    from txt1.bridges.ros.definitions import own, write_package
+
+    print(write_package(arguments.folder, "txt1_msgs", own(), "messages of the TXT-1"))
+    return OK
