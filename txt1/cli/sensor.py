@@ -2,16 +2,17 @@
 
 import argparse
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from typing import Any, Final, NamedTuple
 
-from txt1.cli import FAULT, OK
+from txt1.cli import OK
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.options import CONFIGURATION, add_actions, host_and_port, positive, takes, velocity
+from txt1.cli.verdicts import print_verdicts
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
-from txt1.conformance import BROKEN, verdicts
+from txt1.conformance import verdicts
 from txt1.devices.station import Device
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
@@ -126,12 +127,3 @@ async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen
             await robot.runtime.scheduler.ended
         finally:
             listener.close()
-
-
-def print_verdicts(found: Iterable[tuple[str, str]]) -> int:
-    """Print each promise of a conformance suite and its verdict; the exit code."""
-    kept = True
-    for text, verdict in found:
-        kept = kept and not verdict.startswith(BROKEN)
-        print(f"{text}: {verdict}")
-    return OK if kept else FAULT

@@ -131,7 +131,7 @@ class Recorder:
     def _hand_over(self) -> None:
         """Give the batch to the writer, or drop it where it is too far behind."""
         if self._full_speed:
-            self._write(self._take_batch())
+            self._write_here()
         elif self._virtual or len(self._jobs) <= BACKLOG:
             job = self._loop.run_in_executor(self._writer, self._write, self._take_batch())
             self._jobs.add(job)
@@ -140,6 +140,10 @@ class Recorder:
             self._overflowed += sum(len(topics) for _, topics, _ in self._samples) + len(self._events)
             skipped = self._skipped + len(self._samples)
             self._samples, self._events, self._skipped = [], [], skipped
+
+    def _write_here(self) -> None:
+        """Write the batch in the loop: at full speed nothing is late by it, and a thread would cost a hand-over."""
+        self._write(self._take_batch())
 
     # -- in the writer's thread --------------------------------------------------------------------------------
 
