@@ -12,7 +12,7 @@ from unittest import SkipTest
 import pytest
 
 from txt1.cli import execute
-from txt1.config import Config
+from txt1.config import Config, load
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.conformance import promises
 from txt1.errors import NotCapable
@@ -398,6 +398,15 @@ def test_the_command_lists_what_is_installed(capsys: pytest.CaptureFixture[str])
 
 
 ENDLESS = RoomConfig(length=inf, width=inf)
+CLEAN = LineFaults()
+NOISY = LineFaults(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
+
+
+def on_a_line(name: str, vehicle: str, fault: LineFaults = CLEAN) -> Config:
+    """One of our HALs with its device on the desk, in the same process and time, where no wall stops it."""
+    settings = [f"vehicle={vehicle}", f"serial.port={name}", "sim.room.length=.inf", "sim.room.width=.inf"]
+    config = load(None, settings, {}, {"hal": name}).config
+    return config.model_copy(update={"serial": config.serial.model_copy(update={"fault": fault})})
 
 
 class TestSerial(HalConformance):
@@ -419,6 +428,20 @@ class TestSerialOverANoisyLine(HalConformance):
     """A line that loses, damages and delays frames breaks no promise."""
 
     def make(self) -> Hal:
-        noisy = LineFaults(drop=0.1, flip=1e-4, split=True, delay=0.02, jitter=0.02)
-        serial = SerialConfig(port="virtual", fault=noisy)
-        return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+        return create(
+            Config(hal="serial", serial=SerialConfig(port="virtual", fault=NOISY), sim=SimConfig(room=ENDLESS))
+        )
+
+
+class TestVesc(HalConformance):
+    """A VESC with a car behind a line in memory; it says itself when nothing moves it."""
+
+    def make(self) -> Hal:
+        return create(on_a_line("vesc", "f1tenth"))
+
+
+class TestVescOverABadLine(HalConformance):
+    """Torn, damaged, late and lost packets break no promise."""
+
+    def make(self) -> Hal:
+        return create(on_a_line("vesc", "f1tenth", NOISY))

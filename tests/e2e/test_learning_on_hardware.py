@@ -229,7 +229,7 @@ def test_learn_over_the_wire_says_what_is_missing_and_leaves_no_experiment_behin
         "another try with another setting is no other experiment"
     )
     assert execute([*words, "--hal", "sim", "--port", "virtual"]) == 2
-    assert "only --hal serial has a port" in capsys.readouterr().err
+    assert "only these HALs have a port" in capsys.readouterr().err
     assert execute(words) == 0
 
 

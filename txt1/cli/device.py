@@ -4,19 +4,48 @@ from __future__ import annotations
 
 import argparse
 import os
+from typing import Final, Protocol
 
 from txt1.cli import options
 from txt1.cli.app import App, say
 from txt1.cli.options import takes
 from txt1.config import Config, load
-from txt1.devices.pico import Pico
+from txt1.errors import Txt1Error
+from txt1.hal.registry import HALS
+from txt1.link.base import End
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
+from txt1.plugins import Registry
+
+DEVICES: Final = Registry(
+    "device", "txt1.devices", {"pico": "txt1.devices.pico:Pico", "vesc": "txt1.devices.vesc:Vesc"}, Txt1Error
+)
+
+
+class Device(Protocol):
+    """A device with a simulated vehicle behind it."""
+
+    line: End
+    """Its end of the line, as bad as is configured."""
+
+    async def power_up(self) -> None:
+        """Begin; raises a Txt1Error when it cannot."""
+
+    async def power_down(self) -> None:
+        """End; harmless when that is done already."""
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for its end, at most `duration` s; raises what went wrong."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the devices, and where they are to be found."""
-    parser.add_argument("name", choices=("pico",), help="pico: our firmware under MicroPython's unix port")
+    parser.add_argument(
+        "name",
+        choices=DEVICES.names(),
+        help="pico: our firmware under MicroPython's unix port; the others: the "
+        "controller that the hardware layer of that name drives",
+    )
     options.add(parser.add_mutually_exclusive_group(required=True), {
         "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
         "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
@@ -27,24 +56,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the device until the duration is over or a signal comes."""
-    config = load(arguments.config, arguments.set, os.environ).config
+    own = {"hal": arguments.name} if arguments.name in HALS.ours else {}
+    config = load(arguments.config, arguments.set, os.environ, own).config
     app = App()
     return app.run(_serve(arguments, config))
 
 
 async def _serve(arguments: argparse.Namespace, config: Config) -> None:
-    pico = Pico(config)
+    device: Device = DEVICES.make("device", arguments.name, config)
     if arguments.pty is not None:
-        listener = listen_pty(arguments.pty, pico.line)
+        listener = listen_pty(arguments.pty, device.line)
     else:
         host, port = arguments.tcp
-        listener = await listen_tcp(host, port, pico.line)
+        listener = await listen_tcp(host, port, device.line)
     try:
-        await pico.power_up()
+        await device.power_up()
         say(f"{arguments.name} is at {listener.address}")
-        await pico.ended(arguments.duration)
+        await device.ended(arguments.duration)
     finally:
         try:
-            await pico.power_down()
+            await device.power_down()
         finally:
             listener.close()

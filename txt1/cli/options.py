@@ -14,7 +14,7 @@ from pydantic import FiniteFloat, TypeAdapter, ValidationError
 from txt1.config import Config, load
 from txt1.config.sources import LoadedConfig
 from txt1.errors import ConfigError
-from txt1.hal.registry import is_simulated
+from txt1.hal.registry import ON_A_LINE, is_simulated
 from txt1.kernel.loop import Speed
 from txt1.link.device import baud_warning
 from txt1.record.session import MODULES, need
@@ -113,10 +113,10 @@ Arguments = Mapping[str, dict[str, Any]]  # of a command by their names, from `t
 
 LINE: Final = {
     "--port": takes(
-        "PORT", "where the board is (--hal serial): a device, socket://HOST:PORT, or virtual for one in this process; "
-        "left out, the only device there is",
+        "PORT", "where the board is: a device, socket://HOST:PORT, or one in this process: virtual, with --hal vesc: "
+        "vesc; left out, the only device there is",
     ),
-    "--baud": takes("N", "bits a second of the line, 57600 by default", int),
+    "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
 }  # fmt: skip
 CONFIGURATION: Final = {
     "--config": takes("FILE", "YAML file, e.g. config/txt1.yaml"),
@@ -127,7 +127,7 @@ CONFIGURATION: Final = {
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
 ROBOT: Final = CONFIGURATION | LINE | SEED | {
     "--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own"),
-    "--hal": takes("NAME", "hardware layer: sim, serial, or one from another package"),
+    "--hal": takes("NAME", "hardware layer: sim, serial, vesc, or one from another package"),
     "--speed": takes(
         "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
         "when nobody watches", speed,
@@ -196,8 +196,9 @@ def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedCo
     config = found.config
     if config.hal == "serial":
         warn_of_baud(config)
-    elif "serial.port" in line:
-        raise ConfigError(f"--port {arguments.port}: only --hal serial has a port, not '{config.hal}'; leave one out")
+    elif "serial.port" in line and config.hal not in ON_A_LINE:
+        have = ", ".join(ON_A_LINE)
+        raise ConfigError(f"--port {arguments.port}: only these HALs have a port: {have}; '{config.hal}' has none")
     return found
 
 

@@ -36,6 +36,10 @@ class Safety:
     """Measured speed that means the controller has gone astray, m/s."""
     missed_ticks_max: PositiveInt = 5
     """Controller cycles missed in a row that disarm."""
+    battery_good: Positive = 9.5
+    """Voltage of the better pack above which it is good, V; those of three lithium cells (thesis 3.6)."""
+    battery_bad: Positive = 9.0
+    """Voltage at and below which it is bad, V; after 5 s of that the robot disarms."""
     auto_arm: Literal["auto", "always", "never"] = "auto"
     """Whether the robot arms when it starts: "auto" does in simulation only."""
 

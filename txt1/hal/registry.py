@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Hal
+from txt1.link.tcp import BOARD
 from txt1.plugins import Registry
 
 if TYPE_CHECKING:
@@ -58,24 +59,36 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
 
 # simulated ports by name; anything else is a device
 PORTS: Final = Registry(
-    "serial port", "txt1.ports", {"virtual": "txt1.board:VirtualPort", "pico": "txt1.devices.pico:PicoPort"}
+    "serial port",
+    "txt1.ports",
+    {
+        "virtual": "txt1.board:VirtualPort",
+        "pico": "txt1.devices.pico:PicoPort",
+        "vesc": "txt1.devices.vesc:VescPort",
+    },
 )
 
 
-def port_of(config: Config) -> Port:
-    """The port that a configuration names, or the only one there is."""
+def port_of(config: Config, baud: int | None = None, behind: str = BOARD) -> Port:
+    """The port that a configuration names, or the only one there is.
+
+    `baud` is the rate, bits a second, where it is not `serial.baud`; `behind` the command that serves such a port.
+    """
     from txt1.hal.serial import DevicePort
 
     serial = config.serial
     if serial.port is not None and serial.port in PORTS.ours:
         port: Port = PORTS.make("serial.port", serial.port, config)
         return port
-    return DevicePort(serial.port, serial.baud, serial.secret_file)
+    return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind)
+
+
+ON_A_LINE: Final = ("serial", "vesc")  # our HALs whose far end is at serial.port
 
 
 def is_simulated(config: Config) -> bool:
     """Whether the configured hardware is, as far as that can be told before it is made."""
-    return config.hal == "sim" or (config.hal == "serial" and config.serial.port in PORTS.ours)
+    return config.hal == "sim" or (config.hal in ON_A_LINE and config.serial.port in PORTS.ours)
 
 
 def create_serial(config: Config) -> Hal:
@@ -94,7 +107,9 @@ def create_serial(config: Config) -> Hal:
     return SerialHal(port_of(config), wrap, serial.control, config.odometry.scale, simulated=serial.port in PORTS.ours)
 
 
-HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial}, HalError)
+HALS: Final = Registry(
+    "HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial, "vesc": "txt1.hal.vesc:create"}, HalError
+)
 
 
 def create(config: Config, world: World | None = None) -> Hal:

@@ -17,6 +17,7 @@ from txt1.link.device import open_link
 from txt1.link.ports import only_candidate
 from txt1.link.pty import is_left_behind
 from txt1.link.receiver import Receiver
+from txt1.link.tcp import BOARD
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.protocol.decoder import Event, FrameFault, Reason
@@ -112,11 +113,13 @@ class Port(Protocol):
 class DevicePort:
     """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in.
 
-    The first line of `secret_file` is the secret of a board on a network.
+    The first line of `secret_file` is the secret of a board on a network;
+    `behind` is the command that serves such a port.
     """
 
-    def __init__(self, address: str | None, baud: int, secret_file: str | None = None) -> None:
+    def __init__(self, address: str | None, baud: int, secret_file: str | None = None, behind: str = BOARD) -> None:
         self._wanted = address
+        self._behind = behind
         self._secret_file = secret_file
         self._baud = baud
         self._spent: tuple[int, int] | None = None
@@ -132,7 +135,7 @@ class DevicePort:
         if left or (left is None and made is not None and made == self._spent):
             raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
         secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
-        link = await open_link(self.address, end, self._baud, secret)
+        link = await open_link(self.address, end, self._baud, secret, self._behind)
         self._spent = made
         return link
 

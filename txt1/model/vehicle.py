@@ -58,3 +58,11 @@ class Geometry:
     def count_length(self) -> float:
         """Distance a wheel rolls per encoder count, m; infinite without encoders."""
         return self.circumference / self.counts_per_rev if self.counts_per_rev else math.inf
+
+    def curvature(self, share: float) -> float:
+        """Curvature of its path, 1/m, at a share of the steering's range, 1 being full lock on the left: (2.13)."""
+        return math.tan(share * self.steering_max) / self.lever
+
+    def steering_share(self, curvature: float) -> float:
+        """The share of the steering's range, -1 to 1, for a curvature in 1/m: the other way round."""
+        return min(max(math.atan(self.lever * curvature) / self.steering_max, -1.0), 1.0)

@@ -51,6 +51,7 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
     two: float | None = None
     bad_since: float | None = None
     time: float | None = None
+    good, bad = gate.limits.battery_good, gate.limits.battery_bad
     weight = 0.0 if hal.capabilities.smoothed else OLD_WEIGHT
     async for now in ticks:
         inputs = hal.read(now)
@@ -58,9 +59,10 @@ async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callab
             continue  # nothing new
         time = inputs.battery_time
         one, two = smooth(one, inputs.batteries[0], weight), smooth(two, inputs.batteries[1], weight)
-        judged = judge(one, two)
+        judged = judge(one, two, good, bad)
         best = max((volts for volts in (one, two) if volts is not None), default=0.0)
-        remaining = None if judged in (None, BatteryState.EXTERNAL) else remaining_time(best)
+        unknown = judged in (None, BatteryState.EXTERNAL) or (good, bad) != (GOOD_V, WARNING_V)
+        remaining = None if unknown else remaining_time(best)
         if judged is BatteryState.BAD:
             bad_since = now if bad_since is None else bad_since
         elif judged is not None:
@@ -87,7 +89,9 @@ def smooth(old: float | None, new: float, weight: float) -> float | None:
     return new if old is None else weight * old + (1.0 - weight) * new
 
 
-def judge(battery1: float | None, battery2: float | None) -> BatteryState | None:
+def judge(
+    battery1: float | None, battery2: float | None, good: float = GOOD_V, bad: float = WARNING_V
+) -> BatteryState | None:
     """The batteries' state from both voltages in V, None for one that is not known; None when that leaves it open.
 
     Without any pack the external supply must be feeding us.
@@ -96,6 +100,6 @@ def judge(battery1: float | None, battery2: float | None) -> BatteryState | None
     best = max(known, default=0.0)
     if best < FITTED_V:
         return BatteryState.EXTERNAL if len(known) == 2 else None
-    if best > GOOD_V:
+    if best > good:
         return BatteryState.GOOD
-    return BatteryState.WARNING if best > WARNING_V else BatteryState.BAD
+    return BatteryState.WARNING if best > bad else BatteryState.BAD

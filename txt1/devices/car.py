@@ -1,0 +1,70 @@
+"""A simulated vehicle under a controller that closes its own speed loop, as motor controllers and rover boards do."""
+
+from math import copysign
+from typing import Final
+
+from txt1.config import Config
+from txt1.control.limits import Outputs
+from txt1.control.open_loop import TRACK_COUNTS
+from txt1.hal.registry import create_sim
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+
+GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
+RESET: Final = 4.0  # 1/s, of its integral
+
+
+class Car:
+    """A simulated vehicle; `move` it again and again."""
+
+    def __init__(self, config: Config) -> None:
+        self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
+        self.vehicle = self.hal.vehicle
+        self._sides = [0.0, 0.0]  # integrals of the loops, m/s: right and left, or the one motor's
+        self._time = 0.0
+
+    @property
+    def paths(self) -> tuple[float, float]:
+        """Paths that the right and the left wheel have rolled, m."""
+        return self.vehicle.motion[6], self.vehicle.motion[7]
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Speeds of the right and the left side, m/s; of the whole vehicle, where wheels steer."""
+        motion = self.vehicle.motion
+        return (motion[4], motion[5]) if self.vehicle.skids else (motion[3], motion[3])
+
+    @property
+    def voltage(self) -> float:
+        """Of the pack, V."""
+        return max(self.vehicle.battery_readings())
+
+    def move(self, now: float) -> None:
+        """Let it move with what it was told until now, s since power-up."""
+        self.vehicle.advance_to(now)
+
+    def counts(self, now: float, right: float | None, left: float | None = None) -> tuple[float, float]:
+        """Counts of the motors for speeds in m/s, or of the one motor, by loops; None lets it roll."""
+        dt, self._time = now - self._time, now
+        made = []
+        for side, (wanted, v) in enumerate(zip((right, left), self.speeds, strict=True)):
+            if wanted is None or wanted == 0.0:
+                self._sides[side] = 0.0
+                made.append(0.0)
+                continue
+            error = wanted - v
+            self._sides[side] = min(max(self._sides[side] + RESET * error * dt, -1.0), 1.0)
+            speed = wanted + GAIN * error + self._sides[side]
+            parameters = self.vehicle.parameters
+            counts = copysign(abs(speed) / parameters.speed_gain + parameters.dead_band, speed)
+            made.append(min(max(counts, -PWM_MAX), PWM_MAX))
+        return made[0], made[1]
+
+    def steer(self, now: float, motor: float, share: float) -> None:
+        """Put out counts of the motor, and a share of the steering's range, left positive."""
+        steering = round(STEERING_MAX * share)
+        self.hal.write(Outputs(round(motor), -steering, steering), now)
+
+    def skid(self, now: float, right: float, left: float) -> None:
+        """Put out counts of both sides' motors."""
+        steering = round(0.5 * TRACK_COUNTS * (right - left))
+        self.hal.write(Outputs(round(0.5 * (right + left)), -steering, steering), now)

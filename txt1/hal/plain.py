@@ -1,0 +1,44 @@
+"""A hardware layer that has no more than a motor and steering; others add what they have."""
+
+from collections.abc import Callable
+from typing import NoReturn
+
+from txt1.errors import NotCapable
+from txt1.hal.base import Capabilities, Indicators, Outputs
+from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+
+
+class PlainHal:
+    """Refuses all that a HAL may be unable to do: no switches, no gains, no free servos, no simulated room.
+
+    What has a capability overrides the method that goes with it.
+    """
+
+    name = "plain"
+    capabilities = Capabilities()
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Refuse: nothing stands between `write` and the actuators."""
+        self._refuse("halt")
+
+    def switch(self, switch: Switch, on: bool, now: float) -> None:
+        """Refuse: there are no switches."""
+        self._refuse("power")
+
+    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
+        """Refuse: there are no loops that take gains of ours."""
+        self._refuse("gains")
+
+    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
+        """Refuse: no loop would use it."""
+        self._refuse("combined")
+
+    def indicate(self, indicators: Indicators) -> None:
+        """Ignore buzzer and LEDs: there are none."""
+
+    def place(self, x: float, y: float, theta: float, now: float) -> None:
+        """Refuse: nobody can lift a real robot from here."""
+        self._refuse("place")
+
+    def _refuse(self, capability: str) -> NoReturn:
+        raise NotCapable(self.name, capability)

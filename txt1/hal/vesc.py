@@ -1,0 +1,362 @@
+"""VESC motor controllers over USB or UART as a HAL, firmware 5 and 6: speed in electrical turns, a servo that steers.
+
+A packet is 2, the payload's length in one byte (or 3, and in two), the payload, its CRC16 (XMODEM), and 3. A payload is
+a command and its numbers, big-endian. The controller closes the speed loop. It stops by itself when nothing has come
+for as long as is set in VESC Tool (App Settings, General, Timeout); what is set there is read and told.
+"""
+
+from binascii import crc_hqx
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from struct import Struct, pack
+from typing import Final, NamedTuple
+
+from txt1.config import Config, checked
+from txt1.errors import ConfigError, HalError
+from txt1.hal.base import Capabilities, Inputs, Outputs
+from txt1.hal.line import Line
+from txt1.hal.plain import PlainHal
+from txt1.hal.serial import Port
+from txt1.link.base import End
+from txt1.model.odometry import Odometry, rolled
+from txt1.model.vehicle import Geometry
+from txt1.units import NotNegative, Positive, PositiveInt, Share
+
+STEPS: Final = 6  # counts of the tachometer in an electrical turn
+LENGTH_MAX: Final = 512  # bytes of a payload
+TIMEOUT_MAX: Final = 1.0  # s that a time-out of the controller's may be long without being remarked on
+ASK_AGAIN: Final = 1.0  # s after which firmware and settings are asked for again, until they are told
+RESTARTED: Final = 2.0  # m between two reports that are no motion
+
+
+class Command(IntEnum):
+    """The first byte of a payload."""
+
+    FW_VERSION = 0
+    GET_VALUES = 4
+    SET_DUTY = 5
+    SET_CURRENT = 6
+    SET_CURRENT_BRAKE = 7
+    SET_RPM = 8
+    SET_SERVO_POS = 12
+    GET_APPCONF = 17
+    ALIVE = 30
+
+
+FAULTS: Final = {
+    1: "over-voltage", 2: "under-voltage", 3: "gate driver", 4: "over-current", 5: "transistors too hot",
+    6: "motor too hot", 7: "gate driver over-voltage", 8: "gate driver under-voltage", 9: "processor under-voltage",
+    10: "restarted by its watchdog", 11: "encoder", 12: "encoder signal too weak", 13: "encoder signal too strong",
+    14: "flash memory", 15: "current sensor 1", 16: "current sensor 2", 17: "current sensor 3",
+    18: "unbalanced currents", 19: "brake", 20: "resolver", 21: "resolver", 22: "resolver",
+    23: "settings of the app lost", 24: "settings of the motor lost", 25: "encoder without magnet",
+    26: "encoder's magnet too strong", 27: "phase filter",
+}  # fmt: skip
+"""Fault codes of the firmware, in words."""
+
+
+def packet(payload: bytes) -> bytes:
+    """Frame a payload."""
+    size = len(payload)
+    head = bytes((2, size)) if size < 256 else pack(">BH", 3, size)
+    return head + payload + pack(">HB", crc_hqx(payload, 0), 3)
+
+
+def set_rpm(erpm: float) -> bytes:
+    """Ask for a speed, electrical turns a minute."""
+    return packet(pack(">Bi", Command.SET_RPM, round(erpm)))
+
+
+def set_duty(duty: float) -> bytes:
+    """Ask for a duty cycle, -1 to 1; 0 brakes with the motor's own current."""
+    return packet(pack(">Bi", Command.SET_DUTY, round(1e5 * duty)))
+
+
+def set_current(current: float) -> bytes:
+    """Ask for a motor current, A; 0 lets it roll."""
+    return packet(pack(">Bi", Command.SET_CURRENT, round(1e3 * current)))
+
+
+def set_brake(current: float) -> bytes:
+    """Ask for braking with a motor current, A."""
+    return packet(pack(">Bi", Command.SET_CURRENT_BRAKE, round(1e3 * current)))
+
+
+def set_servo(position: float) -> bytes:
+    """Ask for a position of the servo, 0 to 1."""
+    return packet(pack(">Bh", Command.SET_SERVO_POS, round(1e3 * position)))
+
+
+def ask(command: Command) -> bytes:
+    """Ask for what such a command answers; ALIVE has no answer."""
+    return packet(bytes((command,)))
+
+
+class Unpacker:
+    """Finds the packets in a stream; `faults` counts the stretches that were none."""
+
+    def __init__(self) -> None:
+        self.faults = 0
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The payloads that these bytes complete."""
+        self._buffer += data
+        payloads = []
+        while (found := self._first()) is not None:
+            start, end, payload = found
+            self.faults += start > 0
+            self._buffer = self._buffer[end:]
+            payloads.append(payload)
+        keep = next((at for at in range(len(self._buffer)) if self._at(at) is not None), len(self._buffer))
+        self.faults += keep > 0
+        self._buffer = self._buffer[keep:]
+        return payloads
+
+    def _first(self) -> tuple[int, int, bytes] | None:
+        """Where the first whole packet begins and ends, and its payload; what is half there before it is damaged."""
+        for start in range(len(self._buffer)):
+            payload = self._at(start)
+            if payload:
+                return start, start + len(packet(payload)), payload
+        return None
+
+    def _at(self, start: int) -> bytes | None:
+        """The payload of the packet that begins there; empty: it is not all there yet; None: none begins there."""
+        buffer, kind = self._buffer, self._buffer[start]
+        if kind not in (2, 3):
+            return None
+        begin = start + kind
+        size = int.from_bytes(buffer[start + 1 : begin])
+        if len(buffer) < begin:
+            return b""
+        if not 0 < size <= LENGTH_MAX or (kind == 3 and size < 256):
+            return None
+        end = begin + size
+        if len(buffer) < end + 3:
+            return b""
+        payload = buffer[begin:end]
+        return payload if buffer[end : end + 3] == pack(">HB", crc_hqx(payload, 0), 3) else None
+
+
+class Values(NamedTuple):
+    """What the controller reports, of its answer to GET_VALUES."""
+
+    transistors: float  # their temperature, degrees Celsius
+    motor: float  # its temperature, degrees Celsius
+    motor_current: float  # A
+    input_current: float  # A
+    duty: float  # -1 to 1
+    erpm: int  # electrical turns a minute
+    voltage: float  # of the battery, V
+    tachometer: int  # sixths of an electrical turn, forward positive
+    distance: int  # the same, always rising
+    fault: int  # 0: none
+    timed_out: bool | None  # it has stopped as nothing came; None: older firmware does not tell
+
+
+_VALUES: Final = Struct(">hhiiiihihiiiiiiB")
+_STATUS_AT: Final = 73  # bytes behind the command; firmware that has it tells in its first bit of a time-out
+
+
+def values_of(payload: bytes) -> Values | None:
+    """The values in an answer to GET_VALUES; None when it is too short to be one."""
+    body = payload[1:]
+    if len(body) < _VALUES.size:
+        return None
+    hot, motor, amps, amps_in, _, _, duty, erpm, volts, *_, tachometer, distance, fault = _VALUES.unpack_from(body)
+    timed_out = bool(body[_STATUS_AT - 1] & 1) if len(body) >= _STATUS_AT else None
+    return Values(
+        hot / 10.0, motor / 10.0, amps / 100.0, amps_in / 100.0, duty / 1000.0, erpm, volts / 10.0,
+        tachometer, distance, fault, timed_out,
+    )  # fmt: skip
+
+
+def timeout_of(payload: bytes) -> float | None:
+    """The controller's own time-out, s, 0 for none, in an answer to GET_APPCONF; None when it cannot be told.
+
+    Behind the command stand a signature of the settings' layout, the controller's number, and milliseconds.
+    """
+    if len(payload) < 10:
+        return None
+    milliseconds = int.from_bytes(payload[6:10])
+    return milliseconds / 1000.0 if milliseconds <= 600_000 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of the HAL, under `hal_options`; the port is `serial.port`."""
+
+    baud: PositiveInt = 115200
+    """Bits a second over UART; USB takes any."""
+    pole_pairs: PositiveInt = 2
+    """Of the motor: electrical turns in a turn of its shaft."""
+    gear: Positive = 11.82
+    """Turns of the motor in a turn of the wheels; that of a Traxxas Slash 4x4."""
+    backwards: bool = False
+    """Whether the motor drives the car backwards for positive speeds."""
+    servo_centre: Share = 0.5
+    """The servo's position in which it drives straight."""
+    servo_range: float = 0.4
+    """From there to full lock on the left; negative where smaller positions steer left."""
+    brake: NotNegative = 5.0
+    """Motor current that brakes it when it is to stand, A; 0 lets it roll."""
+
+
+class VescHal(PlainHal):
+    """A car with a VESC; the servo that steers is plugged into it."""
+
+    name = "vesc"
+
+    def __init__(
+        self, port: Port, options: Options, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
+    ) -> None:
+        self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
+        self._line = Line(port, wrap, "the VESC", self._greet, self._take)
+        self._options, self._geometry = options, geometry
+        sign = -1.0 if options.backwards else 1.0
+        self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
+        self._count_length = sign * geometry.circumference / (STEPS * options.pole_pairs * options.gear)
+        self._unpacker = Unpacker()
+        self._skipped = 0  # faults of streams that are gone
+        self._forget()
+
+    def _forget(self) -> None:
+        self._odometry: Odometry | None = None
+        self._values: Values | None = None
+        self._taken = 0.0  # loop time of the values
+        self._firmware: tuple[int, int] | None = None
+        self._timeout: float | None = None
+        self._asked = -ASK_AGAIN  # loop time
+        self._share = 0.0  # of the steering's range, left positive
+        self._halted = False
+
+    async def open(self) -> None:
+        """Open the port."""
+        self._forget()
+        await self._line.open()
+
+    async def close(self) -> None:
+        """Brake, let go of the motor, and close the port."""
+        await self._line.close(self._at_rest() + self._steered())
+
+    def _greet(self) -> None:
+        """Nothing of what an earlier line said counts, but where the car is."""
+        self._skipped += self._unpacker.faults
+        self._unpacker = Unpacker()
+        self._values = self._firmware = self._timeout = None
+        self._asked = self._line.time() - ASK_AGAIN
+
+    def read(self, now: float) -> Inputs:
+        """Odometry by the tachometer and the steering that was asked for, and the battery's voltage."""
+        link = self._line.report(now, {"line_damaged": self._skipped + self._unpacker.faults})
+        if self._odometry is None or self._values is None:
+            return Inputs(odometry=self._odometry, odometry_time=self._line.run_time(self._taken), link=link)
+        time = self._line.run_time(self._taken)
+        return Inputs(
+            odometry=self._odometry, odometry_time=time, batteries=(max(0.0, self._values.voltage), 0.0),
+            battery_time=time, link=link,
+        )  # fmt: skip
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Send speed and steering and ask for the values, every time: that also tells the controller that we live."""
+        time = self._line.time()
+        v = outputs.v if self._line.ready else 0.0
+        if v:
+            self._halted = False
+            self._share = self._geometry.steering_share(outputs.omega / v)
+            drive = set_rpm(min(max(v * self._erpm_per_speed, -1e6), 1e6))
+        else:
+            self._share = 0.0
+            drive = self._at_rest()
+        questions = ask(Command.GET_VALUES)
+        if time >= self._asked + ASK_AGAIN - 1e-9 and (self._firmware is None or self._timeout is None):
+            self._asked = time
+            questions += ask(Command.FW_VERSION) + ask(Command.GET_APPCONF)
+        self._line.send(drive + self._steered() + questions)
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Brake with all that the motor gives, until a speed is asked for."""
+        self._halted = True
+        self._line.send(self._at_rest())
+
+    def _at_rest(self) -> bytes:
+        if self._halted:
+            return set_duty(0.0)
+        return set_brake(self._options.brake) if self._options.brake else set_current(0.0)
+
+    def _steered(self) -> bytes:
+        position = self._options.servo_centre + self._options.servo_range * self._share
+        return set_servo(min(max(position, 0.0), 1.0))
+
+    # -- what comes ------------------------------------------------------------------------------------------------
+
+    def _take(self, data: bytes) -> None:
+        for payload in self._unpacker.feed(data):
+            match payload[0]:
+                case Command.GET_VALUES:
+                    values = values_of(payload)
+                    if values is not None:
+                        self._take_values(values)
+                case Command.FW_VERSION if len(payload) >= 3:
+                    self._take_firmware(payload[1], payload[2])
+                case Command.GET_APPCONF:
+                    self._timeout = timeout_of(payload)
+                    self._tell()
+
+    def _take_firmware(self, major: int, minor: int) -> None:
+        if major < 5:
+            remedy = "update it with VESC Tool: 5 and 6 are spoken here"
+            self._line.fail(HalError(f"the VESC has firmware {major}.{minor:02d}: {remedy}"))
+        self._firmware = major, minor
+        self._tell()
+
+    def _tell(self) -> None:
+        if self._firmware is None:
+            return
+        text = f"VESC with firmware {self._firmware[0]}.{self._firmware[1]:02d}"
+        advice = "set 0.5 s in VESC Tool, App Settings, General"
+        if self._timeout is not None:
+            text += f", stops by itself after {self._timeout:g} s" if self._timeout else ", never stops by itself"
+            text += "" if 0.0 < self._timeout <= TIMEOUT_MAX else f": {advice}"
+        self._line.tell(text)
+
+    def _take_values(self, values: Values) -> None:
+        before, self._values = self._values, values
+        self._taken = self._line.time()
+        if values.fault and (before is None or before.fault != values.fault):
+            self._line.down(f"the VESC reports a fault: {FAULTS.get(values.fault, f'code {values.fault}')}")
+        v = values.erpm / self._erpm_per_speed
+        distance = 0.0
+        if before is not None:
+            distance = self._count_length * wrapped(values.tachometer - before.tachometer)
+            if wrapped(values.distance - before.distance) < 0 or abs(distance) > RESTARTED:
+                distance = 0.0
+                self._line.down("the VESC restarted: its tachometer began anew")
+        if not values.fault:
+            self._line.heard()
+        old = self._odometry or Odometry()
+        self._odometry = rolled(old, distance, self._geometry.curvature(self._share), v)
+
+
+def wrapped(count: int) -> int:
+    """The difference of two counters of 32 bits."""
+    return (count + 2**31) % 2**32 - 2**31
+
+
+def create(config: Config) -> VescHal:
+    """The VESC behind the configured line."""
+    from numpy.random import SeedSequence
+
+    from txt1.hal.registry import HOST_LINE, PORTS, port_of
+    from txt1.link.impairments import faulty
+
+    options = checked(Options, config.hal_options, "hal_options")
+    if config.geometry.steering == "skid":
+        raise ConfigError("geometry.steering: a VESC drives one motor and steers with a servo; choose both or front")
+    seed = SeedSequence([config.own_seed, HOST_LINE])
+    return VescHal(
+        port_of(config, options.baud, "txt1 device vesc"), options, config.geometry,
+        lambda end: faulty(end, config.serial.fault, seed), simulated=config.serial.port in PORTS.ours,
+    )  # fmt: skip
