@@ -57,6 +57,7 @@ class Settings:
     doubt: Positive = 2.5  # mean square of the readings' misfit, in its own deviations, from which it is lost
     slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
     model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
+    aim: Share = 0.95  # of the goal's distance that a plan is to reach: what grazes the goal might miss it
     ahead: PositiveInt = 130  # decisions after which a plan's first action ends at the latest
     delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
 
@@ -191,6 +192,8 @@ class PilotAgent:
         """Learn from what came of the last action, and choose the next one."""
         self._acting, self._due = True, now + self.settings.period
         self._learn(odometry)
+        if self._light is not None:  # it is here, and the episode goes on: the goal is nearer to the light
+            self.goal = min(self.goal, 0.98 * hypot(*self._light[:2]))
         if self.lost and len(self._rows) % self.settings.anew == 0:
             self._survey_anew()
         if not self.lost and (self.misfit > self.settings.doubt or len(self._rows) > self._deadline):
@@ -352,7 +355,7 @@ class PilotAgent:
         delay = int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
         k, c = self.effects.k[delay], self.effects.c[delay]
         pending = np.array(self._taken[:delay][::-1], np.int64)
-        goal = self.goal or 0.25 * sqrt(self._prior()[1][PLACES])
+        goal = self.settings.aim * self.goal or 0.25 * sqrt(self._prior()[1][PLACES])
         a, self.plan = quickest(
             self._light[0], self._light[1], self._pace[0], self._pace[1], pending, k,
             c[:, : self.actions].copy(), c, float(self.survey[SCALE]), goal, self.settings.ahead,
