@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from math import hypot
 
 import pytest
@@ -14,7 +14,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.devices.pico import Pico, PicoPort, interpreter
-from txt1.errors import MissingExtra, StopNotVerified
+from txt1.errors import MissingExtra, NotArmed, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
 from txt1.hal.registry import create_serial
@@ -139,7 +139,12 @@ LINES = ("drop=0.2", "flip=0.001", "duplicate=0.3", "split=true", "delay=0.05", 
 
 @pytest.mark.parametrize("fault", LINES)
 async def test_it_drives_and_stops_over_any_line(fault: str) -> None:
-    async with robot_and_pico(SMALL_GAINS, f"board.fault.{fault}", f"serial.fault.{fault}", "seed=4") as (robot, pico):
+    async with robot_and_pico(SMALL_GAINS, f"board.fault.{fault}", f"serial.fault.{fault}", "seed=3") as (robot, pico):
+        with suppress(NotArmed):  # at its origin, a pause of the line cannot be told from a restart
+            await robot.drive(0.5, 0.2, 2.0)
+        await robot.linked(10.0)
+        assert await robot.load_gains(timeout=60.0)
+        robot.arm()
         await robot.drive(0.5, 0.2, 2.0)
         assert speed(pico) == pytest.approx(0.5, abs=0.06)
         assert robot.odometry.v == pytest.approx(0.5, abs=0.08)
