@@ -445,3 +445,24 @@ class TestVescOverABadLine(HalConformance):
 
     def make(self) -> Hal:
         return create(on_a_line("vesc", "f1tenth", NOISY))
+
+
+class TestWaveshare(HalConformance):
+    """A rover's board that closes its own loops."""
+
+    def make(self) -> Hal:
+        return create(on_a_line("waveshare", "rover"))
+
+
+class TestWaveshareOverABadLine(HalConformance):
+    """Torn, merged, damaged, late and lost lines break no promise."""
+
+    def make(self) -> Hal:
+        return create(on_a_line("waveshare", "rover", NOISY))
+
+
+class TestWaveshareWithoutEncoders(HalConformance):
+    """A rover's board that takes PWM and knows no motion."""
+
+    def make(self) -> Hal:
+        return create(on_a_line("waveshare", "rover").model_copy(update={"hal_options": {"encoders": False}}))

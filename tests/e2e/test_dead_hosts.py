@@ -15,6 +15,7 @@ from blockbuster import BlockBuster
 
 from txt1.config import load
 from txt1.devices.vesc import Vesc
+from txt1.devices.waveshare import Waveshare
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
 
@@ -42,6 +43,7 @@ async def until(condition: Callable[[], bool], patience: float) -> float:
     ("hal", "vehicle", "make", "timeout"),
     [
         pytest.param("vesc", "f1tenth", lambda config: Vesc(config, timeout=0.5), 0.5, id="vesc"),
+        pytest.param("waveshare", "rover", Waveshare, 0.5, id="waveshare"),
     ],
 )
 def test_the_device_stops_by_itself(

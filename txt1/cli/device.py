@@ -18,7 +18,14 @@ from txt1.link.tcp import listen_tcp
 from txt1.plugins import Registry
 
 DEVICES: Final = Registry(
-    "device", "txt1.devices", {"pico": "txt1.devices.pico:Pico", "vesc": "txt1.devices.vesc:Vesc"}, Txt1Error
+    "device",
+    "txt1.devices",
+    {
+        "pico": "txt1.devices.pico:Pico",
+        "vesc": "txt1.devices.vesc:Vesc",
+        "waveshare": "txt1.devices.waveshare:Waveshare",
+    },
+    Txt1Error,
 )
 
 

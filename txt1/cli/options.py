@@ -114,7 +114,7 @@ Arguments = Mapping[str, dict[str, Any]]  # of a command by their names, from `t
 LINE: Final = {
     "--port": takes(
         "PORT", "where the board is: a device, socket://HOST:PORT, or one in this process: virtual, with --hal vesc: "
-        "vesc; left out, the only device there is",
+        "vesc, waveshare: waveshare; left out, the only device there is",
     ),
     "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
 }  # fmt: skip
@@ -127,7 +127,7 @@ CONFIGURATION: Final = {
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
 ROBOT: Final = CONFIGURATION | LINE | SEED | {
     "--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own"),
-    "--hal": takes("NAME", "hardware layer: sim, serial, vesc, or one from another package"),
+    "--hal": takes("NAME", "hardware layer: sim, serial, vesc, waveshare, or one from another package"),
     "--speed": takes(
         "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
         "when nobody watches", speed,

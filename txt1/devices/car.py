@@ -1,14 +1,18 @@
 """A simulated vehicle under a controller that closes its own speed loop, as motor controllers and rover boards do."""
 
+import asyncio
+from collections.abc import Callable
 from math import copysign
-from typing import Final
+from typing import Final, Generic, Protocol, TypeVar
 
 from txt1.config import Config
 from txt1.control.limits import Outputs
 from txt1.control.open_loop import TRACK_COUNTS
 from txt1.hal.registry import create_sim
+from txt1.link.base import End, Link, connect
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
+PERIOD: Final = 0.005  # s between two steps of a controller's loops
 GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
 RESET: Final = 4.0  # 1/s, of its integral
 
@@ -68,3 +72,79 @@ class Car:
         """Put out counts of both sides' motors."""
         steering = round(0.5 * TRACK_COUNTS * (right - left))
         self.hal.write(Outputs(round(0.5 * (right + left)), -steering, steering), now)
+
+
+class Steps:
+    """A controller's loops while it has power: `step` is given the time since then, s, again and again."""
+
+    def __init__(self, car: Car, step: Callable[[float], None]) -> None:
+        self._car, self._step = car, step
+        self._began = 0.0
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def now(self) -> float:
+        """Seconds since power-up."""
+        return asyncio.get_running_loop().time() - self._began
+
+    async def begin(self) -> None:
+        """Begin them."""
+        self._began = asyncio.get_running_loop().time()
+        await self._car.hal.open()
+        self._task = asyncio.create_task(self._run())
+
+    async def end(self) -> None:
+        """End them; harmless when that is done already."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        await self._car.hal.close()
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for so many seconds, or for ever; raises what went wrong inside."""
+        assert self._task is not None
+        await asyncio.wait([self._task], timeout=duration)
+        if self._task.done():
+            self._task.result()
+
+    async def _run(self) -> None:
+        while True:
+            self._step(self.now)
+            await asyncio.sleep(PERIOD)
+
+
+class Controller(Protocol):
+    """A motor controller on the desk."""
+
+    line: End
+    """Its end of the line."""
+
+    async def power_up(self) -> None:
+        """Begin."""
+
+    async def power_down(self) -> None:
+        """End."""
+
+
+D = TypeVar("D", bound=Controller)
+
+
+class DevicePort(Generic[D]):
+    """A port with a controller behind it, in the same process and the same time."""
+
+    def __init__(self, address: str, make: Callable[[], D]) -> None:
+        self.address, self._make = address, make
+        self.device: D | None = None
+
+    async def open(self, end: End) -> Link:
+        """A link to it; it is powered up first if need be."""
+        if self.device is None:
+            self.device = self._make()
+            await self.device.power_up()
+        return connect(end, self.device.line)[0]
+
+    async def close(self) -> None:
+        """Power it down."""
+        if self.device is not None:
+            device, self.device = self.device, None
+            await device.power_down()

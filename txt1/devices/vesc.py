@@ -5,8 +5,6 @@ below a least one let the motor roll, and when no command has come for as long a
 the servo stays where it is. Neither asking for values nor the servo's command puts that off.
 """
 
-import asyncio
-from collections.abc import Callable
 from math import inf
 from struct import Struct, pack, unpack_from
 from typing import Final
@@ -15,14 +13,13 @@ from numpy.random import SeedSequence
 
 from txt1.board import BOARD_LINE
 from txt1.config import Config, checked
-from txt1.devices.car import Car
+from txt1.devices.car import Car, DevicePort, Steps
 from txt1.devices.station import Station
 from txt1.hal.vesc import STEPS, Command, Options, Unpacker, packet
-from txt1.link.base import End, Link, connect
+from txt1.link.base import End, Link
 from txt1.link.impairments import faulty
 from txt1.model.vehicle import PWM_MAX
 
-PERIOD: Final = 0.005  # s between two steps of its loops
 TIMEOUT: Final = 1.0  # s; the firmware's own
 ERPM_MIN: Final = 900.0  # electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
 APPCONF: Final = 470  # bytes of its settings, about
@@ -51,14 +48,8 @@ class Vesc:
         self._command, self._value = Command.SET_CURRENT, 0.0
         self._servo = options.servo_centre
         self._heard = -inf  # loop time of the last command
-        self._began = 0.0
         self._distance = self._last = 0.0
-        self._steps: asyncio.Task[None] | None = None
-
-    @property
-    def now(self) -> float:
-        """Seconds since power-up."""
-        return asyncio.get_running_loop().time() - self._began
+        self._steps = Steps(self.car, self._step)
 
     @property
     def drives(self) -> bool:
@@ -68,32 +59,19 @@ class Vesc:
     @property
     def timed_out(self) -> bool:
         """Whether it has stopped as nothing has come for its time-out."""
-        return bool(self.timeout) and self.now - self._heard > self.timeout
+        return bool(self.timeout) and self._steps.now - self._heard > self.timeout
 
     async def power_up(self) -> None:
         """Begin its loops."""
-        self._began = asyncio.get_running_loop().time()
-        await self.car.hal.open()
-        self._steps = asyncio.create_task(self._run())
+        await self._steps.begin()
 
     async def power_down(self) -> None:
         """End them; harmless when that is done already."""
-        if self._steps is not None:
-            self._steps.cancel()
-            self._steps = None
-        await self.car.hal.close()
+        await self._steps.end()
 
     async def ended(self, duration: float | None = None) -> None:
         """Wait for so many seconds, or for ever; raises what went wrong inside."""
-        assert self._steps is not None
-        await asyncio.wait([self._steps], timeout=duration)
-        if self._steps.done():
-            self._steps.result()
-
-    async def _run(self) -> None:
-        while True:
-            self._step(self.now)
-            await asyncio.sleep(PERIOD)
+        await self._steps.ended(duration)
 
     def _step(self, now: float) -> None:
         self.car.move(now)
@@ -133,13 +111,13 @@ class Vesc:
     def _obey(self, payload: bytes) -> None:
         command, body = payload[0], payload[1:]
         if command in _COMMANDS and len(body) >= 4:
-            self._heard = self.now
+            self._heard = self._steps.now
             self._command = Command(command)
             self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
         elif command == Command.SET_SERVO_POS and len(body) >= 2:
             self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
         elif command == Command.ALIVE:
-            self._heard = self.now
+            self._heard = self._steps.now
         elif command == Command.GET_VALUES:
             self._send(self._values())
         elif command == Command.FW_VERSION:
@@ -149,7 +127,7 @@ class Vesc:
             self._send(bytes((command,)) + settings.ljust(APPCONF, b"\0"))
 
     def _values(self) -> bytes:
-        self._step(self.now)
+        self._step(self._steps.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
             Command.GET_VALUES, 250, 250, 0, 0, 0, 0, 0, round(erpm), round(10.0 * self.car.voltage), 0, 0, 0, 0,
@@ -162,24 +140,6 @@ class Vesc:
         self._station.send(packet(payload))
 
 
-class VescPort:
-    """A port with a VESC behind it, in the same process and the same time: `serial.port: vesc`."""
-
-    address = "vesc"
-
-    def __init__(self, config: Config, make: Callable[[Config], Vesc] = Vesc) -> None:
-        self._config, self._make = config, make
-        self.device: Vesc | None = None
-
-    async def open(self, end: End) -> Link:
-        """A link to it; it is powered up first if need be."""
-        if self.device is None:
-            self.device = self._make(self._config)
-            await self.device.power_up()
-        return connect(end, self.device.line)[0]
-
-    async def close(self) -> None:
-        """Power it down."""
-        if self.device is not None:
-            device, self.device = self.device, None
-            await device.power_down()
+def port(config: Config) -> DevicePort[Vesc]:
+    """A port with a VESC behind it: `serial.port: vesc`."""
+    return DevicePort("vesc", lambda: Vesc(config))

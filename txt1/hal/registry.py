@@ -64,7 +64,8 @@ PORTS: Final = Registry(
     {
         "virtual": "txt1.board:VirtualPort",
         "pico": "txt1.devices.pico:PicoPort",
-        "vesc": "txt1.devices.vesc:VescPort",
+        "vesc": "txt1.devices.vesc:port",
+        "waveshare": "txt1.devices.waveshare:port",
     },
 )
 
@@ -83,7 +84,7 @@ def port_of(config: Config, baud: int | None = None, behind: str = BOARD) -> Por
     return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind)
 
 
-ON_A_LINE: Final = ("serial", "vesc")  # our HALs whose far end is at serial.port
+ON_A_LINE: Final = ("serial", "vesc", "waveshare")  # our HALs whose far end is at serial.port
 
 
 def is_simulated(config: Config) -> bool:
@@ -108,7 +109,15 @@ def create_serial(config: Config) -> Hal:
 
 
 HALS: Final = Registry(
-    "HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial, "vesc": "txt1.hal.vesc:create"}, HalError
+    "HAL",
+    "txt1.hal",
+    {
+        "sim": create_sim,
+        "serial": create_serial,
+        "vesc": "txt1.hal.vesc:create",
+        "waveshare": "txt1.hal.waveshare:create",
+    },
+    HalError,
 )
 
 

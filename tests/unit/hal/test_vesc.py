@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import Config, load
-from txt1.devices.vesc import Vesc, VescPort
+from txt1.devices.car import DevicePort
+from txt1.devices.vesc import Vesc
 from txt1.errors import ConfigError, TaskFault
 from txt1.hal import vesc
 from txt1.hal.registry import create
@@ -156,10 +157,12 @@ def config(*words: str) -> Config:
     return load(None, [*WORDS, "serial.port=vesc", *words], {}, {"hal": "vesc"}).config
 
 
-def on_the_desk(*words: str, firmware: tuple[int, int] = (6, 5), timeout: float = 1.0) -> tuple[VescHal, VescPort]:
+def on_the_desk(
+    *words: str, firmware: tuple[int, int] = (6, 5), timeout: float = 1.0
+) -> tuple[VescHal, DevicePort[Vesc]]:
     """The HAL, and the port with a VESC that it drives."""
     made = config(*words)
-    port = VescPort(made, lambda given: Vesc(given, firmware, timeout))
+    port = DevicePort("vesc", lambda: Vesc(made, firmware, timeout))
     return VescHal(port, vesc.checked(Options, made.hal_options, "x"), made.geometry, lambda end: end, True), port
 
 

@@ -1,0 +1,278 @@
+"""Waveshare's rover boards as a HAL: JSON lines over UART or USB, with the firmware of their UGV and WAVE ROVER.
+
+Boards with encoders close a speed loop for each side, and report paths, speeds and their IMU; those without take PWM.
+They stop by themselves when no set-point has come for as long as their heartbeat says, 3 s as they come: it is set when
+the line is opened, and again every second, as a board that restarts forgets it.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from txt1.config import Config, checked
+from txt1.control.open_loop import TRACK_COUNTS
+from txt1.errors import ConfigError
+from txt1.hal.base import Capabilities, Inputs, Outputs
+from txt1.hal.line import Line
+from txt1.hal.plain import PlainHal
+from txt1.hal.serial import Port
+from txt1.link.base import End
+from txt1.model.kinematics import move_along_arc
+from txt1.model.odometry import Odometry
+from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.units import Positive, PositiveInt
+
+SPEED: Final = 1  # commands: L and R, m/s
+PWM: Final = 11  # L and R, -255 to 255
+FEEDBACK: Final = 131  # whether it reports without being asked
+HEARTBEAT: Final = 136  # ms
+INTERVAL: Final = 142  # between two reports, ms
+ECHO: Final = 143  # whether it sends back what it is sent
+REPORT: Final = 1001  # what it reports itself
+
+PWM_FULL: Final = 255
+LINE_MAX: Final = 2048  # bytes; a report has about 200
+EVERY: Final = 20  # ms between two reports
+SETTINGS_EVERY: Final = 1.0  # s
+HUNDREDTHS: Final = 60.0  # V: more than this is hundredths of one, and paths are in cm
+RESTARTED: Final = 2.0  # m between two reports that are no motion
+GAP: Final = 0.2  # s: a yaw rate holds no longer
+CALM: Final = 25  # reports at rest that make the gyroscope's bias known
+LIMIT: Final = 1e9  # numbers beyond this are none
+
+
+def line(command: int, **values: float) -> bytes:
+    """A command as the board reads it."""
+    return json.dumps({"T": command} | values, separators=(",", ":")).encode() + b"\n"
+
+
+class Lines:
+    """Finds the objects in a stream of lines, also in lines that are torn or run into each other.
+
+    `faults` counts the lines of which something was thrown away.
+    """
+
+    def __init__(self) -> None:
+        self.faults = 0
+        self._rest = b""
+        self._decoder = json.JSONDecoder()
+
+    def feed(self, data: bytes) -> list[dict[str, Any]]:
+        """The objects that these bytes complete."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > LINE_MAX:
+            self.faults += 1
+            self._rest = b""
+        return [found for text in lines for found in self._objects(text[-LINE_MAX:])]
+
+    def _objects(self, text: bytes) -> list[dict[str, Any]]:
+        words, found, at, clean = text.decode("ascii", "replace").strip(), [], 0, True
+        while (start := words.find("{", at)) >= 0:
+            clean &= not words[at:start].strip()
+            try:
+                value, at = self._decoder.raw_decode(words, start)
+            except (ValueError, RecursionError):  # torn: another may begin behind its brace
+                clean, at = False, start + 1
+                continue
+            if isinstance(value, dict):
+                found.append(value)
+        self.faults += not (clean and not words[at:].strip())
+        return found
+
+
+def number(value: Any) -> float | None:
+    """A finite number of the board's; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -LIMIT < value < LIMIT:
+        return None
+    return float(value)
+
+
+class Report(NamedTuple):
+    """What the board reports itself; None where it does not."""
+
+    left: float | None  # speed of that side, m/s
+    right: float | None
+    path_left: float | None  # rolled by that side, m
+    path_right: float | None
+    voltage: float | None  # V
+    gyro: float | None  # about the vertical axis, as it comes
+
+
+def report_of(found: dict[str, Any]) -> Report | None:
+    """The report in an object; None where it is another one."""
+    if found.get("T") != REPORT:
+        return None
+    left, right, path_left, path_right, voltage, gyro = (
+        number(found.get(name)) for name in ("L", "R", "odl", "odr", "v", "gz")
+    )
+    if voltage is not None and voltage > HUNDREDTHS:
+        voltage /= 100.0
+        path_left = None if path_left is None else path_left / 100.0
+        path_right = None if path_right is None else path_right / 100.0
+    return Report(left, right, path_left, path_right, voltage, gyro)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of the HAL, under `hal_options`; the port is `serial.port`."""
+
+    baud: PositiveInt = 115200
+    """Bits a second."""
+    encoders: bool = True
+    """Whether its motors have them; without, as on the WAVE ROVER, it takes PWM and is driven by control.speed_map."""
+    heartbeat: Positive = 0.5
+    """Time without a set-point after which the board stops by itself, s."""
+    gyro: float = 0.001064
+    """Yaw rate for a count of gz, rad/s: 1 / 16.4 degrees/s; negative where the board lies upside down; 0: not used."""
+
+
+class WaveshareHal(PlainHal):
+    """A rover with such a board."""
+
+    name = "waveshare"
+
+    def __init__(
+        self, port: Port, options: Options, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
+    ) -> None:
+        closed = options.encoders
+        self.capabilities = Capabilities(
+            odometry=closed, pwm=not closed, battery=True, halt=closed, simulated=simulated
+        )
+        self._line = Line(port, wrap, "the rover's board", self._greet, self._take)
+        self._options, self._geometry = options, geometry
+        self._lines = Lines()
+        self._skipped = 0  # faults of streams that are gone
+        self._forget()
+
+    def _forget(self) -> None:
+        self._odometry: Odometry | None = None
+        self._report: Report | None = None
+        self._taken = 0.0  # loop time of the report
+        self._batteries: tuple[float, float] | None = None
+        self._set = -SETTINGS_EVERY  # loop time
+        self._bias, self._calm = 0.0, 0
+        self._halted = False
+
+    async def open(self) -> None:
+        """Open the port."""
+        self._forget()
+        await self._line.open()
+
+    async def close(self) -> None:
+        """Have it stand, and close the port."""
+        await self._line.close(self._drive(Outputs()))
+
+    def _greet(self) -> None:
+        self._skipped += self._lines.faults
+        self._lines = Lines()
+        self._report = None
+        self._set = self._line.time() - SETTINGS_EVERY
+        self._line.send(b"\n")  # ends what an earlier host has left half said
+
+    def read(self, now: float) -> Inputs:
+        """Odometry by the sides' paths and the gyroscope, and the battery's voltage."""
+        link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults})
+        time = self._line.run_time(self._taken)
+        return Inputs(
+            odometry=self._odometry if self._options.encoders else None, odometry_time=time, batteries=self._batteries,
+            battery_time=time, link=link,
+        )  # fmt: skip
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Send the sides' speeds every time, which is the heartbeat, and the settings once a second."""
+        data = self._drive(outputs if self._line.ready else Outputs())
+        time = self._line.time()
+        if time >= self._set + SETTINGS_EVERY - 1e-9:
+            self._set = time
+            heartbeat = round(1000.0 * self._options.heartbeat)
+            for command, value in ((ECHO, 0), (FEEDBACK, 1), (INTERVAL, EVERY), (HEARTBEAT, heartbeat)):
+                data += line(command, cmd=value)
+        self._line.send(data)
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Take the motors' PWM away, past the speed loops, until a speed is asked for."""
+        self._halted = True
+        self._line.send(self._drive(Outputs()))
+
+    def _drive(self, outputs: Outputs) -> bytes:
+        if not self._options.encoders:
+            turn = outputs.rear / TRACK_COUNTS
+            left, right = (
+                round(min(max((outputs.motor + side) / PWM_MAX, -1.0), 1.0) * PWM_FULL) for side in (-turn, turn)
+            )
+            return line(PWM, L=left, R=right)
+        self._halted &= not (outputs.v or outputs.omega)
+        if self._halted:
+            return line(PWM, L=0, R=0)
+        turn = 0.5 * self._geometry.track_width * outputs.omega
+        return line(SPEED, L=round(outputs.v - turn, 4), R=round(outputs.v + turn, 4))
+
+    # -- what comes ------------------------------------------------------------------------------------------------
+
+    def _take(self, data: bytes) -> None:
+        for found in self._lines.feed(data):
+            report = report_of(found)
+            if report is not None:
+                self._take_report(report)
+
+    def _take_report(self, report: Report) -> None:
+        time = self._line.time()
+        before, self._report = self._report, report
+        dt, self._taken = min(time - self._taken, GAP), time
+        self._line.heard()
+        if before is None:
+            dt = 0.0
+            self._line.tell(f"the rover's board answers; it stops by itself after {self._options.heartbeat:g} s")
+        if report.voltage is not None:
+            self._batteries = max(0.0, report.voltage), 0.0
+        left, right = report.left or 0.0, report.right or 0.0
+        paths = left * dt, right * dt
+        now = report.path_left, report.path_right
+        then = (None, None) if before is None else (before.path_left, before.path_right)
+        if None not in now and None not in then:
+            paths = now[0] - then[0], now[1] - then[1]  # type: ignore[operator]
+            if max(map(abs, paths)) > RESTARTED:
+                paths = 0.0, 0.0
+                self._line.down("the rover's board restarted: its paths began anew")
+        elif None not in now:
+            paths = 0.0, 0.0
+        v, omega = 0.5 * (left + right), (right - left) / self._geometry.track_width
+        distance, turn = 0.5 * (paths[0] + paths[1]), (paths[1] - paths[0]) / self._geometry.track_width
+        rate = self._yaw_rate(report.gyro, still=left == right == 0.0)
+        if rate is not None:
+            omega, turn = rate, rate * dt
+        old = self._odometry or Odometry()
+        if distance:
+            x, y, theta = move_along_arc(old.x, old.y, old.theta, distance, turn / distance, 0.0)
+        else:
+            x, y, theta = move_along_arc(old.x, old.y, old.theta + turn, 0.0, 0.0, 0.0)
+        self._odometry = Odometry(x, y, theta, v, omega)
+
+    def _yaw_rate(self, gyro: float | None, still: bool) -> float | None:
+        """The yaw rate by the gyroscope, rad/s; None until its bias is known, which it shows while the wheels stand."""
+        if gyro is None or not self._options.gyro:
+            return None
+        if still:
+            self._calm += 1
+            self._bias += (gyro - self._bias) / min(self._calm, 4 * CALM)
+        if self._calm < CALM:
+            return None
+        return 0.0 if still else self._options.gyro * (gyro - self._bias)
+
+
+def create(config: Config) -> WaveshareHal:
+    """The rover's board behind the configured line."""
+    from numpy.random import SeedSequence
+
+    from txt1.hal.registry import HOST_LINE, PORTS, port_of
+    from txt1.link.impairments import faulty
+
+    options = checked(Options, config.hal_options, "hal_options")
+    if config.geometry.steering != "skid":
+        raise ConfigError("geometry.steering: a Waveshare rover has sides that run at two speeds; choose skid")
+    seed = SeedSequence([config.own_seed, HOST_LINE])
+    return WaveshareHal(
+        port_of(config, options.baud, "txt1 device waveshare"), options, config.geometry,
+        lambda end: faulty(end, config.serial.fault, seed), simulated=config.serial.port in PORTS.ours,
+    )  # fmt: skip
