@@ -21,6 +21,7 @@ from txt1.estimation.fusion import Estimate
 from txt1.estimation.readings import fusable
 from txt1.estimation.task import ENCODERS, FILTERED, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
 from txt1.hal.base import LINK, Button, Hal, Inputs
+from txt1.hal.channels import rewired
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
@@ -78,7 +79,7 @@ class Runtime:
         tasks: Callable[["Runtime"], Iterable[Row]] | None = None,
     ) -> None:
         self.config = config
-        self.hal = hal
+        hal = self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
         self.name = config.name or hal.name if name is None else name
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""

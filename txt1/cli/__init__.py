@@ -32,6 +32,7 @@ COMMANDS: Final = {
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
     "learn": "let the robot learn to find the light (thesis 5)",
     "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",
+    "calibrate": "find out in a dialogue how your vehicle is wired and moves, and write its file",
     "tune": "identify the vehicle from a short drive, propose gains, and try them on the drive tests",
     "log": "look into a recording, export or recover it",
     "replay": "show a recording, or run it again and compare",

@@ -24,6 +24,7 @@ from txt1.cli import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
+from txt1.hal.base import Hal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
@@ -117,16 +118,18 @@ class App:
         log: Path | None = None,
         about: Mapping[str, object] | None = None,
         view: LiveView | None = None,
+        hal: Hal | None = None,
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
-        It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given.
+        It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given;
+        its hardware layer is the configured one, or `hal`.
         """
         through = False
         try:
             async with (
                 recording(log, config, self.speed, about or {}, say, view) as attach,
-                Robot.open(config=config, arm=False, patience=0.0, attach=attach) as robot,
+                Robot.open(hal, config=config, arm=False, patience=0.0, attach=attach) as robot,
             ):
                 self._subject = robot
                 yield robot

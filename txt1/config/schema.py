@@ -13,6 +13,7 @@ from txt1.control.pad import PadParameters
 from txt1.control.parameters import KnownCar, Limits, ObstacleStop, RollGuard, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
+from txt1.model.channels import Channels
 from txt1.model.light import EVEN, MOUNT, SOUND, Mount, SensorFault
 from txt1.model.vehicle import SPEED, Geometry
 from txt1.protocol.messages import PidSet
@@ -139,6 +140,8 @@ class SimConfig(Section):
     battery: Batteries = Batteries()
     noise: Noise = Noise()
     faults: Faults = Faults()
+    channels: Channels = Channels()
+    """Wiring of the simulated vehicle, which `channels` above, once found, puts right."""
     light: LightConfig = LightConfig()
     ground: Roughness = Roughness()
 
@@ -381,7 +384,10 @@ class Config(Section):
     """Its kind: txt1, or another whose file in config/vehicles/, or of your own (.yaml), sets what differs."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Repeats every random value of a simulation."""
+    calibrated: tuple[str, ...] = ()
+    """Steps of `txt1 calibrate` whose results are among the values."""
     geometry: Geometry = Geometry()
+    channels: Channels = Channels()
     control: ControlConfig = ControlConfig()
     car: KnownCar = KnownCar()
     safety: Safety = Safety()

@@ -124,13 +124,22 @@ def vehicles() -> list[str]:
     return sorted(path.stem for path in shipped(VEHICLES).glob("*.yaml"))
 
 
+def vehicle_file(name: str) -> Path | None:
+    """The file of a vehicle, there or not; None for the TXT-1, whose values are the defaults."""
+    if name == Config().vehicle:
+        return None
+    return Path(name) if name.endswith((".yaml", ".yml")) else shipped(VEHICLES) / f"{name}.yaml"
+
+
 def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:
     """The settings in the file of the vehicle that was chosen last; none for the TXT-1: its values are the defaults."""
     chosen = [setting for setting in settings if setting.path == ("vehicle",)]
-    if not chosen or not isinstance(chosen[-1].value, str) or chosen[-1].value == Config().vehicle:
+    if not chosen or not isinstance(chosen[-1].value, str):
         return []
     _, name, origin = chosen[-1]
-    file = Path(name) if name.endswith((".yaml", ".yml")) else shipped(VEHICLES) / f"{name}.yaml"
+    file = vehicle_file(name)
+    if file is None:
+        return []
     if not file.is_file():
         known = ", ".join([Config().vehicle, *vehicles()])
         raise ConfigError(f"vehicle: there is none '{name}' (from {origin}); there are: {known}; or give a YAML file")

@@ -54,7 +54,7 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults = sim.faults
     ground = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else None
-    return SimHal(vehicle, ground)
+    return SimHal(vehicle, ground, sim.channels)
 
 
 # simulated ports by name; anything else is a device

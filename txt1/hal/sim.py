@@ -8,6 +8,7 @@ from typing import Final
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
 from txt1.kernel.loop import clock_of
+from txt1.model.channels import STRAIGHT, Channels
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.ground import Ground
 from txt1.sim.vehicle import Vehicle
@@ -38,12 +39,13 @@ class SimHal:
         simulated=True,
     )
 
-    def __init__(self, vehicle: Vehicle, ground: Ground | None = None) -> None:
+    def __init__(self, vehicle: Vehicle, ground: Ground | None = None, wiring: Channels = STRAIGHT) -> None:
         self._counts = vehicle.body.counts_per_rev > 0
         if not self._counts:
             self.capabilities = replace(self.capabilities, ticks=False)
         self.vehicle = vehicle
         self._ground = ground
+        self._wiring = None if wiring == STRAIGHT else wiring
         self.world = vehicle.world
         self.outputs = NEUTRAL
         self.indicators = Indicators()
@@ -53,7 +55,7 @@ class SimHal:
     async def open(self) -> None:
         """Start with neutral outputs."""
         self.outputs = NEUTRAL
-        self.vehicle.command(0, 0, 0)
+        self._command(NEUTRAL)
         self.world.expect(self.vehicle, clock_of(asyncio.get_running_loop()))
 
     async def close(self) -> None:
@@ -74,6 +76,8 @@ class SimHal:
         if sensed != self._sensed:
             counted, batteries, cut_off, pose = self._sensed = sensed
             counts = counted if self._counts else None
+            if counts is not None and self._wiring is not None:
+                counts = self._wiring.sent(*counts)
             # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
             self._inputs = tuple.__new__(
                 Inputs, (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
@@ -84,7 +88,16 @@ class SimHal:
         """Hold these outputs from `now` on."""
         self.vehicle.advance_to(now)
         self.outputs = outputs
-        self.vehicle.command(outputs.motor, outputs.front, outputs.rear)
+        self._command(outputs)
+
+    def _command(self, outputs: Outputs) -> None:
+        motor, front, rear = outputs.motor, outputs.front, outputs.rear
+        if self._wiring is None:
+            self.vehicle.command(motor, front, rear)
+            return
+        forward, right, left = self._wiring.meant(motor, front, rear, self.vehicle.skids)
+        # the dynamics see a car that steers in front alone as one that steers both axles
+        self.vehicle.command(forward, right, -right if self.vehicle.body.steering == "front" else left)
 
     def halt(self, outputs: Outputs, now: float) -> None:
         """Nothing stands between `write` and the actuators."""

@@ -1,0 +1,210 @@
+"""Calibration of simulated cars that nobody knows, with operators who see them and measure them as people do."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blockbuster import BlockBuster
+
+from tests.e2e.conftest import ENDLESS
+from txt1.cli import FAULT, OK, USAGE, execute
+from txt1.config import Config, load
+from txt1.config.sources import with_values
+from txt1.errors import NotArmed
+from txt1.experiments.calibration import STEPS, Bench, calibrate, steps
+from txt1.experiments.practice import Onlooker, judge, passes, unknown_car
+from txt1.hal.channels import rewired
+from txt1.hal.registry import create
+from txt1.hal.sim import SimHal
+from txt1.kernel.loop import run
+from txt1.robot import Robot
+
+KINDS = ("txt1", "f1tenth", "donkeycar", "rover")
+
+
+@pytest.fixture(autouse=True)
+def files_may_be_read_and_written(blocking_calls_fail: BlockBuster) -> None:
+    """Before anything runs, and while nothing moves."""
+    for function in blocking_calls_fail.functions.values():
+        function.can_block_in("txt1/config/sources.py", {"load"})
+        function.can_block_in("txt1/cli/calibrate.py", {"keep"})
+
+
+def opener(hal: SimHal) -> Callable[..., Any]:
+    @asynccontextmanager
+    async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
+        wired = rewired(hal, config.channels, config.geometry.steering == "skid", unseen)
+        async with Robot.open(wired, config=config) as robot:
+            yield robot
+
+    return opened
+
+
+def unknown(kind: str, seed: int) -> tuple[Config, SimHal]:
+    """What is believed of a car, and the car."""
+    config = load(None, ENDLESS, {}, {"vehicle": kind, "seed": seed}).config
+    hal = create(unknown_car(config, seed))
+    assert isinstance(hal, SimHal)
+    return config, hal
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
+    kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    but_gains = [f"--step={name}" for name in STEPS if name in steps(*unknown(kind, 7)) and name != "tune"]
+    assert execute(["calibrate", "--vehicle", kind, "--practice", "2", "--seed", "7", *but_gains]) == OK
+    assert "2 cars, 0 of them not as they should be" in capsys.readouterr().out
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_fifty_of_each_kind_do_with_gains_of_their_own(kind: str) -> None:
+    assert execute(["calibrate", "--vehicle", kind, "--practice", "50", "--seed", "1000"]) == OK
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_does_not_before(kind: str) -> None:
+    config, hal = unknown(kind, 7)
+    believed = with_values(config, {"control.speed_map": [[-4000.0, -1.0], [4000.0, 1.0]]})
+    try:
+        verdict = run(judge(hal, believed, opener(hal)), speed="max")
+    except NotArmed as refused:
+        assert "runaway" in str(refused)
+    else:
+        assert not passes(verdict, 0.0)
+
+
+class Leaver(Onlooker):
+    """An operator who presses Ctrl-C in place of an answer."""
+
+    left = 0
+
+    async def ready(self, key: str, text: str) -> None:
+        self._leave()
+        await super().ready(key, text)
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        self._leave()
+        return await super().choose(key, text, options)
+
+    async def number(self, key: str, text: str, unit: str) -> float:
+        self._leave()
+        return await super().number(key, text, unit)
+
+    def _leave(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise asyncio.CancelledError
+
+
+def kept_until(question: int) -> tuple[Config, SimHal, dict[str, Any]]:
+    """A car, what is believed of it when its operator leaves at a question, and what was kept."""
+    config, hal = unknown("donkeycar", 3)
+    kept: dict[str, Any] = {}
+
+    async def broken_off() -> None:
+        operator = Leaver(hal, 3)
+        operator.left = question
+        await calibrate(Bench(config, operator, opener(hal), kept.update), steps(config, hal))
+
+    try:
+        run(broken_off(), speed="max")
+    except asyncio.CancelledError:
+        return config, hal, kept
+    raise AssertionError(f"there is no question {question}")
+
+
+def test_what_was_found_before_an_interruption_is_kept_whenever_it_comes() -> None:
+    kept = [kept_until(question)[2] for question in range(1, 25, 2)]
+    for fewer, more in pairwise(kept):
+        assert set(fewer) <= set(more)
+    assert not kept[0]
+    assert [kept[-1]["calibrated"][0], "control.speed_map" in kept[-1]] == ["motor", True]
+
+
+def test_an_interrupted_calibration_goes_on_where_it_was() -> None:
+    config, hal, kept = kept_until(12)
+    config = with_values(config, kept)
+    left = [name for name in steps(config, hal) if name not in config.calibrated]
+    assert left
+    assert "motor" not in left
+
+    async def go_on() -> bool:
+        bench = Bench(config, Onlooker(hal, 4), opener(hal), lambda values: None)
+        await calibrate(bench, left)
+        return passes(await judge(hal, bench.config, opener(hal)), bench.driving)
+
+    assert run(go_on(), speed="max")
+
+
+def test_it_writes_a_vehicles_file_and_shows_before_and_after(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    command = ["calibrate", "--vehicle", "donkeycar", "--seed", "3", "--write", str(file)]
+    assert execute([*command, "--step", "motor", "--step", "steering"]) == OK
+    told = capsys.readouterr().out
+    assert "channels.motor.direction  1 -> -1" in told
+    assert "still to do: straight, circle, speeds" in told
+    assert execute(command) == OK
+    told = capsys.readouterr().out
+    assert "1 of 3, straight" in told
+    assert "geometry.radius_min" in told
+    assert execute(command) == OK
+    assert "all steps are done" in capsys.readouterr().out
+    config = load(None, (), {}, {"vehicle": str(file)}).config
+    assert config.channels == config.sim.channels
+    assert config.geometry.wheelbase == 0.174  # what is measured by nobody stays
+    drive = ["--drive", "0.5,0", "--duration", "5", "--speed", "max", "--json"]
+    assert execute(["run", "--vehicle", str(file), *drive]) == OK
+    assert '"armed": true' in capsys.readouterr().out
+
+
+def test_mistakes_in_the_command_line_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, said in (
+        ([], "add --write FILE"),
+        (["--write", str(tmp_path / "mine.txt")], "name it mine.yaml"),
+        (["--write", str(tmp_path / "mine.yaml"), "--step", "wings"], "--step wings: there is none"),
+        (["--write", str(tmp_path / "mine.yaml"), "--practice", "2"], "leave --write out"),
+    ):
+        assert execute(["calibrate", *words]) == USAGE
+        assert said in capsys.readouterr().err
+
+
+def test_a_motor_that_does_not_turn_is_a_fault_with_a_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "mine.yaml")
+    stuck = ["--set", "sim.vehicle.dead_band=20000", "--step", "motor"]
+    assert execute(["calibrate", "--vehicle", "f1tenth", "--write", file, *stuck]) == FAULT
+    assert "is the motor's power on?" in capsys.readouterr().err
+
+
+def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -> None:
+    """A car wired at random and put right drives as one that is wired as it should be, to an encoder count or two."""
+    truth = unknown_car(load(None, ENDLESS, {}, {"vehicle": "txt1"}).config, 5).sim.channels
+
+    def driven(*settings: Callable[[Config], Config]) -> tuple[float, ...]:
+        config = load(None, [*ENDLESS, "sim.noise.drag=0"], {}, {}).config
+        for change in settings:
+            config = change(config)
+
+        async def drive() -> tuple[float, ...]:
+            async with Robot.open(config=config) as robot:
+                await robot.drive(0.5, 0.4, 4.0)
+                assert robot.pose is not None
+                return robot.pose
+
+        return run(drive(), speed="max")
+
+    def wired(config: Config) -> Config:
+        return config.model_copy(update={"channels": truth, "sim": config.sim.model_copy(update={"channels": truth})})
+
+    assert driven(wired) == pytest.approx(driven(), abs=0.02)

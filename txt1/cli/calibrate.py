@@ -1,0 +1,237 @@
+"""`txt1 calibrate`: a dialogue that finds out how a vehicle is wired and moves, and writes its file."""
+
+import argparse
+import asyncio
+import os
+import sys
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from txt1.cli import FAULT, OK
+from txt1.cli.app import App, get_ready
+from txt1.cli.options import ROBOT, add, count, flag, loaded, takes
+from txt1.config import Config
+from txt1.config.sources import flatten, vehicle_file
+from txt1.errors import ConfigError
+from txt1.experiments import practice, run_folder
+from txt1.experiments.calibration import STEPS, Bench, Operator, calibrate, steps
+from txt1.hal.base import Hal
+from txt1.hal.channels import rewired
+from txt1.hal.registry import create
+from txt1.hal.sim import SimHal
+from txt1.robot import Robot
+
+ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
+HEAD: Final = (
+    "# Found by txt1 calibrate, which goes on from here with the same --write; use it with --vehicle and this file.\n\n"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `calibrate` takes."""
+    add(parser, ROBOT | {
+        "--write": takes("FILE", "the vehicle's YAML file; one that is there is gone on with", Path),
+        "--step": takes(
+            "NAME", f"do this step alone, again if need be; may be repeated: {', '.join(STEPS)}", action="append"
+        ),
+        "--practice": takes(
+            "N", "calibrate so many unknown simulated cars of this kind, and judge how each then drives", count
+        ),
+        "--ask": flag("ask you about a simulated car, too, in place of an operator who is simulated as well"),
+    })  # fmt: skip
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Calibrate a vehicle in a dialogue; the exit code."""
+    if arguments.practice is not None:
+        return _practise(arguments)
+    file: Path | None = arguments.write
+    if file is None:
+        raise ConfigError("calibrate writes a file: add --write FILE, for example --write mycar.yaml")
+    if file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"--write {file}: --vehicle takes files that end in .yaml; name it {file.stem}.yaml")
+    base = arguments.vehicle
+    if file.exists():
+        arguments.vehicle = str(file)
+    config = loaded(arguments, ENDLESS).config
+    for name in arguments.step or ():
+        if name not in STEPS:
+            raise ConfigError(f"--step {name}: there is none; there are: {', '.join(STEPS)}")
+    hal = create(config)
+    operator: Operator = Person()
+    speed = arguments.speed
+    if isinstance(hal, SimHal):
+        kind = loaded(argparse.Namespace(**vars(arguments) | {"vehicle": base}), ENDLESS).config
+        truth = practice.unknown_car(kind, config.seed)
+        hal = create(truth)
+        assert isinstance(hal, SimHal)
+        if not arguments.ask:
+            operator, speed = practice.Onlooker(hal, config.seed, print), speed or "max"
+    elif not sys.stdin.isatty():
+        raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
+    names = arguments.step or [name for name in steps(config, hal) if name not in config.calibrated]
+    if not names:
+        print(f"{file}: all steps are done; --step NAME does one again: {', '.join(steps(config, hal))}")
+        return OK
+    run_folder.make(file.parent)
+    tree = _tree(config.vehicle)
+    found: dict[str, Any] = {}
+
+    def keep(values: Mapping[str, Any]) -> None:
+        found.update(values)
+        for key, value in values.items():
+            _set(tree, key, value)
+        _write(file, tree)
+
+    app = App(speed)
+    bench = Bench(config, operator, _opener(app, hal), keep)
+    try:
+        return app.run(calibrate(bench, names))
+    finally:
+        print("\n".join(changes(config, bench.config)) or "nothing was found")
+        left = [name for name in steps(config, hal) if name not in bench.config.calibrated]
+        if found:
+            print(f"{file}: written, after {bench.driving:.0f} s of driving; drive with --vehicle {file}")
+        if left:
+            print(f"still to do: {', '.join(left)}; the same command goes on there")
+
+
+def _practise(arguments: argparse.Namespace) -> int:
+    """Calibrate unknown cars, the seeds counted from the given one; 1 when one of them does not drive as it should."""
+    if arguments.write is not None:
+        raise ConfigError("--practice writes no file: leave --write out")
+    config = loaded(arguments, ENDLESS).config
+    verdicts: list[practice.Verdict] = []
+    longest, failed = 0.0, 0
+    for seed in range(config.seed, config.seed + arguments.practice):
+        seeded = config.model_copy(update={"seed": seed})
+        hal = create(practice.unknown_car(seeded, seed))
+        if not isinstance(hal, SimHal):
+            raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
+        app = App(arguments.speed or "max")
+        bench = Bench(seeded, practice.Onlooker(hal, seed), opener := _opener(app, hal), lambda values: None)
+        done = asyncio.Event()
+
+        async def all_of_it(bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, done: Any = done) -> None:
+            await calibrate(bench, arguments.step or steps(bench.config, hal))
+            verdicts.append(await practice.judge(hal, bench.config, opener))
+            done.set()
+
+        code = app.run(all_of_it())
+        if not done.is_set():
+            return code
+        longest = max(longest, bench.driving)
+        if not practice.passes(verdicts[-1], bench.driving):
+            failed += 1
+            print(f"seed {seed}: {verdicts[-1]}, {bench.driving:.0f} s of driving")
+    print(f"{len(verdicts)} cars, {failed} of them not as they should be; the worst of each:")
+    print(f"  speed {100.0 * max(v.speed for v in verdicts):.1f} %")
+    print(f"  straight {max(v.drift for v in verdicts):.2f} degrees per metre")
+    for name, errors in (("R_min", [v.radius for v in verdicts]), ("turn in place", [v.turn for v in verdicts])):
+        known = [error for error in errors if error is not None]
+        if known:
+            print(f"  {name} {100.0 * max(known):.1f} %")
+    print(f"  {longest / 60.0:.1f} minutes of driving")
+    return FAULT if failed else OK
+
+
+def _opener(app: App, hal: Hal) -> Any:
+    """Return the function that makes a running robot on a hardware layer."""
+
+    @asynccontextmanager
+    async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
+        wired = rewired(hal, config.channels, config.geometry.steering == "skid", unseen)
+        async with app.robot(config, hal=wired) as robot:
+            await get_ready(robot, arm=True)
+            yield robot
+
+    return opened
+
+
+def changes(before: Config, after: Config) -> list[str]:
+    """Return what differs between two configurations, a line each."""
+    old, new = dict(flatten(before)), dict(flatten(after))
+    keys = [key for key in new if not key.startswith(("calibrated", "sim.")) and old.get(key) != new[key]]
+    width = max(map(len, keys), default=0)
+    return [f"{key:{width}}  {_short(old.get(key))} -> {_short(new[key])}" for key in keys]
+
+
+def _short(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
+
+
+def _tree(vehicle: str) -> dict[str, Any]:
+    """Return what a vehicle's file says."""
+    file = vehicle_file(vehicle)
+    tree = None if file is None else yaml.safe_load(file.read_text(encoding="utf-8"))
+    return tree if isinstance(tree, dict) else {}
+
+
+def _set(tree: dict[str, Any], key: str, value: Any) -> None:
+    *path, last = key.split(".")
+    for name in path:
+        tree = tree.setdefault(name, {})
+    tree[last] = value
+
+
+def _write(file: Path, tree: Mapping[str, Any]) -> None:
+    """Write the file at once or not at all."""
+    part = file.with_name(f".{file.name}.part")
+    part.write_text(HEAD + yaml.safe_dump(dict(tree), sort_keys=False, default_flow_style=None), encoding="utf-8")
+    os.replace(part, file)
+
+
+class Person:
+    """The operator at the terminal, whose answers come by lines."""
+
+    def tell(self, text: str) -> None:
+        """Print it."""
+        print(text, flush=True)
+
+    async def ready(self, key: str, text: str) -> None:
+        """Ask, and wait for Enter."""
+        await self._answer(f"{text} Enter when it is so: ")
+
+    async def seen(self, key: str, text: str) -> None:
+        """Wait for Enter."""
+        await self._answer(f"{text} ")
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        """Ask until the answer begins one of the options."""
+        while True:
+            answer = (await self._answer(f"{text} [{'/'.join(options)}] ")).lower()
+            fitting = [option for option in options if answer and option.startswith(answer)]
+            if len(fitting) == 1:
+                return fitting[0]
+
+    async def number(self, key: str, text: str, unit: str) -> float:
+        """Ask until the answer is a number."""
+        while True:
+            answer = await self._answer(f"{text} [{unit}] ")
+            try:
+                return float(answer.replace(",", "."))
+            except ValueError:
+                print(f"'{answer}' is no number, such as 2.95")
+
+    async def _answer(self, prompt: str) -> str:
+        print(prompt, end="", flush=True)
+        loop = asyncio.get_running_loop()
+        typed: asyncio.Future[str] = loop.create_future()
+
+        def take() -> None:
+            if not typed.done():
+                line = sys.stdin.readline()
+                if line:
+                    typed.set_result(line.strip())
+                else:
+                    typed.set_exception(ConfigError("nobody answers any more; what was found is kept"))
+
+        loop.add_reader(sys.stdin.fileno(), take)
+        try:
+            return await typed
+        finally:
+            loop.remove_reader(sys.stdin.fileno())

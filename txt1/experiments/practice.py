@@ -1,0 +1,202 @@
+"""Cars to practise calibration on: simulated ones that nobody knows yet, each with an operator beside it."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from math import degrees, hypot, inf, pi, radians, sin
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.hal.sim import SimHal
+from txt1.model.kinematics import wrap_angle
+from txt1.robot import Robot
+
+LOOK: Final = 0.05  # s between two looks of an operator at the car
+TAPE: Final = 0.005  # standard deviation of a measurement by tape, m
+ALIGNED: Final = radians(0.2)  # of the heading with which the car is put on the line, rad
+REACTION: Final = (0.15, 0.35)  # s from seeing something to saying so: at least, at most
+STIRS: Final = 0.004  # m that a tyre turns before an operator sees it
+TURNS: Final = radians(0.2)  # rad that wheels steer while an operator looks whether they do
+STOPPED: Final = 0.25  # s for which they have not
+GONE: Final = 3.0  # m that it is to go
+COUNTED: Final = 3.0  # standard deviation of a turn in place, degrees
+
+UP_TO_SPEED: Final = 3.0  # s after which a car is judged
+JUDGED: Final = 2.0  # s for which it is, at least; a turn in place stays below half a turn
+
+STEERING: Final = ("front", "rear")
+
+
+def unknown_car(config: Config, seed: int) -> Config:
+    """A car of the configured kind as it may come off somebody's bench: wired, trimmed and built at random."""
+    rng = np.random.default_rng(seed)
+
+    def times(low: float, high: float, value: float) -> float:
+        return float(value * rng.uniform(low, high))
+
+    def way() -> int:
+        return int(rng.choice((1, -1)))
+
+    body, car = config.geometry, config.sim.vehicle
+    band = times(0.7, 1.5, car.dead_band)
+    values: dict[str, Any] = {
+        "sim.vehicle.dead_band": band,
+        "sim.vehicle.speed_gain": times(0.6, 1.6, car.speed_gain),
+        "sim.vehicle.speed_time_constant": times(0.7, 1.3, car.speed_time_constant),
+        "sim.vehicle.coast_friction": times(0.7, 1.5, car.coast_friction),
+        "geometry.circumference": times(0.85, 1.15, body.circumference),
+        "geometry.track_width": times(0.9, 1.1, body.track_width),
+        "sim.channels.motor.direction": way(),
+        "sim.channels.motor.trim": float(rng.uniform(-0.7, 0.7) * band),  # else it would roll off in neutral
+        "sim.channels.right_encoder": way(),
+        "sim.channels.left_encoder": way(),
+        "sim.channels.encoders_swapped": bool(rng.choice((True, False))),
+    }
+    if body.steering != "skid":
+        values["geometry.radius_min"] = times(0.8, 1.25, body.radius_min)
+    for axle in STEERING:
+        values[f"sim.channels.{axle}.direction"] = way()
+        values[f"sim.channels.{axle}.trim"] = float(rng.uniform(-2500.0, 2500.0))
+        values[f"sim.channels.{axle}.scale"] = float(rng.uniform(0.7, 1.15))
+    for side in ("right", "left"):
+        values[f"sim.channels.{side}.direction"] = way()
+        values[f"sim.channels.{side}.trim"] = float(rng.uniform(-0.5, 0.5) * band)
+        values[f"sim.channels.{side}.scale"] = float(rng.uniform(0.9, 1.1))
+    return with_values(config, values)
+
+
+class Onlooker:
+    """An operator for a simulated car: sees it as it truly is, with a tape's errors and a person's reaction.
+
+    Args:
+        hal: of the car.
+        seed: repeats his errors.
+        tell: what he does with what he is told.
+
+    """
+
+    def __init__(self, hal: SimHal, seed: int, tell: Callable[[str], None] = lambda text: None) -> None:
+        self._vehicle = hal.vehicle
+        self._rng = np.random.default_rng(seed)
+        self.tell = tell
+        self._rolled = (0.0, 0.0)  # by the right and left wheels when he was last told to watch, m
+        self._widest = 0.0  # farthest from the mark in a circle, m
+        self._turned = 0.0  # rad since it was put down
+
+    async def ready(self, key: str, text: str) -> None:
+        """Do it at once."""
+        self._rolled = self._vehicle.motion[6:8]
+        if key in ("line", "line_end", "circle"):
+            self._vehicle.place(0.0, 0.0, self._rng.normal(0.0, ALIGNED))
+
+    async def seen(self, key: str, text: str) -> None:
+        """Look again and again until it is to be seen, and be a little late."""
+        angle, still, turned, heading = self._steered(key), 0.0, 0.0, self._vehicle.pose[2]
+        self._widest = 0.0
+        while True:
+            await asyncio.sleep(LOOK)
+            x, y, theta = self._vehicle.pose
+            self._widest = max(self._widest, hypot(x, y))
+            turned, heading = turned + wrap_angle(theta - heading), theta
+            still = still + LOOK if abs(self._steered(key) - angle) < TURNS * LOOK / STOPPED else 0.0
+            angle = self._steered(key)
+            if {
+                "turning": max(map(abs, self._since())) > STIRS,
+                "gone": hypot(x, y) >= GONE,
+                "round": abs(turned) >= 2.0 * pi,
+            }.get(key, still > STOPPED):
+                return await asyncio.sleep(self._rng.uniform(*REACTION))
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        """Tell which way wheels turned or point."""
+        if key == "turned":
+            way = max(self._since(), key=abs)
+            self._rolled = self._vehicle.motion[6:8]
+            return options[0 if way > 0.0 else 1]
+        return options[0 if self._steered(key) > 0.0 else 1]
+
+    async def number(self, key: str, text: str, unit: str) -> float:
+        """Measure it."""
+        x, y, theta = self._vehicle.pose
+        half = 0.5 * self._vehicle.body.wheelbase
+        if key == "turned":
+            right, left = self._since()
+            apart = self._vehicle.body.track_width * self._vehicle.parameters.skid
+            return degrees((right - left) / apart) + self._rng.normal(0.0, COUNTED)
+        truth = {
+            "ahead": x,
+            "gone": hypot(x, y),
+            "off": y,
+            "front_off": y + half * sin(theta),
+            "rear_off": y - half * sin(theta),
+            "diameter": self._widest,
+        }[key]
+        return float(truth + self._rng.normal(0.0, TAPE))
+
+    def _since(self) -> tuple[float, float]:
+        right, left = self._vehicle.motion[6:8]
+        return right - self._rolled[0], left - self._rolled[1]
+
+    def _steered(self, key: str) -> float:
+        front, rear = self._vehicle.motion[4:6]
+        return rear if key.startswith("rear") else front
+
+
+class Verdict(NamedTuple):
+    """How a calibrated car drives, by what it truly does; None where it has no such thing."""
+
+    speed: float  # largest error of the speed at the set-points tried, as a share of it
+    drift: float  # degrees of heading lost in a metre of driving straight, the most
+    radius: float | None  # error of R_min, as a share of it
+    turn: float | None  # error of the yaw rate of a turn in place, as a share of it
+
+
+def passes(verdict: Verdict, driving: float) -> bool:
+    """Whether a car drives as a calibrated one should, found out in so many seconds of driving."""
+    shares = verdict.speed, verdict.radius or 0.0, verdict.turn or 0.0
+    return max(shares) <= 0.05 and verdict.drift <= 1.0 and driving <= 600.0
+
+
+async def judge(
+    hal: SimHal, config: Config, opened: Callable[[Config, bool], AbstractAsyncContextManager[Robot]]
+) -> Verdict:
+    """Drive a calibrated car at half and all of its largest speed forward, at a third backward, and turn in place.
+
+    Raises NotArmed: the safety gate has stopped it.
+    """
+    vehicle, body, speeds, drifts = hal.vehicle, config.geometry, [], []
+    for share in (0.5, 1.0, -0.33):
+        v = share * min(config.safety.v_max, _reach(hal, config))
+        vehicle.place(0.0, 0.0, 0.0)
+        async with opened(config, False) as robot:
+            driving = asyncio.ensure_future(robot.drive(v, 0.0, UP_TO_SPEED + 2.0 * JUDGED))
+            await asyncio.sleep(UP_TO_SPEED)
+            (x, y, theta), path = vehicle.pose, 0.0
+            first = theta
+            for _ in range(round(2.0 * JUDGED / LOOK)):
+                await asyncio.sleep(LOOK)
+                path += hypot(vehicle.pose[0] - x, vehicle.pose[1] - y)
+                x, y = vehicle.pose[:2]
+            last = vehicle.pose[2]
+            speeds.append(abs(path / (2.0 * JUDGED) / abs(v) - 1.0))
+            await driving
+            drifts.append(abs(degrees(wrap_angle(last - first))) / path if path else inf)
+    if body.steering != "skid":
+        return Verdict(max(speeds), max(drifts), abs(body.radius_min / vehicle.body.radius_min - 1.0), None)
+    async with opened(config, False) as robot:
+        driving = asyncio.ensure_future(robot.drive(0.0, 1.0, UP_TO_SPEED + JUDGED))
+        await asyncio.sleep(UP_TO_SPEED)
+        first = vehicle.pose[2]
+        await asyncio.sleep(JUDGED)
+        turned = wrap_angle(vehicle.pose[2] - first) / JUDGED
+        await driving
+    return Verdict(max(speeds), max(drifts), None, abs(turned - 1.0))
+
+
+def _reach(hal: SimHal, config: Config) -> float:
+    """The speed that the motor's limit surely allows, m/s."""
+    car = hal.vehicle.parameters
+    return 0.9 * car.speed_gain * (config.safety.motor_max - car.dead_band)

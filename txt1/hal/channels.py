@@ -1,0 +1,59 @@
+"""The one place between safety gate and hardware where a vehicle's channels are put right (`txt1.model.channels`)."""
+
+from dataclasses import replace
+from typing import Any, cast
+
+from txt1.hal.base import Capabilities, Hal, Inputs, Outputs
+from txt1.model.channels import STRAIGHT, Channels
+
+
+class Rewired:
+    """A hardware layer seen through the channels of its vehicle; everything else goes straight through.
+
+    Args:
+        hal: underneath.
+        channels: of the vehicle.
+        skids: whether its sides run at two speeds.
+        unseen: whether its motion is kept from the tasks, whose rules on runaways would not let it move as long as
+            nobody knows which way its encoders count; `counts` are there for who wants to find out.
+
+    """
+
+    def __init__(self, hal: Hal, channels: Channels, skids: bool, unseen: bool = False) -> None:
+        self._hal, self._channels, self._skids, self._unseen = hal, channels, skids, unseen
+        can = hal.capabilities
+        self.name = hal.name
+        self.capabilities: Capabilities = replace(can, ticks=False, odometry=False) if unseen else can
+        self.counts: tuple[int, int] | None = None
+        """The encoders', right and left, when they were read last."""
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the layer underneath has."""
+        return getattr(self._hal, name)
+
+    def read(self, now: float) -> Inputs:
+        """What the sensors report, the encoders put right."""
+        inputs = self._hal.read(now)
+        if inputs.ticks is None:
+            return inputs
+        self.counts = self._channels.counted(*inputs.ticks)
+        return inputs._replace(ticks=None if self._unseen else self.counts)
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Hold these outputs, each put right."""
+        self._hal.write(self._put_right(outputs), now)
+
+    def halt(self, outputs: Outputs, now: float) -> None:
+        """Put neutral outputs straight on the actuators, each put right."""
+        self._hal.halt(self._put_right(outputs), now)
+
+    def _put_right(self, outputs: Outputs) -> Outputs:
+        motor, front, rear = self._channels.wired(outputs.motor, outputs.front, outputs.rear, self._skids)
+        return outputs._replace(motor=motor, front=front, rear=rear)
+
+
+def rewired(hal: Hal, channels: Channels, skids: bool, unseen: bool = False) -> Hal:
+    """The hardware layer with its vehicle's channels put right: itself, where nothing is to be done."""
+    if isinstance(hal, Rewired) or not hal.capabilities.pwm or (channels == STRAIGHT and not unseen):
+        return hal
+    return cast("Hal", Rewired(hal, channels, skids, unseen))

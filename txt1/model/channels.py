@@ -1,0 +1,88 @@
+"""Wiring of a vehicle: which way round its channels are, where they are neutral, and how far they go.
+
+The robot's tasks mean the same by a count on every vehicle: motor forward, front steering right, rear steering left,
+18000 counts of steering to the stop, encoders forward. Channels turn these into what a certain vehicle's wires want.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge, Le
+
+from txt1.model.vehicle import PWM_MAX
+from txt1.units import Positive
+
+SIDES: Final = 3.0  # counts of steering for a count of difference between a side and the mean, where sides differ
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """An output: counts on its wire are trim + direction * scale * counts that are meant, within +-24000."""
+
+    direction: Literal[1, -1] = 1
+    """-1: it is the other way round."""
+    trim: Annotated[float, Ge(-PWM_MAX), Le(PWM_MAX)] = 0.0
+    """Counts on the wire at which the motor is in neutral, or the wheels point straight ahead."""
+    scale: Positive = 1.0
+    """Counts on the wire for one that is meant: a steering's range is 18000 times that, either side of its trim."""
+
+    def wired(self, counts: float) -> float:
+        """Counts on the wire for those that are meant."""
+        return min(max(self.trim + self.direction * self.scale * counts, -PWM_MAX), PWM_MAX)
+
+    def meant(self, counts: float) -> float:
+        """Counts that are meant by those on the wire."""
+        return self.direction * (counts - self.trim) / self.scale
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """A vehicle's outputs and encoders, as `txt1 calibrate` finds them; a section of the configuration."""
+
+    motor: Channel = Channel()
+    """Of a vehicle that steers."""
+    front: Channel = Channel()
+    """Front steering."""
+    rear: Channel = Channel()
+    """Rear steering."""
+    right: Channel = Channel()
+    """Right side of a vehicle whose sides run at two speeds."""
+    left: Channel = Channel()
+    """Its left side."""
+    right_encoder: Literal[1, -1] = 1
+    """-1: the right encoder counts backwards."""
+    left_encoder: Literal[1, -1] = 1
+    """-1: the left encoder counts backwards."""
+    encoders_swapped: bool = False
+    """Whether the right wheel's encoder is connected as the left one's."""
+
+    def wired(self, motor: float, front: float, rear: float, skids: bool) -> tuple[int, int, int]:
+        """Counts on the wires for motor and steering; `skids`: sides run at two speeds, as `rear` says."""
+        if skids:
+            right, left = self.right.wired(motor + rear / SIDES), self.left.wired(motor - rear / SIDES)
+            turn = round(0.5 * SIDES * (right - left))
+            return round(0.5 * (right + left)), -turn, turn
+        return round(self.motor.wired(motor)), round(self.front.wired(front)), round(self.rear.wired(rear))
+
+    def meant(self, motor: float, front: float, rear: float, skids: bool) -> tuple[float, float, float]:
+        """Motor and steering that are meant by counts on the wires: `wired` the other way."""
+        if skids:
+            right, left = self.right.meant(motor + rear / SIDES), self.left.meant(motor - rear / SIDES)
+            turn = 0.5 * SIDES * (right - left)
+            return 0.5 * (right + left), -turn, turn
+        return self.motor.meant(motor), self.front.meant(front), self.rear.meant(rear)
+
+    def counted(self, right: int, left: int) -> tuple[int, int]:
+        """Encoder counts (right, left), forward positive, of those that come in."""
+        if self.encoders_swapped:
+            right, left = left, right
+        return self.right_encoder * right, self.left_encoder * left
+
+    def sent(self, right: int, left: int) -> tuple[int, int]:
+        """Encoder counts that come in from wheels that turned by so many: `counted` the other way."""
+        right, left = self.right_encoder * right, self.left_encoder * left
+        return (left, right) if self.encoders_swapped else (right, left)
+
+
+STRAIGHT: Final = Channels()
+"""Every channel as the robot's tasks mean it."""
