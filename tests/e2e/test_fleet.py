@@ -2,23 +2,29 @@
 
 import asyncio
 import json
+from io import StringIO
+from itertools import pairwise
+from math import dist
 from pathlib import Path
 
 import pytest
 from blockbuster import BlockBuster
+from rich.console import Console
 
 from txt1.cli import execute
 from txt1.cli.fleet import line
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.members import FLEET
-from txt1.fleet.plan import FleetPlan, MemberPlan, plan_of
+from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.reading import robots_in
 from txt1.record.snapshots import Snapshots
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import VEHICLES
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.fleet import screen as fleet_screen
 from txt1.ui.helm import Helm
 from txt1.ui.screens import render
 from txt1.ui.viewer import Viewer
@@ -165,3 +171,47 @@ def test_one_recording_of_all_is_shown_verified_and_drawn(plan: Path, capfd: pyt
     assert "txt03" in page and "Paths" not in page and stem.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     assert execute(["replay", str(log), "--verify", "--robot", "txt09"]) == 1
     assert "robot 'txt09' is not in it; choose one of: txt01, txt02, txt03" in capfd.readouterr().err
+
+
+def in_line(count: int, **cooperate: object) -> FleetPlan:
+    robots = {name: MemberPlan(start=(-1.0 * at, 0.0, 0.0)) for at, name in enumerate(names(count))}
+    room = {"length": 60.0, "width": 60.0}
+    return FleetPlan(robots=robots, cooperate=cooperate, all={"sim": {"room": room}})
+
+
+async def test_a_convoy_of_robots_follows_and_stands_when_its_leader_falls_silent() -> None:
+    async with Fleet.open(in_line(4, law="convoy", speed=0.4, radius=6.0), seed=2) as fleet:
+        fleet.begin_tasks()
+        robots = list(fleet.robots.values())
+        nearest = 9.0
+        for _ in range(100):
+            await asyncio.sleep(0.2)
+            nearest = min(nearest, *(dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(robots) if a.pose and b.pose))
+        assert nearest > 0.7 and all(robot.odometry.v == pytest.approx(0.4, abs=0.05) for robot in robots)
+        await robots[0].runtime.stop()
+        await asyncio.sleep(6.0)
+        assert [abs(robot.odometry.v) for robot in robots[1:]] == [0.0, 0.0, 0.0]
+        assert fleet.cooperations["txt02"].silent == "txt01"
+        assert any("cooperates no more: txt01 not heard" in event.text for event in robots[1].runtime.state.events)
+        assert "waits for txt01" in _text(Helm(fleet).snapshot)
+
+
+def _text(snapshot: Snapshot) -> str:
+    console = Console(file=StringIO(), width=120)
+    console.print(fleet_screen(snapshot, Viewer(), 120, 20))
+    return str(console.file.getvalue())  # type: ignore[attr-defined]
+
+
+async def test_robots_search_the_light_together() -> None:
+    plan = FleetPlan(
+        robots={name: MemberPlan(start=(1.5 * at - 1.5, -2.5, 1.5)) for at, name in enumerate(names(3))},
+        all={"sim": {"room": {"length": 8, "width": 8, "light": [2.5, 2.5]}}},
+        cooperate={"law": "search"},
+    )
+    async with Fleet.open(plan, seed=1) as fleet:
+        fleet.begin_tasks()
+        found = False
+        while not found and fleet.now < 120.0:
+            await asyncio.sleep(0.5)
+            found = any(dist(r.pose[:2], (2.5, 2.5)) < 0.5 for r in fleet.robots.values() if r.pose)
+        assert found

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 from txt1.config import Config, load
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import HalError, NotArmed
+from txt1.fleet.air import Air
+from txt1.fleet.cooperation import Cooperation, see_simulated
+from txt1.fleet.law import make_law
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.hal.registry import in_world
 from txt1.kernel.ticks import Ticks
@@ -41,6 +44,8 @@ class Fleet:
         """By name, in the order of the plan."""
         self.world = world
         """In which all of them are."""
+        self.cooperations: dict[str, Cooperation] = {}
+        """Each robot's part in their cooperation, by name; empty where there is none."""
 
     @staticmethod
     @asynccontextmanager
@@ -108,11 +113,13 @@ class Fleet:
                 raise HalError(f"{name}: its gains were not acknowledged; check control.linear and control.angular")
 
     def begin_tasks(self) -> list[asyncio.Task[None]]:
-        """Set every robot to its own task; an error of a source of commands is in what is returned.
+        """Set every robot to its own task, or all to their common one; the sources of commands among them.
 
-        Raises ConfigError: there is no source of commands of that name.
+        Raises ConfigError: there is no source of commands of that name, or no such law.
         """
         steering = []
+        if self.plan.cooperate:
+            self.cooperate(self.plan.cooperate)
         for name, member in self.plan.robots.items():
             robot = self.robots[name]
             if member.drive is not None:
@@ -121,6 +128,16 @@ class Fleet:
                 steer, _ = SOURCES.find(f"robots.{name}.source", member.source)
                 steering.append(asyncio.ensure_future(steer(robot)))
         return steering
+
+    def cooperate(self, settings: Mapping[str, Any], air: Air | None = None) -> None:
+        """Let all drive by a law of `txt1.fleet.law`, named by ``law``, with its settings; raises ConfigError."""
+        air = air or Air()
+        room, team = (self.world.room.length, self.world.room.width), list(self.robots)
+        for name, robot in self.robots.items():
+            law = make_law(name, team, room, settings)
+            self.cooperations[name] = Cooperation(robot, air.voice(name), law, see_simulated)
+        for each in self.cooperations.values():
+            each.begin()
 
     @property
     def now(self) -> float:

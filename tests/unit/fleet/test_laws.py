@@ -1,0 +1,122 @@
+"""The laws of cooperation, with cars on paper: kinematics, R_min and a lag, no robot."""
+
+from itertools import pairwise
+from math import cos, hypot, isfinite, pi, sin
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.cars import Cars
+from benchmarks.cooperation import convoy, coverage, rendezvous
+from txt1.errors import ConfigError
+from txt1.fleet.air import Air, Said
+from txt1.fleet.convoy import amplification
+from txt1.fleet.law import LAWS, make_law
+from txt1.fleet.rendezvous import agree, slot
+from txt1.fleet.steering import APART, allowed, toward
+
+PLACES = st.floats(-3.0, 3.0)
+SAID = st.builds(Said, PLACES, PLACES, st.floats(-pi, pi))
+FREQUENCIES = st.floats(0.001, 100.0)
+
+
+@given(FREQUENCIES)
+def test_no_spacing_error_grows_from_one_robot_to_the_next(frequency: float) -> None:
+    assert amplification(frequency) <= 1.0 + 1e-12
+
+
+def test_without_a_headway_it_would() -> None:
+    assert amplification(1.0, headway=0.0) > 1.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_convoy_of_ten_does_not_touch_and_its_errors_shrink_along_the_line(seed: int) -> None:
+    spreads, touched, _ = convoy(seed)
+    assert touched == 0
+    assert all(after <= 1.02 * before + 0.001 for before, after in pairwise(spreads))
+
+
+def test_a_convoy_whose_leader_is_lost_stands() -> None:
+    _, touched, fastest = convoy(1, leader_lost=True)
+    assert touched == 0 and fastest < 0.01
+
+
+@given(st.lists(st.tuples(PLACES, PLACES), min_size=1, max_size=8))
+def test_an_estimate_of_the_middle_stays_among_those_it_was_made_of(places: list[tuple[float, float]]) -> None:
+    x, y = agree(places[0], places[1:], len(places))
+    assert min(p[0] for p in places) - 1e-9 <= x <= max(p[0] for p in places) + 1e-9
+    assert min(p[1] for p in places) - 1e-9 <= y <= max(p[1] for p in places) + 1e-9
+
+
+@given(st.integers(2, 12))
+def test_slots_are_far_enough_apart_for_cars(count: int) -> None:
+    places = [slot((0.0, 0.0), number, count) for number in range(count)]
+    assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * APART
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_cars_meet_in_slots_whoever_hears_whom(seed: int) -> None:
+    _, time, touched = rendezvous(seed)
+    assert time is not None and touched == 0
+
+
+def test_a_room_is_covered_without_contact() -> None:
+    least, touched, nearest = coverage(0.2, count=3)
+    assert least >= 0.95 and touched == 0 and nearest > 0.64
+
+
+@given(SAID, st.lists(SAID, max_size=4), st.floats(-0.5, 0.5))
+def test_the_allowed_speed_is_no_more_than_was_asked_and_never_turns_round(
+    me: Said, others: list[Said], v: float
+) -> None:
+    limited = allowed(me, v, others, (6.0, 6.0))
+    assert abs(limited) <= abs(v) + 1e-12 and limited * v >= 0.0
+
+
+@settings(max_examples=50)
+@given(SAID, SAID, st.floats(0.1, 0.5), st.floats(0.1, 0.5))
+def test_two_that_drive_at_one_another_each_take_half_of_the_room(one: Said, other: Said, v: float, w: float) -> None:
+    for _ in range(100):
+        before = hypot(one.x - other.x, one.y - other.y)
+        if before < APART:
+            return
+        a, b = allowed(one, v, [other]), allowed(other, w, [one])
+        one, other = _moved(one, a), _moved(other, b)
+        assert hypot(one.x - other.x, one.y - other.y) >= min(before, APART) - 1e-3
+
+
+def _moved(said: Said, v: float) -> Said:
+    return said._replace(x=said.x + 0.02 * v * cos(said.theta), y=said.y + 0.02 * v * sin(said.theta))
+
+
+@given(SAID, PLACES, PLACES)
+def test_a_car_is_never_told_to_turn_more_sharply_than_it_can(me: Said, x: float, y: float) -> None:
+    v, omega = toward(me, x, y, 0.4)
+    assert abs(omega) <= abs(v) / 0.56 + 1e-9 and isfinite(omega)
+
+
+def test_who_is_silent_for_one_law_is_waited_for() -> None:
+    law = make_law("txt02", ["txt01", "txt02"], (6.0, 6.0), {"law": "convoy"})
+    leader = make_law("txt01", ["txt01", "txt02"], (6.0, 6.0), {"law": "convoy"})
+    cars = Cars({"txt01": (1.0, 0.0, 0.0), "txt02": (0.0, 0.0, 0.0)}, {"txt01": leader, "txt02": law})
+    cars.lost.add("txt01")
+    cars.step()
+    assert law.needs == {"txt01"} and cars.said["txt02"].v == 0.0
+
+
+def test_the_air_has_a_reach() -> None:
+    air = Air(reach=2.0)
+    voices = {name: air.voice(name) for name in "abc"}
+    for _ in range(2):
+        for at, voice in enumerate(voices.values()):
+            voice.say(Said(1.5 * at, 0.0, 0.0))
+    assert [sorted(voice.heard()) for voice in voices.values()] == [["b"], ["a", "c"], ["b"]]
+
+
+def test_a_law_that_is_wrong_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"cooperate.law: there is no law 'dance'; choose one of: convoy"):
+        make_law("a", ["a"], (5.0, 5.0), {"law": "dance"})
+    with pytest.raises(ConfigError, match=r"cooperate: convoy: .*'colour'"):
+        make_law("a", ["a"], (5.0, 5.0), {"law": "convoy", "colour": "red"})
+    assert set(LAWS) == {"convoy", "rendezvous", "coverage", "search"}

@@ -1,0 +1,112 @@
+"""A convoy: each robot follows the one before it, by what that one says of its own odometry.
+
+Along the path: v = v_ahead + k (s - d - h v), with s the distance to the one ahead along its track. The spacing d + h v
+grows with the speed by the time headway h. For a vehicle whose speed follows its set-point with a time constant tau,
+an error goes on down the line by
+
+    G(s) = (s + k) / (tau s^2 + (1 + k h) s + k),
+
+and abs(G) <= 1 at every frequency where h (2 + k h) >= 2 tau: then no error grows along the line (string stability; D.
+Swaroop and J. K. Hedrick, "String stability of interconnected systems", IEEE TAC 41, 1996; J. Ploeg, N. van de Wouw and
+H. Nijmeijer, "Lp string stability of cascaded systems: application to vehicle platooning", IEEE TCST 22, 2014).
+
+Across it: pure pursuit of a point of the track that the one ahead has driven, so nobody cuts its corners.
+
+Limits: odometry drifts, so followers drive beside the track after long curves; the law knows no obstacles.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from math import atan2, cos, hypot, pi, sin
+from typing import Final
+
+from txt1.fleet.air import Said
+from txt1.model.kinematics import wrap_angle
+
+GAP: Final = 0.9  # d: between two centres at rest, m; a body is 0.51 m long
+HEADWAY: Final = 0.8  # h, s; with k and tau below the condition asks for 0.35 s, and hearing late for some more
+GAIN: Final = 0.8  # k, 1/s
+LOOK_AHEAD: Final = 0.6  # m, of the pursuit
+TRACK_STEP: Final = 0.05  # m between two points of the track
+RADIUS_MIN: Final = 0.56  # m
+SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up
+CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
+
+
+def amplification(omega: float, gain: float = GAIN, headway: float = HEADWAY, tau: float = 0.35) -> float:
+    """abs(G) at a frequency in rad/s: by how much a spacing error grows from one robot to the next."""
+    s = 1j * omega
+    return abs((s + gain) / (tau * s * s + (1.0 + gain * headway) * s + gain))
+
+
+class Leader:
+    """Drives a course of its own: so many m/s, in a circle of `radius` m or, with 0, straight on.
+
+    Its speed swings by `swing` m/s with a period of `period` s, and begins after `rest` s.
+    """
+
+    needs: frozenset[str] = frozenset()
+
+    def __init__(
+        self, speed: float = 0.5, radius: float = 0.0, swing: float = 0.0, period: float = 20.0, rest: float = 0.0
+    ) -> None:
+        self._speed, self._radius, self._swing, self._period, self._rest = speed, radius, swing, period, rest
+        self._began: float | None = None
+        self.data: tuple[float, ...] = ()
+
+    def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
+        """The course."""
+        if self._began is None:
+            self._began = me.time
+        time = me.time - self._began - self._rest
+        if time < 0.0:
+            return 0.0, 0.0
+        v = self._speed + self._swing * sin(2.0 * pi * time / self._period)
+        return v, v / self._radius if self._radius else 0.0
+
+
+class Follower:
+    """Follows the robot called `ahead`."""
+
+    def __init__(self, ahead: str) -> None:
+        self.needs = frozenset((ahead,))
+        self.data: tuple[float, ...] = ()
+        self.spacing: float | None = None
+        """Distance to the one ahead along its track, m."""
+        self._ahead = ahead
+        self._track: deque[tuple[float, float]] = deque()
+
+    @property
+    def error(self) -> float | None:
+        """What the spacing is more than the one at rest, m."""
+        return None if self.spacing is None else self.spacing - GAP
+
+    def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
+        """The velocities that follow."""
+        ahead, track = heard[self._ahead], self._track
+        if not track:
+            track.append((me.x, me.y))
+        x, y = track[-1]
+        if (apart := hypot(ahead.x - x, ahead.y - y)) >= TRACK_STEP:
+            steps = int(apart / TRACK_STEP)  # several at once where some of what it said was lost
+            track.extend((x + (ahead.x - x) * n / steps, y + (ahead.y - y) * n / steps) for n in range(1, steps + 1))
+        while len(track) > 2 and _nearer(me, track[1], track[0]):
+            track.popleft()
+        left = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in zip(track, list(track)[1:], strict=False))
+        x, y = track[0]
+        along = (x - me.x) * cos(me.theta) + (y - me.y) * sin(me.theta)
+        tail = hypot(ahead.x - track[-1][0], ahead.y - track[-1][1])
+        self.spacing = left + along + tail
+        v = ahead.v + GAIN * (self.spacing - GAP - HEADWAY * max(me.v, 0.0))
+        v = min(max(v, 0.0), SPEED_MAX)
+        if v < CREEP:
+            return 0.0, 0.0
+        goal = next((p for p in track if hypot(p[0] - me.x, p[1] - me.y) >= LOOK_AHEAD), (ahead.x, ahead.y))
+        alpha = wrap_angle(atan2(goal[1] - me.y, goal[0] - me.x) - me.theta)
+        curvature = 2.0 * sin(alpha) / max(hypot(goal[0] - me.x, goal[1] - me.y), LOOK_AHEAD)
+        limit = 1.0 / RADIUS_MIN
+        return v, v * min(max(curvature, -limit), limit)
+
+
+def _nearer(me: Said, a: tuple[float, float], b: tuple[float, float]) -> bool:
+    return hypot(a[0] - me.x, a[1] - me.y) <= hypot(b[0] - me.x, b[1] - me.y)

@@ -1,0 +1,134 @@
+"""How a car that cannot turn on the spot comes to a point, and keeps clear of others and of walls.
+
+Avoidance is reciprocal: of the room between two robots beyond a distance D that is never used up, each may take half.
+With n the direction from one to the other and d their distance, each keeps
+
+    v cos(theta - n) <= gamma / 2 (d - D),
+
+so that d - D shrinks at most by the rate gamma and never becomes negative: a control barrier function, each side with
+half of the responsibility (U. Borrmann, L. Wang, A. D. Ames and M. Egerstedt, "Control barrier certificates for safe
+swarm behavior", IFAC ADHS 2015; reciprocity after J. van den Berg, S. J. Guy, M. Lin and D. Manocha, "Reciprocal n-body
+collision avoidance", ISRR 2009; cars after J. Alonso-Mora et al., "Reciprocal collision avoidance for multiple car-like
+robots", ICRA 2012). The body is taken for the circle around it, which a turn does not move: only the speed is limited,
+the steering is free. A wall gives nothing, so it is granted all: gamma in place of gamma / 2.
+
+Limits: the speed lags by 0.3 s and poses are as old as hearing is late; D has a margin for both. Whoever is blocked
+drives away by chance for a while, which is no proof against a deadlock.
+"""
+
+from collections.abc import Iterable
+from math import atan2, copysign, cos, hypot, sin
+from typing import Final
+
+import numpy as np
+
+from txt1.fleet.air import Said
+from txt1.model.kinematics import wrap_angle
+
+RADIUS_MIN: Final = 0.56  # m
+REACH: Final = 0.32  # m, of a body's corners from its centre
+MARGIN: Final = 0.12  # m, for lag and late hearing
+APART: Final = 2.0 * REACH + MARGIN  # D, m
+GAMMA: Final = 0.9  # 1/s: slower than the speed's own lag by far
+BLOCKED: Final = 20  # steps without motion after which a car is blocked
+DETOUR: Final = 3.0  # m, how far along x and y the other point may be
+CLEAR: Final = REACH + 0.08  # m between a centre and a wall
+
+
+def toward(me: Said, x: float, y: float, speed: float, room: float = 1.0) -> tuple[float, float]:
+    """Velocities on the arc that leads to a point, forward or back, m/s and rad/s.
+
+    Where a point lies within `room` times a turning circle: straight on, away from it.
+    """
+    distance = hypot(x - me.x, y - me.y)
+    alpha = wrap_angle(atan2(y - me.y, x - me.x) - me.theta)
+    ahead = cos(alpha) >= 0.0
+    if distance < room * 2.0 * RADIUS_MIN * abs(sin(alpha)):  # within a turning circle: away from it first
+        return (-speed if ahead else speed), 0.0
+    v = speed if ahead else -speed
+    return v, v * 2.0 * sin(alpha) / max(distance, 1e-6)
+
+
+def allowed(me: Said, v: float, others: Iterable[Said], room: tuple[float, float] | None = None) -> float:
+    """The speed that is left of v, m/s, beside the others and the walls of a room of this length and width, m."""
+    x, y = cos(me.theta), sin(me.theta)
+    low, high = -1.5, 1.5
+    for other in others:
+        dx, dy = other.x - me.x, other.y - me.y
+        distance = max(hypot(dx, dy), 1e-6)
+        low, high = _bounded(low, high, (dx * x + dy * y) / distance, 0.5 * GAMMA * (distance - APART))
+    if room is not None:
+        for side, place, along in ((0.5 * room[0], me.x, x), (0.5 * room[1], me.y, y)):
+            low, high = _bounded(low, high, along, GAMMA * (side - CLEAR - place))
+            low, high = _bounded(low, high, -along, GAMMA * (side - CLEAR + place))
+    if low > high:
+        return 0.0
+    return min(max(v, low), high) if low <= 0.0 <= high else 0.0
+
+
+class Helmsman:
+    """Drives a car to points, past others: who is blocked drives away by chance, and then to some other point first.
+
+    `seed` decides the chance, `room` is length and width in m, None where there are no walls.
+    """
+
+    def __init__(self, seed: int, room: tuple[float, float] | None = None) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._room = room
+        self._still = 0
+        self._making_room = 0.0  # its direction, 1 or -1; 0 while it is not
+        self._out = 0, 0.0, 0.0  # steps left of driving away, m/s, rad/s
+        self._detour = 0, 0.0, 0.0  # steps left of going to another point, m
+
+    @property
+    def blocked(self) -> bool:
+        """Whether it is on a way out."""
+        return self._out[0] > 0 or self._detour[0] > 0
+
+    def steer(self, me: Said, x: float, y: float, speed: float, others: Iterable[Said]) -> tuple[float, float]:
+        """Velocities towards a point, m/s and rad/s."""
+        others = list(others)
+        left, there_x, there_y = self._detour
+        if left > 0:
+            x, y, self._detour = there_x, there_y, (left - 1, there_x, there_y)
+        v, omega = self._toward(me, x, y, speed)
+        left, out_v, out_omega = self._out
+        if left > 0:
+            v, omega, self._out = out_v, out_omega, (left - 1, out_v, out_omega)
+        limited = allowed(me, v, others, self._room)
+        self._still = self._still + 1 if abs(limited) < 0.03 else 0
+        if self._still > BLOCKED:
+            self._still, (ahead, side, turn) = 0, self._rng.uniform(-1.0, 1.0, 3)
+            self._out = int(self._rng.integers(10, 60)), -v, float(turn) * abs(v) / RADIUS_MIN
+            steps = int(self._rng.integers(40, 160))
+            self._detour = (
+                steps,
+                self._inside(me.x + DETOUR * float(ahead), 0),
+                self._inside(me.y + DETOUR * float(side), 1),
+            )
+        return limited, omega * limited / v if v else 0.0
+
+    def _toward(self, me: Said, x: float, y: float, speed: float) -> tuple[float, float]:
+        """As `toward`; making room goes on in its direction until there is enough and some more."""
+        v, omega = toward(me, x, y, speed, 1.4 if self._making_room else 1.0)
+        if omega != 0.0:
+            self._making_room = 0.0
+            return v, omega
+        self._making_room = self._making_room or copysign(1.0, v)
+        return self._making_room * speed, 0.0
+
+    def _inside(self, at: float, axis: int) -> float:
+        if self._room is None:
+            return at
+        border = 0.5 * self._room[axis] - CLEAR - 0.02
+        return min(max(at, -border), border)
+
+
+def _bounded(low: float, high: float, share: float, limit: float) -> tuple[float, float]:
+    """The interval of v with ``share * v <= limit``, of which rest is always a part."""
+    limit = max(limit, 0.0)
+    if share > 1e-9:
+        return low, min(high, limit / share)
+    if share < -1e-9:
+        return max(low, limit / share), high
+    return low, high
