@@ -241,7 +241,7 @@ def test_a_reader_that_stops_reading_cannot_keep_the_run_alive(tmp_path: Path) -
         assert process.wait(10.0) == 143
 
 
-@pytest.mark.parametrize("words", [[], ["fly"], ["config"], ["config", "check"], ["--fly"]])
+@pytest.mark.parametrize("words", [["fly"], ["config"], ["config", "check"], ["--fly"]])
 def test_a_command_that_does_not_exist_is_one_line(capsys: Capture, words: list[str]) -> None:
     assert "--help" in complaint(capsys, words)
 

@@ -5,7 +5,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
@@ -26,7 +26,19 @@ EPILOG: Final = (
     "129/130/143 ended by SIGHUP/SIGINT/SIGTERM."
 )
 
+FIRST: Final = """\
+txt1 runs a robot car: simulated here, or a real one behind a board.
+
+  txt1 demo                     one minute: it drives, learns to find a light, and shows it
+  txt1 run                      drive a simulated one: w s a d, SPACE stops, ? helps, q quits
+  txt1 run --log drive.mcap     ... and record it; then: txt1 report drive.mcap
+  txt1 experiment circle-fast   measure how well it drives
+  txt1 doctor                   look for a real board, and for what is wrong with the line to it
+
+All commands: txt1 --help. Of one of them: txt1 run --help.
+"""
 COMMANDS: Final = {
+    "demo": "one minute: it drives, learns to find a light, and shows it",
     "run": "run the robot, on the desk or on the floor",
     "fleet": "run several simulated robots in one world",
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
@@ -47,6 +59,7 @@ COMMANDS: Final = {
     "ros2": "install a ROS 2 for the robot's node, or write its messages as a package",
     "firmware": "put the board's firmware on a Raspberry Pi Pico, and ask it how it is",
     "decode": "print a capture of the line, a line per message and fault",
+    "completion": "print a script that completes words in your shell",
 }
 """Each is a module of this package, with `add_arguments(parser)` and `main`: from the arguments to the exit code."""
 
@@ -78,8 +91,12 @@ def execute(argv: Sequence[str]) -> int:
 
 
 def _perform(words: list[str]) -> int:
+    if not words:
+        print(FIRST, end="")
+        return OK
+    named = next((word for word in words if not word.startswith("-")), "")
     try:
-        arguments = _parser(words).parse_args(words)
+        arguments = parser({named}).parse_args(words)
         return int(arguments.main(arguments))
     except SystemExit as ended:  # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
@@ -101,19 +118,27 @@ class _Parser(argparse.ArgumentParser):
         self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser; only the command that is named has its module imported."""
-    parser = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
-    parser.add_argument("--version", action="version", version=f"txt1 {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    named = next((word for word in words if not word.startswith("-")), None)
+def parser(named: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:
+    """Return the parser; only the commands that are named have their modules imported, and know their options."""
+    whole = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
+    whole.add_argument("--version", action="version", version=f"txt1 {__version__}")
+    commands = whole.add_subparsers(required=True, metavar="COMMAND")
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, epilog=EPILOG)
-        if name == named:
+        if name in named:
             module = import_module(f"txt1.cli.{name}")
             command.set_defaults(main=getattr(module, "main", None))
             module.add_arguments(command)
-    return parser
+    whole.set_defaults(parsers=commands.choices)
+    return whole
+
+
+def helps() -> Iterator[tuple[str, str]]:
+    """The words of every command and of every action of it, with the help."""
+    for name, command in parser().get_default("parsers").items():
+        yield name, command.format_help()
+        for action, each in (command.get_default("parsers") or {}).items():
+            yield f"{name} {action}", each.format_help()
 
 
 def _joined(argv: Sequence[str]) -> list[str]:

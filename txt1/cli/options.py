@@ -183,6 +183,7 @@ def add_actions(
         action = parsers.add_parser(name, help=about[:1].lower() + about[1:])
         action.set_defaults(main=main)
         add(action, arguments)
+    parser.set_defaults(parsers=parsers.choices)
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:

@@ -1,0 +1,20 @@
+"""`txt1 completion`: a script for the shell."""
+
+import argparse
+
+from txt1.cli import OK, parser
+from txt1.record.session import need
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the shell's name."""
+    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="for example: source <(txt1 completion bash)")
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the script that completes commands, actions and options."""
+    need("txt1 completion", "completion", "shtab")
+    import shtab
+
+    print(shtab.complete(parser(), arguments.shell))
+    return OK

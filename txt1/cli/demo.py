@@ -1,0 +1,68 @@
+"""`txt1 demo`: commands that everybody may type, one after the other, each shown before it runs."""
+
+import argparse
+import shlex
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+from txt1.cli import OK, execute
+from txt1.cli.options import SEED, add, takes, unused
+from txt1.record.session import MODULES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add where the results go, and the seed."""
+    about = "where recordings and pictures go; out/demo when left out, or out/demo-2 and so on"
+    add(parser, {"--out": takes("DIR", about, Path)} | SEED)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Drive, learn, and show what was learned; the exit code of the first command that failed."""
+    out = arguments.out or unused(Path("out/demo"))
+    for about, words in steps(out, str(arguments.seed or 1), screens=sys.stdout.isatty()):
+        print(f"\n{about}\n\n    txt1 {shlex.join(words)}\n", flush=True)
+        code = execute(words)
+        if code != OK:
+            return code
+    print(f"\nThat was all; everything is in {out}. Drive yourself: txt1 run")
+    return OK
+
+
+def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]]:
+    """What each command is to show, and its words; without screens all of it runs in virtual time."""
+    recorded = all(find_spec(module) for module in MODULES)
+    watched = ["--seed", seed] if screens else ["--seed", seed, "--headless", "--speed", "max"]
+
+    def log(name: str) -> list[str]:
+        return ["--log", str(out / name)] if recorded else []
+
+    out.mkdir(parents=True, exist_ok=True)
+    yield (
+        "1. It drives: half a metre and 0.4 radians a second (on the screens: arrow keys, ? for help, q goes on).",
+        [
+            "run",
+            *watched,
+            "--duration",
+            "12",
+            "--drive",
+            "0.5,0.4",
+            "--set",
+            "sim.start=[0,-1.2,0]",
+            *log("circle.mcap"),
+        ],
+    )
+    learned = out / "learned"
+    yield (
+        "2. It learns to find a light, 31 times from another place, as fast as this computer can.",
+        ["learn", "--agent", "sweeps", "--trials", "1", "--episodes", "31", "--seed", seed, "--out", str(learned)],
+    )
+    yield (
+        "3. It drives to the light by what it learned.",
+        ["run", *watched, "--duration", "25", "--policy", str(learned / "qtable.json"), *log("light.mcap")],
+    )
+    if recorded and find_spec("matplotlib"):
+        yield "4. It draws that drive: open the page in a browser.", ["report", str(out / "light.mcap")]
+    else:
+        print("\nWith pip install 'txt1[record,plots]' the demo would record its drives, too, and draw them.")
