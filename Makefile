@@ -6,10 +6,11 @@ BENCH := .venv-bench
 ROS2 := $(CURDIR)/.venv-ros2
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag
 FUZZ := .venv-fuzz
+DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 
-.PHONY: run test test-long test-web test-ros lint wheel bench clean
+.PHONY: run test test-long test-web test-ros lint wheel bench docs clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -51,8 +52,11 @@ bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, besi
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
 	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/benchmarks.md
 
+docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
+	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
+
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -68,6 +72,11 @@ $(VENV)/.dev: $(VENV)/.installed
 $(FUZZ)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(FUZZ)
 	$(FUZZ)/bin/python $(PIP_INSTALL) --editable '.[dev,fuzz]'
+	@touch $@
+
+$(DOCS)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/python $(PIP_INSTALL) --editable '.[docs,record,plots,view]'
 	@touch $@
 
 # The benchmarks' folder comes after what is installed, so they measure the wheel and not the sources beside them.

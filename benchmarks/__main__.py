@@ -30,14 +30,7 @@ from txt1 import __version__
 from txt1.kernel import scheduler
 
 PEERS: Final = ("pymavlink", "gymnasium", "numba", "numpy", "mcap", "pydantic")
-PAGE: Final = """\
-# Benchmarks
-
-`make bench` makes this page: it builds the compiled wheel, installs it with its peers into a virtual environment of its
-own, and runs `python -m benchmarks --page docs/benchmarks.md` there. Contestants take turns; given is the median over
-the rounds, with the smallest and the largest in brackets. On a machine that does other things, too, ratios say more
-than times.
-"""
+RESULTS: Final = "<!-- results: what stands below is printed by the command above -->\n"  # in the page
 
 BENCHMARKS = {
     "simulation_speed": simulation_speed.main,
@@ -83,7 +76,7 @@ def machine() -> Iterator[str]:
 
 @contextmanager
 def page(path: Path) -> Iterator[None]:
-    """Write all that is printed to a page, too, when it is complete."""
+    """Write all that is printed to a page, too, when it is complete, below what a person wrote there."""
     printed, screen = StringIO(), sys.stdout
 
     class Both(StringIO):
@@ -97,7 +90,8 @@ def page(path: Path) -> Iterator[None]:
     with redirect_stdout(Both()):
         yield
     block = "\n".join(f"    {line}".rstrip() for line in printed.getvalue().splitlines())
-    path.write_text(f"{PAGE}\n{block}\n", encoding="utf-8")
+    before = path.read_text(encoding="utf-8").partition(RESULTS)[0] if path.exists() else "# Benchmarks\n\n"
+    path.write_text(f"{before}{RESULTS}\n{block}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from txt1.sim.parameters import Faults
 ENDLESS = ("sim.room.length=.inf", "sim.room.width=.inf")
 KINDS = {"sim": (), "ours": ("board.habits=ours",), "original": ("board.habits=original",)}
 STANDING = 0.05  # m/s: an original board reads 0 below 0.045, and its loops leave it creeping
-CUT, DIES = "the board is silent", "the host of a virtual board"  # how rows of the README's table begin
+CUT, DIES = "the board is silent", "the host of a virtual board"  # how rows of docs/safety.md begin
 STOPS = "event", "neutral: median (worst)", "standing: median (worst)", "fastest", "still armed", "it took", "n"
 HARMLESS_TITLES = "case", "taken for a stop that is none", "commanded and not moving", "n"
 STEP = 0.01  # s between two looks
@@ -81,7 +81,7 @@ Act = Callable[[Desk], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Case:
-    """Something that happens, in words as the README has it, to a robot on this hardware."""
+    """Something that happens, in words as docs/safety.md has it, to a robot on this hardware."""
 
     name: str
     about: str
@@ -90,7 +90,7 @@ class Case:
     before: Act | None = None  # done while it drives, in place of 1 to 2 s at 0.4 to 1 m/s
     unmended: bool = False  # without what recognises it: to see that it moves
     limit: float = 5.0
-    row: str = ""  # how the row of the README's table begins
+    row: str = ""  # how the row of docs/safety.md begins
 
 
 @asynccontextmanager
@@ -378,7 +378,7 @@ def spread(times: list[float | None]) -> str:
 
 
 def measure(case: Case, seeds: int) -> dict[str, str]:
-    """A row of a table, and what the README says of it."""
+    """A row of a table, and what docs/safety.md says of it."""
     found = results(case, seeds)
     if case in HARMLESS:
         escalated = sum(one.stopped_by != "none" for one in found)
@@ -390,7 +390,7 @@ def measure(case: Case, seeds: int) -> dict[str, str]:
     cells = case.about, neutral, standing, f"{fastest:.2f} m/s", armed, means, len(found)
     return {
         "row": f"| {' | '.join(map(str, cells))} |",
-        "readme": f"{neutral}; {standing}; n = {len(found)}",
+        "safety": f"{neutral}; {standing}; n = {len(found)}",
     }
 
 
@@ -412,7 +412,7 @@ def main(quick: bool = False, seeds: int = 100, names: Collection[str] = ()) -> 
 
 
 def write(known: dict[str, dict[str, str]]) -> None:
-    """Put the tables between the marks of docs/stops.md, and the times into the README's table."""
+    """Put the tables between the marks of docs/stops.md, and the times into that of docs/safety.md."""
     page = ROOT / "docs" / "stops.md"
     text = page.read_text()
     for mark, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
@@ -421,10 +421,10 @@ def write(known: dict[str, dict[str, str]]) -> None:
         begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
         text = text[: text.index(begin)] + f"{begin}\n{table}\n" + text[text.index(end) :]
     page.write_text(text)
-    readme = ROOT / "README.md"
-    lines = readme.read_text().splitlines()
+    safety = ROOT / "docs" / "safety.md"
+    lines = safety.read_text().splitlines()
     for case in CASES:
         for k, line in enumerate(lines):
             if case.row and case.name in known and line.startswith(f"| {case.row}"):
-                lines[k] = " | ".join((*line.split(" | ")[:3], f"{known[case.name]['readme']} |"))
-    readme.write_text("\n".join(lines) + "\n")
+                lines[k] = " | ".join((*line.split(" | ")[:3], f"{known[case.name]['safety']} |"))
+    safety.write_text("\n".join(lines) + "\n")

@@ -1,0 +1,136 @@
+"""What MkDocs cannot know: pages made from the program, and files beside docs/ that pages link to.
+
+`mkdocs.yml` names this module as a hook. Commands come from the parsers, the configuration from its schema and
+config/txt1.yaml, topics from the table.
+"""
+
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+from pkgutil import walk_packages
+from typing import Any, Final
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import txt1
+from txt1.cli import COMMANDS, helps
+from txt1.config import Config
+from txt1.errors import Txt1Error
+from txt1.telemetry.topics import TOPICS
+
+ROOT: Final = Path(__file__).parents[1]
+PAGES: Final = {  # files of the repository that are pages of the site, too
+    name: f"{name.lower().replace('_', '-')}.md"
+    for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")
+}
+COPIED: Final = ("examples/*.py", "config/**/*.yaml")  # files that pages link to
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put pages that the navigation does not name at the end of its "How-to"."""
+    named = set(re.findall(r"[\w/-]+\.md", str(config.nav)))
+    there = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
+    how_to = next(each["How-to"] for each in config.nav or [] if "How-to" in each)
+    how_to.extend(sorted(there - named))
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is made from the program, and what lies beside docs/."""
+    made = {
+        "reference/commands.md": commands(),
+        "reference/configuration.md": settings(),
+        "reference/topics.md": topics(),
+    }
+    made |= {page: (ROOT / f"{name}.md").read_text("utf-8") for name, page in PAGES.items()}
+    for where, text in made.items():
+        files.append(File.generated(config, where, content=text))
+    for path in (each for pattern in COPIED for each in ROOT.glob(pattern)):
+        files.append(File.generated(config, f"tree/{path.relative_to(ROOT)}", content=path.read_text("utf-8")))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Let links that leave docs/ lead to the site's copies."""
+    here = PurePosixPath(page.file.src_uri).parent
+    of_root = page.file.src_uri in PAGES.values()
+
+    def moved(found: re.Match[str]) -> str:
+        inside = found[1]
+        if of_root:  # such a page was written for the root of the repository
+            inside = inside.removeprefix("docs/") if inside.startswith("docs/") else f"../{inside}"
+        path, _, anchor = inside.partition("#")
+        up = "../" * len(here.parts)
+        if path.startswith(f"{up}../"):
+            outside = path.removeprefix(f"{up}../")
+            name = PurePosixPath(outside).stem
+            path = up + PAGES.get(name, f"tree/{outside}")
+        return f"]({path}#{anchor})" if anchor else f"]({path})"
+
+    return re.sub(r"\]\((?!https?:|mailto:|#)([^)\s]+)\)", moved, markdown)
+
+
+def commands() -> str:
+    """The help of every command, as it is printed."""
+    lines = ["# Commands", "", "As `txt1 COMMAND --help` prints it.", ""]
+    for name, help_of in helps():
+        lines += [f"{'##' if name in COMMANDS else '###'} txt1 {name}", "", "```text", help_of.rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def settings() -> str:
+    """Every default with unit and source, section by section, and the limits of each."""
+    text = (ROOT / "config" / "txt1.yaml").read_text("utf-8")
+    head, *sections = re.split(r"(?m)^(?=[a-z_]+:)", text)
+    about = "\n".join(line.removeprefix("#").strip() for line in head.splitlines() if "    " not in line).strip()
+    lines = ["# Settings", "", about, "", "How to set them: [configuration](../configuration.md).", ""]
+    for section in sections:
+        lines += [f"## {section.partition(':')[0]}", "", "```yaml", section.rstrip(), "```", ""]
+    lines += ["## Types and limits", "", "| key | type | limits |", "|---|---|---|"]
+    schema = Config.model_json_schema()
+    lines += [f"| `{key}` | {kind} | {limits} |" for key, kind, limits in _limits(schema, schema, "")]
+    return "\n".join(lines) + "\n"
+
+
+BOUNDS: Final = {
+    "exclusiveMinimum": "> ", "minimum": "≥ ", "exclusiveMaximum": "< ", "maximum": "≤ ", "minItems": "at least ",
+    "maxItems": "at most ", "pattern": "",
+}  # fmt: skip
+
+
+def _limits(schema: dict[str, Any], whole: dict[str, Any], key: str) -> Iterator[tuple[str, str, str]]:
+    if "$ref" in schema:
+        schema = whole["$defs"][schema["$ref"].rpartition("/")[2]]
+    if "properties" in schema:
+        for name, each in schema["properties"].items():
+            yield from _limits(each, whole, f"{key}.{name}" if key else name)
+        return
+    kinds = schema.get("anyOf", [schema])
+    bounds = [f"{sign}{each[name]}" for each in kinds for name, sign in BOUNDS.items() if name in each]
+    names = [" or ".join(map(repr, each.get("enum", [each.get("const")]))) if "enum" in each or "const" in each
+             else str(each.get("type", each.get("$ref", "any").rpartition("/")[2])) for each in kinds]  # fmt: skip
+    yield (
+        key,
+        " or ".join(dict.fromkeys(names)).replace("|", "\\|"),
+        " ".join(f"`{each}`" for each in bounds).replace("|", "\\|"),
+    )
+
+
+def topics() -> str:
+    """The table of topics."""
+    for module in walk_packages(txt1.__path__, "txt1."):
+        try:
+            import_module(module.name)
+        except (ImportError, Txt1Error):  # needs an extra that is not here
+            continue
+    lines = ["# Topics", "", "Everything that the robot tells, recorded and shown from one table.",
+             "A sensor adds `/sensors/NAME`; with a robot's name configured it stands before each.", "",
+             "| topic | tells | units | told | message |", "|---|---|---|---|---|"]  # fmt: skip
+    lines += [
+        f"| `{name}` | {each.about} | {each.units or '–'} | {each.rule} | `{each.message}` |"
+        for name, each in sorted(TOPICS.items())
+    ]
+    return "\n".join(lines) + "\n"
