@@ -56,6 +56,7 @@ COMMANDS: Final = {
     "doctor": "look for what is wrong with the line to the board",
     "service": "have systemd start a robot at boot, watch over it and start it again",
     "device": "be one of the devices whose drivers we have, such as the Pico with our firmware",
+    "ros1": "write the original's messages and services as a package of ROS 1",
     "ros2": "install a ROS 2 for the robot's node, or write its messages as a package",
     "firmware": "put the board's firmware on a Raspberry Pi Pico, and ask it how it is",
     "decode": "print a capture of the line, a line per message and fault",

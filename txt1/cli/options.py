@@ -158,10 +158,11 @@ WEB: Final = {
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
 }  # fmt: skip
-ROS2: Final = {
+ROS: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
+    "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "of a recording of several robots this one")}

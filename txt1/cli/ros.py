@@ -21,7 +21,7 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
         if arguments.ros2_namespace or arguments.ros2_stamped:
             raise ConfigError("--ros2-namespace, --ros2-stamped: there is no node; add --ros2")
         return None
-    from txt1.bridges.ros.desk import ros_bridge
+    from txt1.bridges.ros.desk import Ros2Desk, node_beside
     from txt1.bridges.ros.install import outdated
     from txt1.bridges.ros.python import home, ros2
 
@@ -31,11 +31,30 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
         raise ConfigError("--ros2: the types were made of other definitions; run 'txt1 ros2 install' again")
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
-        stale = robot.config.commander.timeouts.get("ros", robot.config.safety.command_timeout)
+        desk = Ros2Desk(robot)
         options = {
-            "namespace": arguments.ros2_namespace or "", "stamped": arguments.ros2_stamped, "stale": stale,
-            "virtual": arguments.speed is not None,
+            "namespace": arguments.ros2_namespace or "", "stamped": arguments.ros2_stamped, "stale": desk.stale,
+            "virtual": arguments.speed is not None, "parameters": desk.parameters(),
         }  # fmt: skip
-        return ros_bridge(robot, "txt1.bridges.ros.ros2:main", python.program, python.environment, options)
+        return node_beside(robot, desk, "txt1.bridges.ros.ros2:main", python.program, python.environment, options)
+
+    return node
+
+
+def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
+    """Return what makes the robot the original's node of ROS 1, if it is to be; raises ConfigError without ROS 1."""
+    if not arguments.ros1:
+        return None
+    from txt1.bridges.ros.desk import node_beside
+    from txt1.bridges.ros.original import Ros1Desk
+    from txt1.bridges.ros.python import ros1
+
+    python = ros1()
+    options = {"virtual": arguments.speed is not None}
+
+    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
+        desk = Ros1Desk(robot)
+        given = options | {"parameters": desk.parameters()}
+        return node_beside(robot, desk, "txt1.bridges.ros.ros1:main", python.program, python.environment, given)
 
     return node

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -16,7 +16,7 @@ from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, 
 from txt1.cli.errands import Errands
 from txt1.cli.notify import served
 from txt1.cli.options import flag, takes
-from txt1.cli.ros import RosNode, ros2_node
+from txt1.cli.ros import RosNode, ros1_node, ros2_node
 from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.control.limits import Fault
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
         "--gamepad": flag("let gamepads drive, whichever are plugged in (see txt1 gamepad)"),
-    } | options.WEB | options.ROS2 | {
+    } | options.WEB | options.ROS | {
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
             options.bridge_options, action="append", default=[],
@@ -78,9 +78,9 @@ def main(arguments: argparse.Namespace) -> int:
     page = web_page(arguments)
     if arguments.gamepad:
         need("--gamepad", "gamepad", "pygame")
-    node = ros2_node(arguments)
+    nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent, steer, page, node))
+    app.run(_operate(app, arguments, config, agent, steer, page, nodes))
     return conclude(app, arguments.json)
 
 
@@ -91,7 +91,7 @@ async def _operate(
     agent: Agent | None,
     steer: Steer | None,
     page: WebPage | None,
-    node: RosNode | None,
+    nodes: Sequence[RosNode],
 ) -> None:
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
@@ -111,7 +111,7 @@ async def _operate(
             bridges.push_async_callback(errands.close)
             for name, given in wanted:
                 await bridges.enter_async_context(bridge(robot, name, given, errands.requests))
-        if node is not None:
+        for node in nodes:
             await bridges.enter_async_context(node(robot))
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
 

@@ -19,7 +19,15 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
-PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "gamepad": 40, "web": 30, "view": 30, "ros": 20, "program": 10}
+PRIORITIES: Final[Mapping[str, int]] = {
+    "keys": 50,
+    "gamepad": 40,
+    "web": 30,
+    "view": 30,
+    "ros": 20,
+    "ros1": 20,
+    "program": 10,
+}
 """Priorities by the name of the source; any other name has a program's. The emergency stop is the gate's, above all."""
 
 SKEW: Final = 0.001  # s by which a message may come from the future, as clocks are rounded

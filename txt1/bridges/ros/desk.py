@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import json
 from base64 import b64encode
 from collections import deque
@@ -11,10 +10,11 @@ from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from txt1.beside import PERIOD, PRIORITY, Beside, Request
 from txt1.bridges.registry import RESTART, SILENCE, Desk
+from txt1.bridges.ros.calls import Calls
 from txt1.bridges.ros.topics import (
     JOINT_STATES,
     NOT_TOLD,
@@ -47,51 +47,70 @@ DESCRIPTION: Final = Topic("/robot_description", str, "", "std_msgs/String", Rul
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
+class NodeDesk(Protocol):
+    """The robot's end of a node."""
+
+    def telemetry(self) -> bytes | None:
+        """What is to be sent now."""
+
+    def request(self, request: Request) -> None:
+        """Do what is asked for."""
+
+    def say(self, text: str) -> None:
+        """Add a line about the node to the event log."""
+
+    def lost(self) -> None:
+        """The node has gone."""
+
+
 @asynccontextmanager
-async def ros_bridge(
-    robot: Robot, target: str, python: Sequence[str], environment: Mapping[str, str], options: Mapping[str, object]
+async def node_beside(
+    robot: Robot,
+    desk: NodeDesk,
+    target: str,
+    python: Sequence[str],
+    environment: Mapping[str, str],
+    options: Mapping[str, object],
 ) -> AsyncIterator[Beside]:
     """A node at work beside a robot, under another Python, until the block is left.
 
     `target` is its function, ``module:function``; `options` are keyword arguments for it.
     """
-    desk = RosDesk(robot)
     beside = Beside(
-        target, desk.telemetry, desk.request, options={**options, "parameters": desk.parameters()}, restart=RESTART,
-        silence=SILENCE, tell=lambda text: desk.say(f" {text}"), lost=desk.lost,
-        program=(*python, str(START)), environment=environment,
+        target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
+        tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
     )  # fmt: skip
     try:
         async with beside:
-            robot.add_task("bridge ros", PERIOD, beside.serve, PRIORITY)
+            robot.add_task(f"bridge {target.rpartition(':')[0].rpartition('.')[2]}", PERIOD, beside.serve, PRIORITY)
             yield beside
     finally:
         desk.lost()
 
 
-class RosDesk:
+class Ros2Desk:
     """Hands out messages, and does what is asked for under the name "ros"."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot, self._config = robot, robot.config
-        self._desk = Desk(robot, "ros", {
-            "begin": self._begin, "missing": self._missing, "call": self._call, "drive": self._drive,
-            "combined": robot.combined_odometry, "servos": robot.servos,
-        })  # fmt: skip
-        self.say = self._desk.say
-        self._calls: dict[str, Callable[..., object]] = {
+        self._calls = Calls({
             "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
             "load_gains": self._load_gains, "manual": robot.set_manual, "place": robot.place, "set": self._set,
             "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
-        }  # fmt: skip
+        })  # fmt: skip
+        self._desk = Desk(robot, "ros", {
+            "begin": self._begin, "missing": self._missing, "call": self._calls.call, "drive": self._drive,
+            "combined": robot.combined_odometry, "servos": robot.servos,
+        })  # fmt: skip
+        config = robot.config
+        self.stale = config.commander.timeouts.get("ros", config.safety.command_timeout)
+        """Age at which a command is stale, s."""
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._leave: Callable[[], None] = lambda: None
         self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
-        self._answers: list[tuple[int, bool, str]] = []
         self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
         self._v_max = robot.config.safety.v_max
         self._wheel_angle, self._read_at = 0.0, 0.0
-        self._tasks: set[asyncio.Task[None]] = set()
         self._told = 0  # channels that the node was told of
         self._forget()
 
@@ -99,7 +118,7 @@ class RosDesk:
 
     def telemetry(self) -> bytes | None:
         """All messages since the last time, channels that are new, and answers; None when there is nothing."""
-        if not (self._events or self._answers):
+        if not (self._events or self._calls.answers):
             return None
         if not self._virtual and abs(self._offset() - self._epoch) > STEPPED:
             self._forget()  # the time of day was set
@@ -116,9 +135,8 @@ class RosDesk:
         self._told = len(known)
         line: dict[str, object] = {"now": round((self._robot.now + self._epoch) * NS_PER_S)}
         line |= {
-            name: told for name, told in (("new", new), ("messages", messages), ("answers", self._answers)) if told
+            name: told for name, told in (("new", new), ("messages", messages), ("answers", self._calls.take())) if told
         }
-        self._answers = []
         return f"{json.dumps(line)}\n".encode("ascii")
 
     def _encoded(self, events: Iterable[Event]) -> Iterable[Any]:
@@ -190,9 +208,14 @@ class RosDesk:
         """Do what is asked for."""
         self._desk.request(request)
 
+    def say(self, text: str) -> None:
+        """Add a line about the node to the event log."""
+        self._desk.say(text)
+
     def lost(self) -> None:
         """The node has gone: let go of the wheel, and collect nothing."""
         self._leave()
+        self._calls.cancel()
         self._events.clear()
         self._desk.let_go()
 
@@ -224,21 +247,6 @@ class RosDesk:
     def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
         limited = clip(v, self._v_max) if v == v else v
         self._desk.drive(limited, omega * limited / v if v and limited != v else omega, age)
-
-    def _call(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
-        """Do something, and answer whether it was done, and if not why."""
-        task = asyncio.ensure_future(self._answer(id, name, fields))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    async def _answer(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
-        try:
-            told = self._calls[name](**fields)
-            if inspect.isawaitable(told):
-                told = await told
-            self._answers.append((id, True, "" if told is None else str(told)))
-        except (Txt1Error, ValueError) as error:
-            self._answers.append((id, False, str(error)))
 
     async def _load_gains(self) -> None:
         if not await self._robot.load_gains(*self._gains()):

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 from txt1.errors import ConfigError
 
+SYSTEM: Final = "/usr/bin/python3"
 INSTALLED: Final = Path("/opt/ros")
 DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")  # newest first; older ones have an older Python
 OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
@@ -51,6 +52,18 @@ def ros2() -> RosPython:
     if python.exists():
         return RosPython((str(python), "-P"), clean(os.environ), str(home()), ours=True)
     raise ConfigError(f"--ros2: there is no ROS 2 on this machine: {REMEDY}")
+
+
+def ros1() -> RosPython:
+    """The Python for ROS 1: Debian's own; raises ConfigError with what to do where there is none."""
+    found = subprocess.run(  # noqa: S603
+        [SYSTEM, "-c", "import rospy, genpy"], env=clean(os.environ), capture_output=True, check=False
+    ) if Path(SYSTEM).exists() else None  # fmt: skip
+    if found is None or found.returncode != 0:
+        raise ConfigError(
+            f"--ros1: {SYSTEM} has no rospy: 'apt install python3-rospy python3-rosmaster' (Debian, Ubuntu)"
+        )
+    return RosPython((SYSTEM, "-P"), clean(os.environ), "Debian's rospy")
 
 
 def _sourced(setup: Path) -> dict[str, str]:

@@ -9,7 +9,6 @@ import time
 from base64 import b64decode
 from contextlib import suppress
 from importlib import import_module
-from itertools import count
 from typing import Any, Final
 
 import rclpy
@@ -20,9 +19,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from txt1.beside import Connection
+from txt1.bridges.ros.calls import Caller
 from txt1.bridges.ros.stamps import Publishers, Stamps
 
-PATIENCE: Final = 10.0  # s within which the robot answers
 SECOND: Final = 1.0  # s between two reports about the node itself
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
@@ -46,8 +45,7 @@ class Bridge:
         self._by_name: dict[str, Any] = {}
         self._clock: Any = None
         self._now = 0  # the robot's time stamp of now, ns
-        self._ids = count(1)
-        self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
+        self._caller = Caller(robot)
         self._counts = {"commands": 0, "publishers": 0}
         self._alive = time.monotonic()
         self._names: tuple[str, ...] = ()
@@ -81,11 +79,7 @@ class Bridge:
                 publisher = self._publishers.get(number)
                 if publisher is not None:
                     publisher[0].publish(b64decode(data))
-            for number, done, text in telemetry.get("answers", ()):
-                waiting = self._waiting.get(number)
-                if waiting is not None:
-                    waiting[1].extend((done, text))
-                    waiting[0].set()
+            self._caller.answered(telemetry.get("answers", ()))
 
     def _advertise(self, number: int, name: str, message: str, quality: str) -> None:
         package, _, kind = message.partition("/")
@@ -182,20 +176,8 @@ class Bridge:
             self._node.create_service(Place, "~/place", place, callback_group=self._group)
 
     def _answer(self, response: Any, name: str, **fields: Any) -> Any:
-        response.success, response.message = self.call(name, **fields)
+        response.success, response.message = self._caller.call(name, **fields)
         return response
-
-    def call(self, name: str, **fields: Any) -> tuple[bool, str]:
-        """Have the robot do something; whether it did, and if not why."""
-        number = next(self._ids)
-        answered, answer = self._waiting[number] = threading.Event(), []
-        try:
-            self._robot.request("call", id=number, name=name, fields=fields)
-            if not answered.wait(PATIENCE):
-                return False, f"the robot did not answer within {PATIENCE:g} s"
-            return answer[0], answer[1]
-        finally:
-            del self._waiting[number]
 
     # -- parameters --------------------------------------------------------------------------------------------
 
@@ -212,7 +194,7 @@ class Bridge:
             values = {each.name: each.value for each in given if each.name in parameters}
             if values:
                 told = {name: list(value) if name == "control.angular" else value for name, value in values.items()}
-                done, text = self.call("set", values=told)
+                done, text = self._caller.call("set", values=told)
                 if not done:
                     return SetParametersResult(successful=False, reason=text)
             for each in given:

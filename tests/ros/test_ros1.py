@@ -1,0 +1,224 @@
+"""Programs of ROS 1, Debian's, and the original's node. `make test-ros` installs the peers."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from txt1.bridges.ros.python import SYSTEM, clean, ros1
+from txt1.bridges.ros.txt_driver import write_package
+from txt1.errors import ConfigError
+
+pytestmark = pytest.mark.long
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+GENPY, GENCPP = Path("/usr/lib/genpy"), Path("/usr/lib/gencpp/gen_cpp.py")
+CLIENT = Path(os.environ.get("TXT1_CLIENT") or HERE / "client.cpp")
+"""A client in C++; another one's source is compiled in its place."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def debian() -> None:
+    try:
+        ros1()
+    except ConfigError as error:
+        pytest.skip(str(error))
+    if shutil.which("rosmaster") is None:
+        pytest.skip("no ROS master here: 'apt install python3-rosmaster'")
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """txt_driver's modules for Python, made by ROS's own generators."""
+    folder = tmp_path_factory.mktemp("ros1")
+    source = write_package(folder / "src")
+    if not GENPY.is_dir():
+        pytest.skip("ROS's generators are not here: 'apt install python3-genpy'")
+    where = ["-Itxt_driver:" + str(source / "msg"), "-Istd_msgs:/usr/share/std_msgs/msg"]
+    for kind in ("msg", "srv"):
+        out = folder / "python" / "txt_driver" / kind
+        out.mkdir(parents=True)
+        program = [SYSTEM, str(GENPY / f"gen{kind}_py.py"), "-p", "txt_driver", *where, "-o", str(out)]
+        for file in sorted((source / kind).iterdir()):
+            subprocess.run([*program, str(file)], check=True, env=clean(os.environ))
+        subprocess.run([*program, "--initpy"], check=True, env=clean(os.environ))
+    (folder / "python" / "txt_driver" / "__init__.py").touch()
+    return folder
+
+
+class Ros:
+    """A ROS master, and what runs beside it."""
+
+    def __init__(self, package: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.uri = {"ROS_MASTER_URI": f"http://127.0.0.1:{self.port}", "ROS_HOSTNAME": "127.0.0.1"}
+        self.environment = {
+            **clean(os.environ), **self.uri, "PYTHONPATH": str(package / "python"), "PYTHONUNBUFFERED": "1",
+            "ROS_PACKAGE_PATH": f"{package / 'src'}:/usr/share",
+        }  # fmt: skip
+        self.start()
+
+    def start(self) -> None:
+        words = ["rosmaster", "--core", "-p", str(self.port)]
+        self.master = subprocess.Popen(
+            words, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    def stop(self) -> None:
+        self.master.terminate()
+        self.master.wait(10)
+
+    def ask(self, *words: str, limit: float = 90.0) -> str:
+        done = subprocess.run(words, env=self.environment, capture_output=True, text=True, timeout=limit)
+        assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
+        return done.stdout
+
+    def peer(self, scenario: str) -> Any:
+        return json.loads(self.ask(SYSTEM, str(HERE / "peers1.py"), scenario).splitlines()[-1])
+
+
+@pytest.fixture
+def ros(package: Path) -> Iterator[Ros]:
+    made = Ros(package)
+    yield made
+    made.stop()
+
+
+@contextmanager
+def robot(ros: Ros, *words: str, path: str = "") -> Iterator[subprocess.Popen[str]]:
+    """`txt1 run --ros1`, patient with a busy computer."""
+    patient = ["--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=40", "--set", "sim.room.width=40"]
+    environment = {**os.environ, **ros.uri, "PYTHONPATH": str(ROOT), "PATH": f"{path}:{os.environ['PATH']}"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros1", *patient, *words],
+        env=environment, text=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.said = process.communicate(timeout=20)[0]  # type: ignore[attr-defined]
+        print(process.said)  # type: ignore[attr-defined]
+
+
+def test_the_original_s_surface_is_there_with_its_types_rates_and_frames(ros: Ros) -> None:
+    with robot(ros):
+        told = ros.peer("surface")
+        listed = ros.ask("rostopic", "list").split()
+        loaded = ros.ask("rosservice", "call", "/pid_load")
+    assert {"/cmd_vel", "/odom_comb", "/pwm", "/odom", "/battery", "/tf"} <= set(listed)
+    assert "result: True" in loaded
+    assert told["types"]["/odom"] == "nav_msgs/Odometry" and told["types"]["/battery"] == "txt_driver/Battery"
+    assert told["md5"]["txt_driver/Battery"] == "005ac39378ddb1716f86ce80aedc84ad"
+    assert told["md5"]["txt_driver/Pwm"] == "e192cc353441052456f4435f8c52dd28"
+    assert told["md5"]["txt_driver/PidLoad"] == "eb13ac1f1354ccecb7941ee8fa2192e8"
+    assert told["pid_load"] is True and told["atx"] is True
+    assert told["manual only"] is False and told["shutdown, armed"] is False
+    assert told["rate"] == pytest.approx(20.0, rel=0.15)
+    assert told["batteries"] == pytest.approx(1.0, abs=0.4)
+    assert told["frames"] == ["/odom", "/base_footprint"]
+    assert told["v"] == pytest.approx(0.5, abs=0.1) and told["omega"] > 0.1
+    x, y, theta = told["tf"]
+    assert x > 0.5 and y > 0.0 and theta > 0.0
+    assert told["after"] == 0.0
+    assert 9.0 < told["battery"][0] < 13.0 and told["battery"][2] > 60.0
+    assert told["parameters"] == ["angular_pid", "batt1", "batt2", "linear_pid", "port", "pwr_auto"]
+
+
+def test_a_master_that_was_restarted_finds_the_node_again(ros: Ros) -> None:
+    with robot(ros):
+        assert ros.peer("alive") is True
+        ros.stop()
+        time.sleep(1.5)
+        ros.start()
+        assert ros.peer("alive") is True
+
+
+def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp_path: Path) -> None:
+    if not GENCPP.exists() or shutil.which("g++") is None or not Path("/usr/include/ros/ros.h").exists():
+        pytest.skip("no roscpp here: 'apt install libroscpp-dev libtf-dev python3-gencpp g++'")
+    out = tmp_path / "include" / "txt_driver"
+    out.mkdir(parents=True)
+    source = package / "src" / "txt_driver"
+    for file in (*sorted((source / "msg").iterdir()), *sorted((source / "srv").iterdir())):
+        subprocess.run(
+            [SYSTEM, str(GENCPP), str(file), f"-Itxt_driver:{source / 'msg'}", "-Istd_msgs:/usr/share/std_msgs/msg",
+             "-p", "txt_driver", "-o", str(out), "-e", "/usr/share/gencpp"],
+            check=True, env=clean(os.environ),
+        )  # fmt: skip
+    client, stub = tmp_path / "client", tmp_path / "bin" / "shutdown"
+    libraries = ["-lroscpp", "-lrosconsole", "-lroscpp_serialization", "-lrostime", "-ltf", "-ltf2"]
+    subprocess.run(
+        [
+            "g++",
+            "-w",
+            "-O0",
+            f"-I{tmp_path / 'include'}",
+            str(CLIENT),
+            "-o",
+            str(client),
+            *libraries,
+            "-lboost_system",
+            "-lboost_thread",
+        ],
+        check=True,
+    )
+    stub.parent.mkdir()
+    record = tmp_path / "shutdowns"
+    stub.write_text(f'#!/bin/sh\necho "$@" >> {record}\n')
+    stub.chmod(0o755)
+    file = tmp_path / "run.mcap"
+    with robot(ros, "--log", str(file), "--set", "host.allow_shutdown=true", path=str(stub.parent)):
+        process = subprocess.Popen(
+            [str(client)], env=ros.environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        time.sleep(14.0)
+        process.terminate()
+        said = process.communicate(timeout=10)[0]
+    print(said[-3000:])
+    assert "PID Load Response: 1" in said and "PWR Response: 1" in said
+    assert "PWM Response: 0" in said and "PWM Response: 1" not in said, "in manual mode only"
+    assert "Shutdown called: 0" in said and "Shutdown called: 1" not in said, "not while it is armed"
+    assert not record.exists()
+    assert re.search(r"odom", said, re.I) and re.search(r"battery", said, re.I)
+    told = subprocess.run(
+        [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/odom"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    ).stdout.splitlines()
+    speeds = [json.loads(line)["message"]["twist"]["twist"]["linear"]["x"] for line in told]
+    starts = sum(1 for before, after in pairwise(speeds) if abs(before) < 0.02 <= abs(after))
+    assert max(speeds) > 0.1
+    assert starts >= 2, "at a period of 2 s it stops between two commands"
+    assert speeds[-1] == 0.0
+
+
+def test_a_disarmed_robot_s_host_is_shut_down_where_it_allows_it(ros: Ros, tmp_path: Path) -> None:
+    stub, record = tmp_path / "shutdown", tmp_path / "shutdowns"
+    stub.write_text(f'#!/bin/sh\necho "$@" >> {record}\n')
+    stub.chmod(0o755)
+    for allowed in (False, True):
+        with robot(ros, "--no-arm", "--set", f"host.allow_shutdown={str(allowed).lower()}", path=str(tmp_path)):
+            ros.ask(
+                SYSTEM, "-c", "import rospy; rospy.init_node('wait'); rospy.wait_for_service('/shutdown_computer', 30)"
+            )
+            assert f"result: {allowed}" in ros.ask("rosservice", "call", "/shutdown_computer", "true")
+        time.sleep(0.5)
+        assert record.exists() is allowed
+    assert record.read_text() == "-h now\n"

@@ -1,0 +1,82 @@
+"""What a node asks the robot to do, with an answer: both ends."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from itertools import count
+from typing import TYPE_CHECKING, Any, Final
+
+from txt1.errors import Txt1Error
+
+if TYPE_CHECKING:
+    from txt1.beside import Connection
+
+PATIENCE: Final = 10.0  # s within which the robot answers
+
+
+class Calls:
+    """The robot's end: does what is asked for, and keeps the answers until they are sent."""
+
+    def __init__(self, functions: Mapping[str, Callable[..., object]]) -> None:
+        self.answers: list[tuple[int, bool, str]] = []
+        """Of which call, whether it was done, and if not why, else what it returned."""
+        self._functions = functions
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def take(self) -> list[tuple[int, bool, str]]:
+        """The answers since the last time."""
+        answers, self.answers = self.answers, []
+        return answers
+
+    def call(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
+        """Do something, and answer when it is done: the request of this name."""
+        task = asyncio.ensure_future(self._answer(id, name, fields))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def cancel(self) -> None:
+        """Nobody waits for answers any more."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        self.answers.clear()
+
+    async def _answer(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
+        try:
+            told = self._functions[name](**fields)
+            if inspect.isawaitable(told):
+                told = await told
+            self.answers.append((id, True, "" if told is None else str(told)))
+        except (Txt1Error, ValueError, TypeError, KeyError) as error:
+            self.answers.append((id, False, str(error)))
+
+
+class Caller:
+    """The node's end; a thread that takes the robot's messages hands answers to `answered`."""
+
+    def __init__(self, robot: Connection) -> None:
+        self._robot = robot
+        self._ids = count(1)
+        self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
+
+    def call(self, name: str, patience: float = PATIENCE, **fields: Any) -> tuple[bool, str]:
+        """Have the robot do something; whether it did, and if not why, else what it says."""
+        number = next(self._ids)
+        event, answer = self._waiting[number] = threading.Event(), []
+        try:
+            self._robot.request("call", id=number, name=name, fields=fields)
+            if not event.wait(patience):
+                return False, f"the robot did not answer within {patience:g} s"
+            return answer[0], answer[1]
+        finally:
+            del self._waiting[number]
+
+    def answered(self, answers: Sequence[tuple[int, bool, str]]) -> None:
+        """Hand answers to those who wait for them."""
+        for number, done, text in answers:
+            waiting = self._waiting.get(number)
+            if waiting is not None:
+                waiting[1].extend((done, text))
+                waiting[0].set()
