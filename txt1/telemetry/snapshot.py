@@ -76,15 +76,15 @@ class Snapshot:
 
     def encode(self) -> bytes:
         """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
-        topics = dict(self._plain)
+        topics = {name: _entry(name, words) for name, words in self._plain.items()}
         for name, value in self._values.items():
-            known, told = _LAST.get(name, (None, None))
+            known, told = _LAST.get(name, _NOTHING)
             if known is not value:
-                told = plain(value)
+                told = _entry(name, plain(value))
                 _LAST[name] = value, told  # many are the same as a second before
             topics[name] = told
-        whole = {"version": VERSION, "time": self.time, "name": self.name, "topics": topics}
-        return f"{_JSON.encode(whole)}\n".encode("ascii")
+        head = _JSON.encode({"version": VERSION, "time": self.time, "name": self.name})
+        return f'{head[:-1]},"topics":{{{",".join(topics.values())}}}}}\n'.encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
@@ -105,9 +105,15 @@ SNAPSHOT: Final = declare(Topic(
     make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
 ))  # fmt: skip
 
-_LAST: Final[dict[str, tuple[Any, Any]]] = {}  # of each topic the value that was encoded last, and as what
+_NOTHING: Final = (object(), "")
+_LAST: Final[dict[str, tuple[Any, str]]] = {}  # of each topic the value that was encoded last, and as what
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))
+
+
+def _entry(name: str, words: Any) -> str:
+    """A topic in JSON, to stand among others."""
+    return f"{_JSON.encode(name)}:{_JSON.encode(words)}"
 
 
 # -- values to JSON and back -----------------------------------------------------------------------------------
