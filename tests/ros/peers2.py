@@ -166,6 +166,45 @@ def services():
     return told
 
 
+def goal():
+    """Drive to a pose, then towards one that is cancelled, then to one in a frame that does not exist."""
+    from math import cos, sin
+
+    from rclpy.action import ActionClient
+    from txt1_msgs.action import DriveTo
+
+    peer = Peer()
+    peer.hear("odom", "nav_msgs/Odometry")
+    client = ActionClient(peer, DriveTo, "/txt1/drive_to")
+    assert client.wait_for_server(30.0)
+    peer.until(lambda: peer.seen["odom"] > 10)
+    peer.call("std_srvs/Trigger", "/txt1/arm")
+    peer.call("std_srvs/Trigger", "/txt1/load_gains")
+    feedback = []
+
+    def drive(frame, x, y, theta, cancel_after=None):
+        asked = DriveTo.Goal(speed=0.5)
+        asked.pose.header.frame_id, asked.pose.pose.position.x, asked.pose.pose.position.y = frame, x, y
+        asked.pose.pose.orientation.z, asked.pose.pose.orientation.w = sin(theta / 2), cos(theta / 2)
+        sent = client.send_goal_async(asked, feedback_callback=lambda m: feedback.append(m.feedback.distance))
+        peer.until(sent.done)
+        handle = sent.result()
+        if cancel_after is not None:
+            peer.run(cancel_after)
+            peer.until(handle.cancel_goal_async().done)
+        result = handle.get_result_async()
+        peer.until(result.done, 60.0)
+        found = result.result()
+        return found.status, found.result.arrived, found.result.message, found.result.reached.x, found.result.reached.y
+
+    told = {"there": drive("room", 1.2, 0.4, 0.5), "feedback": list(feedback)}
+    told["cancelled"] = drive("odom", 6.0, 0.0, 0.0, 2.0)
+    peer.run(1.0)
+    told["rests"] = peer.last["odom"].twist.twist.linear.x
+    told["nowhere"] = drive("moon", 0.0, 0.0, 0.0)
+    return told
+
+
 if __name__ == "__main__":
     rclpy.init()
     print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))

@@ -109,3 +109,15 @@ def test_services_and_parameters_are_checked_as_on_the_command_line(ros: RosPyth
     assert not told["falling"][0] and "rise" in told["falling"][1]
     assert not told["too fast"][0] and "safety.v_max" in told["too fast"][1]
     assert not told["safety"][0]
+
+
+def test_it_drives_to_a_pose_tells_how_far_it_is_and_can_be_called_back(ros: RosPython, domain: dict[str, str]) -> None:
+    succeeded, cancelled, aborted = 4, 5, 6  # ROS's numbers of a goal's end
+    with robot(domain):
+        told = ask(ros, domain, "goal")
+    status, arrived, _, x, y = told["there"]
+    assert status == succeeded and arrived
+    assert (x, y) == pytest.approx((1.2, 0.4), abs=0.05)
+    assert len(told["feedback"]) > 5 and told["feedback"][0] > 1.0 > told["feedback"][-1]
+    assert told["cancelled"][0] == cancelled and told["rests"] == pytest.approx(0.0, abs=0.02)
+    assert told["nowhere"][0] == aborted and "moon" in told["nowhere"][2]

@@ -81,7 +81,8 @@ class Desk:
         self.leave: Callable[[], None] = lambda: None
         """Listen no more."""
         self._robot, self._name = robot, name
-        self._source = robot.source(name)
+        self.source = robot.source(name)
+        """The bridge's source of commands."""
         self._age = 0.0  # of the request that is answered, s
         self._told = ""
         self._topics: frozenset[str] | None = None
@@ -91,8 +92,8 @@ class Desk:
         self._requests: dict[str, Callable[..., object]] = {
             "subscribe": self._subscribe,
             "drive": self.drive,
-            "request": self._source.request,
-            "release": self._source.release,
+            "request": self.source.request,
+            "release": self.source.release,
             "arm": robot.arm,
             "disarm": lambda reason="": robot.disarm(str(reason) or f"disarmed by bridge '{name}'"),
             "stop": robot.stop,
@@ -144,14 +145,14 @@ class Desk:
     def let_go(self) -> None:
         """Let go of the wheel."""
         with suppress(CommandRefused):
-            self._source.release()
+            self.source.release()
 
     # -- inside ------------------------------------------------------------------------------------------------
 
     def drive(self, v: object, omega: object, age: object = 0.0) -> None:
         """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
         old = self._age + max(0.0, _number("age", age))
-        self._source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - old))
+        self.source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - old))
 
     def _subscribe(
         self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()

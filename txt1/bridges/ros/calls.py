@@ -14,6 +14,7 @@ from txt1.errors import Txt1Error
 if TYPE_CHECKING:
     from txt1.beside import Connection
 
+CANCELLED: Final = "cancelled"
 PATIENCE: Final = 10.0  # s within which the robot answers
 
 
@@ -24,7 +25,7 @@ class Calls:
         self.answers: list[tuple[int, bool, str]] = []
         """Of which call, whether it was done, and if not why, else what it returned."""
         self._functions = functions
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def take(self) -> list[tuple[int, bool, str]]:
         """The answers since the last time."""
@@ -33,13 +34,17 @@ class Calls:
 
     def call(self, id: int, name: str, fields: Mapping[str, Any]) -> None:
         """Do something, and answer when it is done: the request of this name."""
-        task = asyncio.ensure_future(self._answer(id, name, fields))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task = self._tasks[id] = asyncio.ensure_future(self._answer(id, name, fields))
+        task.add_done_callback(lambda _: self._tasks.pop(id, None))
 
-    def cancel(self) -> None:
+    def cancel(self, id: int) -> None:
+        """End what is still being done, answered with False: the request of this name."""
+        if id in self._tasks:
+            self._tasks[id].cancel()
+
+    def clear(self) -> None:
         """Nobody waits for answers any more."""
-        for task in tuple(self._tasks):
+        for task in tuple(self._tasks.values()):
             task.cancel()
         self.answers.clear()
 
@@ -51,6 +56,9 @@ class Calls:
             self.answers.append((id, True, "" if told is None else str(told)))
         except (Txt1Error, ValueError, TypeError, KeyError) as error:
             self.answers.append((id, False, str(error)))
+        except asyncio.CancelledError:
+            self.answers.append((id, False, CANCELLED))
+            raise
 
 
 class Caller:
@@ -61,14 +69,26 @@ class Caller:
         self._ids = count(1)
         self._waiting: dict[int, tuple[threading.Event, list[Any]]] = {}
 
-    def call(self, name: str, patience: float = PATIENCE, **fields: Any) -> tuple[bool, str]:
+    def call(self, name: str, **fields: Any) -> tuple[bool, str]:
         """Have the robot do something; whether it did, and if not why, else what it says."""
+        return self._call(name, fields, PATIENCE, None)
+
+    def watched(self, name: str, look: float, ends: Callable[[], bool], **fields: Any) -> tuple[bool, str]:
+        """As `call`, for what takes long: every `look` s `ends` is asked whether it is to be cancelled."""
+        return self._call(name, fields, look, ends)
+
+    def _call(
+        self, name: str, fields: Mapping[str, Any], look: float, ends: Callable[[], bool] | None
+    ) -> tuple[bool, str]:
         number = next(self._ids)
         event, answer = self._waiting[number] = threading.Event(), []
         try:
             self._robot.request("call", id=number, name=name, fields=fields)
-            if not event.wait(patience):
-                return False, f"the robot did not answer within {patience:g} s"
+            while not event.wait(look):
+                if ends is None:
+                    return False, f"the robot did not answer within {look:g} s"
+                if ends():
+                    self._robot.request("cancel", id=number)
             return answer[0], answer[1]
         finally:
             del self._waiting[number]

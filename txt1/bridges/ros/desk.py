@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict
+from math import hypot
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -33,15 +34,19 @@ from txt1.errors import ConfigError, RecordingError, Txt1Error
 from txt1.estimation.task import FILTERED
 from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
+from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.record.encoder import Encoder, Event
 from txt1.robot import Robot
+from txt1.sim.room import Room
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, origin
 from txt1.telemetry.topics import Rule, Topic
 
 START: Final = Path(__file__).with_name("start.py")
 EVENTS_MAX: Final = 3000  # messages that wait for the bridge; the oldest go first
+FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
+SPEED: Final = 0.4  # m/s to a goal that says none
 STEPPED: Final = 0.05  # s by which the time of day may drift before stamps follow it
 DESCRIPTION: Final = Topic("/robot_description", str, "", "std_msgs/String", Rule.CHANGE, "the robot as URDF")
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
@@ -95,11 +100,13 @@ class Ros2Desk:
         self._robot, self._config = robot, robot.config
         self._calls = Calls({
             "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
-            "load_gains": self._load_gains, "manual": robot.set_manual, "place": robot.place, "set": self._set,
+            "load_gains": self._load_gains, "drive_to": self._drive_to, "manual": robot.set_manual,
+            "place": robot.place, "set": self._set,
             "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
         })  # fmt: skip
         self._desk = Desk(robot, "ros", {
-            "begin": self._begin, "missing": self._missing, "call": self._calls.call, "drive": self._drive,
+            "begin": self._begin, "missing": self._missing, "call": self._calls.call, "cancel": self._calls.cancel,
+            "drive": self._drive,
             "combined": robot.combined_odometry, "servos": robot.servos,
         })  # fmt: skip
         config = robot.config
@@ -112,6 +119,9 @@ class Ros2Desk:
         self._v_max = robot.config.safety.v_max
         self._wheel_angle, self._read_at = 0.0, 0.0
         self._told = 0  # channels that the node was told of
+        self._goal: asyncio.Task[Any] | None = None
+        self._aim: tuple[PoseSource, float, float] | None = None
+        self._feedback_due = 0.0
         self._forget()
 
     # -- telemetry ---------------------------------------------------------------------------------------------
@@ -135,7 +145,14 @@ class Ros2Desk:
         self._told = len(known)
         line: dict[str, object] = {"now": round((self._robot.now + self._epoch) * NS_PER_S)}
         line |= {
-            name: told for name, told in (("new", new), ("messages", messages), ("answers", self._calls.take())) if told
+            name: told
+            for name, told in (
+                ("new", new),
+                ("messages", messages),
+                ("answers", self._calls.take()),
+                ("feedback", self._feedback()),
+            )
+            if told
         }
         return f"{json.dumps(line)}\n".encode("ascii")
 
@@ -215,7 +232,7 @@ class Ros2Desk:
     def lost(self) -> None:
         """The node has gone: let go of the wheel, and collect nothing."""
         self._leave()
-        self._calls.cancel()
+        self._calls.clear()
         self._events.clear()
         self._desk.let_go()
 
@@ -245,8 +262,43 @@ class Ros2Desk:
             self.say(f": ROS has no type {message} here, so {name} is not told; 'txt1 ros2 install' makes it")
 
     def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
+        if self._goal is not None and (v or omega):
+            self._goal.cancel()  # whoever steers by hand has the wheel
         limited = clip(v, self._v_max) if v == v else v
         self._desk.drive(limited, omega * limited / v if v and limited != v else omega, age)
+
+    async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
+        """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
+        robot, config = self._robot, self._config
+        sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
+        if frame not in sources:
+            raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")
+        room = Room(config.sim.room.length, config.sim.room.width) if frame == "room" else None
+        if self._goal is not None:
+            self._goal.cancel()
+        source = sources[frame](robot)
+        self._goal, self._aim = goal, _ = asyncio.current_task(), (source, x, y)
+        try:
+            arrival = await go_to(
+                robot, (x, y, theta), pose_source=source, room=room, source=self._desk.source,
+                speed=min(speed or SPEED, self._v_max),
+            )  # fmt: skip
+        finally:
+            if self._goal is goal:
+                self._goal = self._aim = None
+            self._desk.let_go()
+        told = f"{arrival.distance:.3f} m and {arrival.turn:.3f} rad from the goal, {arrival.plans} paths planned"
+        return json.dumps({"arrived": arrival.arrived, "reached": arrival.pose, "told": told})
+
+    def _feedback(self) -> tuple[float, ...] | None:
+        """The distance (m) from the goal and the pose (m, rad), five times a second while there is one."""
+        now = self._robot.now
+        if self._aim is None or now < self._feedback_due:
+            return None
+        self._feedback_due = now + FEEDBACK
+        source, x, y = self._aim
+        pose = source.read()
+        return None if pose is None else (hypot(x - pose[0], y - pose[1]), *pose)
 
     async def _load_gains(self) -> None:
         if not await self._robot.load_gains(*self._gains()):

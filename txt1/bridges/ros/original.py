@@ -77,7 +77,7 @@ class Ros1Desk:
 
     def lost(self) -> None:
         """The node has gone: let go of the wheel."""
-        self._calls.cancel()
+        self._calls.clear()
         self._desk.let_go()
 
     def _begin(self) -> None:

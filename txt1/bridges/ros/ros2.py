@@ -3,12 +3,14 @@
 The main thread serves subscriptions, services and parameters; another one publishes what the robot sends.
 """
 
+import json
 import signal
 import threading
 import time
 from base64 import b64decode
 from contextlib import suppress
 from importlib import import_module
+from math import atan2
 from typing import Any, Final
 
 import rclpy
@@ -22,6 +24,7 @@ from txt1.beside import Connection
 from txt1.bridges.ros.calls import Caller
 from txt1.bridges.ros.stamps import Publishers, Stamps
 
+LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
 SECOND: Final = 1.0  # s between two reports about the node itself
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
@@ -46,6 +49,7 @@ class Bridge:
         self._clock: Any = None
         self._now = 0  # the robot's time stamp of now, ns
         self._caller = Caller(robot)
+        self._feedback: tuple[int, list[float]] | None = None  # on the way to a goal: when, and what
         self._counts = {"commands": 0, "publishers": 0}
         self._alive = time.monotonic()
         self._names: tuple[str, ...] = ()
@@ -80,6 +84,8 @@ class Bridge:
                 if publisher is not None:
                     publisher[0].publish(b64decode(data))
             self._caller.answered(telemetry.get("answers", ()))
+            if "feedback" in telemetry:
+                self._feedback = self._now, telemetry["feedback"]
 
     def _advertise(self, number: int, name: str, message: str, quality: str) -> None:
         package, _, kind = message.partition("/")
@@ -174,6 +180,50 @@ class Bridge:
                 return self._answer(response, "place", x=request.x, y=request.y, theta=request.theta)
 
             self._node.create_service(Place, "~/place", place, callback_group=self._group)
+            self._serve_goals()
+
+    def _serve_goals(self) -> None:
+        """Serve the action that drives to a pose."""
+        from geometry_msgs.msg import Pose2D
+        from rclpy.action import ActionServer, CancelResponse
+        from txt1_msgs.action import DriveTo
+
+        def drive(goal: Any) -> Any:
+            asked, told = goal.request.pose, 0
+            place, turn = asked.pose.position, asked.pose.orientation
+            theta = atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+
+            def look() -> bool:
+                nonlocal told
+                if self._feedback is not None and self._feedback[0] != told:
+                    told, (distance, *pose) = self._feedback
+                    goal.publish_feedback(DriveTo.Feedback(distance=distance, pose=_pose(pose)))
+                return bool(goal.is_cancel_requested)
+
+            done, text = self._caller.watched(
+                "drive_to", LOOK, look, frame=asked.header.frame_id.lstrip("/"), x=place.x, y=place.y, theta=theta,
+                speed=goal.request.speed,
+            )  # fmt: skip
+            result = DriveTo.Result(message=text)
+            if done:
+                found = json.loads(text)
+                result = DriveTo.Result(
+                    arrived=found["arrived"], message=found["told"], reached=_pose(found["reached"])
+                )
+                goal.succeed() if result.arrived else goal.abort()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return result
+
+        def _pose(pose: Any) -> Any:
+            return Pose2D(x=pose[0], y=pose[1], theta=pose[2])
+
+        ActionServer(
+            self._node, DriveTo, "~/drive_to", drive, callback_group=self._group,
+            cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        )  # fmt: skip
 
     def _answer(self, response: Any, name: str, **fields: Any) -> Any:
         response.success, response.message = self._caller.call(name, **fields)
@@ -246,7 +296,7 @@ def main(
     """Serve until the robot's process ends."""
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
     node = Node("txt1", namespace=namespace)
-    executor = MultiThreadedExecutor(num_threads=3)
+    executor = MultiThreadedExecutor(num_threads=4)
     executor.add_node(node)
     bridge = Bridge(robot, node, parameters, stamped, stale, virtual)
 

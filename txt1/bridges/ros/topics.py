@@ -115,9 +115,15 @@ JOINT_STATES: Final = Topic(
 )  # fmt: skip
 
 
+AXLES: Final = {"both": (True, True), "front": (True, False), "skid": (False, False)}
+"""Whether the front and the rear wheels steer."""
+
+
 def turned(front: int, rear: int, geometry: Geometry) -> tuple[float, float]:
     """The front's and the rear's steering angle (rad, left positive) for PWM counts of the two channels."""
-    return -geometry.steering_max * front / STEERING_MAX, -geometry.steering_max * rear / STEERING_MAX
+    axles = AXLES[geometry.steering]
+    unit = -geometry.steering_max / STEERING_MAX
+    return unit * front * axles[0], unit * rear * axles[1]
 
 
 # -- sensors -----------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from math import tau
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring  # nosec: nothing is read
 
-from txt1.bridges.ros.topics import WHEELS
+from txt1.bridges.ros.topics import AXLES, WHEELS
 from txt1.model.vehicle import Geometry
 from txt1.sensors.readings import BASE, DepthImage, FixReading, Image, ImuReading, Scan
 
@@ -49,17 +49,22 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
     body = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT)
     for link, (above, x, y, z) in links.items():
         size = body if link == "base_link" else _SIZES[link]
-        _link(robot, link, "blue" if link == "base_link" else "grey", box=size)
+        ahead = geometry.centre if link == "base_link" else 0.0
+        _link(robot, link, "blue" if link == "base_link" else "grey", box=size, ahead=ahead)
         _joint(robot, f"{link}_joint", "fixed", above, link, (x, y, z))
     radius = geometry.circumference / tau
     for wheel in WHEELS:
-        x = 0.5 * geometry.wheelbase * (1.0 if wheel.startswith("front") else -1.0)
+        is_front = wheel.startswith("front")
+        rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase  # the pose is on that car's rear axle
+        x = rear + geometry.wheelbase * is_front
         y = 0.5 * geometry.track_width * (1.0 if wheel.endswith("left") else -1.0)
-        steering = _joint(
-            robot, f"{wheel}_steering_joint", "revolute", "base_link", f"{wheel}_hub", (x, y, radius - BASE), "0 0 1"
-        )
-        lock = f"{geometry.steering_max:.6f}"
-        SubElement(steering, "limit", lower=f"-{lock}", upper=lock, effort="2", velocity="7")
+        place, hub = (x, y, radius - BASE), f"{wheel}_hub"
+        if AXLES[geometry.steering][not is_front]:
+            steering = _joint(robot, f"{wheel}_steering_joint", "revolute", "base_link", hub, place, "0 0 1")
+            lock = f"{geometry.steering_max:.6f}"
+            SubElement(steering, "limit", lower=f"-{lock}", upper=lock, effort="2", velocity="7")
+        else:
+            _joint(robot, f"{wheel}_steering_joint", "fixed", "base_link", hub, place)
         SubElement(robot, "link", name=f"{wheel}_hub")
         _joint(robot, f"{wheel}_wheel_joint", "continuous", f"{wheel}_hub", f"{wheel}_wheel", (0.0, 0.0, 0.0), "0 1 0")
         _link(robot, f"{wheel}_wheel", "black", cylinder=(radius, TYRE))
@@ -73,12 +78,15 @@ def _link(
     colour: str,
     box: tuple[float, float, float] | None = None,
     cylinder: tuple[float, float] | None = None,
+    ahead: float = 0.0,
 ) -> None:
     link = SubElement(robot, "link", name=name)
     for part in ("visual", "collision"):
         shape = SubElement(link, part)
         if cylinder is not None:
             SubElement(shape, "origin", xyz="0 0 0", rpy=f"{tau / 4:.6f} 0 0")
+        elif ahead:
+            SubElement(shape, "origin", xyz=f"{ahead:.6g} 0 0", rpy="0 0 0")
         geometry = SubElement(shape, "geometry")
         if box is not None:
             SubElement(geometry, "box", size=" ".join(f"{each:g}" for each in box))
