@@ -466,3 +466,31 @@ class TestWaveshareWithoutEncoders(HalConformance):
 
     def make(self) -> Hal:
         return create(on_a_line("waveshare", "rover").model_copy(update={"hal_options": {"encoders": False}}))
+
+
+def on_a_pi(vehicle: str, **options: Any) -> Config:
+    """A Raspberry Pi's servo board on the desk, in the same process and time."""
+    settings = [f"vehicle={vehicle}", "sim.room.length=.inf", "sim.room.width=.inf"]
+    config = load(None, settings, {}, {"hal": "pi"}).config
+    return config.model_copy(update={"hal_options": {"bus": "desk"} | options})
+
+
+class TestPi(HalConformance):
+    """A car without encoders: nothing tells it whether it moves."""
+
+    def make(self) -> Hal:
+        return create(on_a_pi("donkeycar", battery="ina219"))
+
+
+class TestPiWithOneEncoder(HalConformance):
+    """A car that steers, with an encoder on its drive."""
+
+    def make(self) -> Hal:
+        return create(on_a_pi("f1tenth", encoders=[[17, 27]], battery="ads1115"))
+
+
+class TestPiOnARover(HalConformance):
+    """Sides at two speeds, with an encoder each."""
+
+    def make(self) -> Hal:
+        return create(on_a_pi("rover", motor=[0, 1], encoders=[[17, 27], [22, 23]]))

@@ -4,6 +4,7 @@ Real time and real processes: the device is here, with its simulated vehicle; th
 """
 
 import asyncio
+import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +15,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from txt1.config import load
+from txt1.devices.i2c import pulse_of
 from txt1.devices.vesc import Vesc
 from txt1.devices.waveshare import Waveshare
 from txt1.kernel.loop import run
@@ -25,7 +27,7 @@ LATE = 0.15  # s that a busy machine may be late by
 @pytest.fixture(autouse=True)
 def made_before_anything_runs(blocking_calls_fail: BlockBuster) -> None:
     for function in blocking_calls_fail.functions.values():
-        function.can_block_in("tests/e2e/test_dead_hosts.py", {"body"})
+        function.can_block_in("tests/e2e/test_dead_hosts.py", {"body", "motor"})
         function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
 
 
@@ -72,5 +74,35 @@ def test_the_device_stops_by_itself(
             await host.wait()
             await device.power_down()
             listener.close()
+
+    run(body())
+
+
+@pytest.mark.parametrize(("number", "limit"), [(signal.SIGKILL, 0.25), (signal.SIGSTOP, 0.25)], ids=["killed", "hangs"])
+def test_the_guard_of_a_raspberry_pi_puts_out_neutral(number: signal.Signals, limit: float, tmp_path: Path) -> None:
+    registers = tmp_path / "registers"
+
+    def motor() -> float:
+        """The pulse of the motor, us, by the servo board's registers; 0 while nothing comes out."""
+        found = registers.read_bytes() if registers.exists() else b""
+        return pulse_of(found, 0) if len(found) == 256 else 0.0
+
+    async def body() -> None:
+        host = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "txt1", "run", "--hal", "pi", "--vehicle", "donkeycar", "--set",
+            f"hal_options.bus={registers}", "--arm", "--drive", "0.8,0", "--headless",
+            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            await until(lambda: motor() > 1530.0, 30.0)
+            host.send_signal(number)
+            took = await until(lambda: abs(motor() - 1500.0) < 5.0, 5.0)
+            assert took <= limit + LATE, f"neutral {took:.3f} s after the signal"
+            await asyncio.sleep(0.5)
+            assert motor() == pytest.approx(1500.0, abs=5.0)
+        finally:
+            with suppress(ProcessLookupError):
+                host.kill()
+            await host.wait()
 
     run(body())

@@ -84,12 +84,15 @@ def port_of(config: Config, baud: int | None = None, behind: str = BOARD) -> Por
     return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind)
 
 
+BUSES: Final = Registry("bus", "txt1.buses", {"desk": "txt1.devices.i2c:desk"})  # simulated I2C buses by name
+
 ON_A_LINE: Final = ("serial", "vesc", "waveshare")  # our HALs whose far end is at serial.port
 
 
 def is_simulated(config: Config) -> bool:
     """Whether the configured hardware is, as far as that can be told before it is made."""
-    return config.hal == "sim" or (config.hal in ON_A_LINE and config.serial.port in PORTS.ours)
+    on_the_desk = config.hal == "pi" and config.hal_options.get("bus") in BUSES.ours
+    return config.hal == "sim" or on_the_desk or (config.hal in ON_A_LINE and config.serial.port in PORTS.ours)
 
 
 def create_serial(config: Config) -> Hal:
@@ -116,6 +119,7 @@ HALS: Final = Registry(
         "serial": create_serial,
         "vesc": "txt1.hal.vesc:create",
         "waveshare": "txt1.hal.waveshare:create",
+        "pi": "txt1.hal.pi:create",
     },
     HalError,
 )

@@ -5,7 +5,7 @@ from math import cos, sin
 from typing import Final
 
 from txt1.errors import HalError
-from txt1.hal.base import Hal, Inputs
+from txt1.hal.base import BoardLink, Hal, Inputs
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry, WheelOdometry, advance
 from txt1.model.vehicle import Geometry
@@ -93,6 +93,8 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
     async for now in ticks:
         inputs = hal.read(now)
         state.pose = inputs.pose
+        if inputs.link is not state.board:
+            _note(state, inputs.link, now)
         if inputs.ticks is None:
             if hal.capabilities.ticks:
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
@@ -112,12 +114,17 @@ def _put(state: State, odometry: Odometry, time: float) -> None:
     state.odometry, state.odometry_time = odometry, time
 
 
+def _note(state: State, link: BoardLink | None, now: float) -> None:
+    """Take how the line is, and tell what is new."""
+    if link is not None and (state.board is None or link.text != state.board.text):
+        state.tell(now, link.text)
+    state.board = link
+
+
 def take_odometry(state: State, inputs: Inputs, now: float) -> None:
     """Take what hardware reports that computes odometry itself, and how the line to it is."""
     if inputs.link is not state.board:
-        if inputs.link is not None and (state.board is None or inputs.link.text != state.board.text):
-            state.tell(now, inputs.link.text)
-        state.board = inputs.link
+        _note(state, inputs.link, now)
     if inputs.odometry is not None:
         _put(state, inputs.odometry, inputs.odometry_time)
 

@@ -1,0 +1,316 @@
+"""A Raspberry Pi on a car: registers byte by byte, pulses, encoders, and the guard that owns the outputs."""
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import types
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from txt1.config import Config, checked, load
+from txt1.control.limits import Outputs
+from txt1.devices.i2c import Desk, FileBus, pulse_of
+from txt1.errors import ConfigError, HalError
+from txt1.hal import pi_guard
+from txt1.hal.pi import Options, PiHal, Process, pulses_of, setup_of
+from txt1.hal.pi_guard import Ads1115, Pca9685, Quadrature, Setup, guarded, ina219_voltage
+from txt1.hal.registry import create
+from txt1.kernel.loop import run
+from txt1.model.vehicle import Geometry
+from txt1.robot import Robot
+
+FRONT, SKID, BOTH = Geometry(steering="front"), Geometry(steering="skid"), Geometry()
+
+
+class Recorder:
+    """A bus that keeps what is written, and reads what it is given."""
+
+    def __init__(self, *answers: Sequence[int]) -> None:
+        self.written: list[tuple[int, int, list[int]]] = []
+        self.answers = list(answers)
+
+    def write_i2c_block_data(self, address: int, register: int, data: Sequence[int]) -> None:
+        self.written.append((address, register, list(data)))
+
+    def read_i2c_block_data(self, address: int, register: int, count: int) -> Sequence[int]:
+        return self.answers.pop(0)
+
+
+def setup(geometry: Geometry = FRONT, **options: Any) -> Setup:
+    return setup_of(checked(Options, options, "hal_options"), geometry)
+
+
+# -- registers, worked out by hand from the data sheets ----------------------------------------------------------------
+
+
+def test_golden_registers_of_the_servo_board() -> None:
+    bus = Recorder([0x11], [0x1E])  # as it is after power-up: asleep
+    board = Pca9685(bus, setup())
+    board.put((1500.0, 2000.0))
+    assert bus.written == [
+        (0x40, 0x00, [0x30]),  # asleep, counting registers on
+        (0x40, 0xFE, [121]),  # 25 MHz / (4096 * 50 Hz) - 1 = 121.07
+        (0x40, 0x01, [0x04]),  # totem pole
+        (0x40, 0x00, [0x20]),  # awake
+        (0x40, 0x06, [0, 0, 0x33, 0x01]),  # 1500 us of 19988 us in 4096 steps: 307
+        (0x40, 0x0A, [0, 0, 0x9A, 0x01]),  # 2000 us: 410
+    ]
+
+
+def test_a_servo_board_that_runs_is_not_put_to_sleep() -> None:
+    bus = Recorder([0x20], [121])
+    Pca9685(bus, setup()).put((1500.0, 1500.0))
+    assert (0x40, 0x00, [0x30]) not in bus.written
+
+
+def test_golden_voltages() -> None:
+    assert ina219_voltage(Recorder([0x5D, 0xC2]), setup(battery="ina219")) == pytest.approx(3000 * 0.004)
+    made = setup(battery="ads1115", battery_channel=2, divider=4.0)
+    bus, converter = Recorder([0x3E, 0x80]), Ads1115()
+    assert converter.voltage(bus, made) == -1.0
+    assert bus.written == [(0x48, 0x01, [0xE3, 0x83])]  # start, third input, +-4.096 V, once; 128 a second
+    assert converter.voltage(bus, made) == pytest.approx(16000 * 0.000125 * 4.0)
+
+
+# -- pulses ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outputs", "options", "geometry", "pulses"),
+    [
+        (Outputs(), {}, FRONT, (1500.0, 1500.0)),
+        (Outputs(motor=12000, front=-18000, rear=18000), {}, FRONT, (1750.0, 1900.0)),  # forward, full lock left
+        (Outputs(motor=12000), {"motor_range": -400.0, "motor_neutral": 1490.0}, FRONT, (1290.0, 1500.0)),
+        (Outputs(front=-9000), {"steering_range": -300.0, "straight": 1520.0}, FRONT, (1500.0, 1370.0)),
+        (Outputs(front=-9000, rear=9000), {"steering": (1, 2), "rear_range": -400.0}, BOTH, (1500.0, 1700.0, 1300.0)),
+        (Outputs(motor=6000, front=-18000, rear=18000), {"motor": (0, 1)}, SKID, (1750.0, 1500.0)),  # right is faster
+        (Outputs(motor=24000, front=-18000), {"motor_range": 2000.0}, FRONT, (2500.0, 1900.0)),
+    ],
+)
+def test_pulses(outputs: Outputs, options: dict[str, Any], geometry: Geometry, pulses: tuple[float, ...]) -> None:
+    assert pulses_of(outputs, checked(Options, options, "x"), geometry) == pytest.approx(pulses)
+
+
+@pytest.mark.parametrize(
+    ("options", "geometry", "message"),
+    [
+        ({}, SKID, "hal_options.motor: skid has 2, not 1"),
+        ({"steering": (1, 2)}, FRONT, "hal_options.steering: front has 1, not 2"),
+        ({"encoders": ((1, 2),)}, Geometry(steering="front", counts_per_rev=0), "geometry.counts_per_rev"),
+        ({"encoders": ((1,), (2,))}, FRONT, "two pins each"),
+        ({"motor": (0, 1), "encoders": ((1, 2),)}, SKID, "a rover takes two"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(options: dict[str, Any], geometry: Geometry, message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
+        setup(geometry, **options)
+
+
+# -- encoders ----------------------------------------------------------------------------------------------------------
+
+CYCLE = ((17, 1), (27, 1), (17, 0), (27, 0))  # edges of a wheel that rolls forward: A first
+
+
+@given(st.lists(st.sampled_from((1, -1)), max_size=50))
+def test_an_encoder_counts_every_edge_with_its_direction(steps: list[int]) -> None:
+    encoder, at = Quadrature((17, 27)), 0
+    for step in steps:
+        pin, level = CYCLE[at % 4] if step > 0 else (CYCLE[(at - 1) % 4][0], 1 - CYCLE[(at - 1) % 4][1])
+        at += step
+        encoder.edge(pin, level)
+    assert encoder.count == at
+
+
+@given(st.lists(st.tuples(st.sampled_from((17, 27)), st.integers(0, 2)), max_size=50))
+def test_no_sequence_of_edges_counts_more_than_its_edges(edges: list[tuple[int, int]]) -> None:
+    encoder = Quadrature((17, 27))
+    for edge in edges:
+        encoder.edge(*edge)
+    assert abs(encoder.count) <= len(edges)
+
+
+# -- GPIO --------------------------------------------------------------------------------------------------------------
+
+
+class Header(types.ModuleType):
+    """lgpio on a Raspberry Pi 5 with an early kernel: the header's chip is number 4."""
+
+    BOTH_EDGES, SET_PULL_UP = 3, 32
+
+    class error(Exception):
+        """As lgpio has it."""
+
+    def __init__(self) -> None:
+        super().__init__("lgpio")
+        self.pulses: dict[int, tuple[int, int]] = {}
+        self.claimed: list[int] = []
+        self.calls: dict[int, Callable[..., None]] = {}
+
+    def gpiochip_open(self, number: int) -> int:
+        return number
+
+    def gpiochip_close(self, chip: int) -> None:
+        assert chip == 0
+
+    def gpio_get_chip_info(self, chip: int) -> tuple[int, int, str, str]:
+        return (0, 54, f"gpiochip{chip}", "pinctrl-rp1" if chip == 4 else "gpio-brcmstb@107d508500")
+
+    def gpio_claim_output(self, chip: int, pin: int, level: int) -> None:
+        self.claimed.append(pin)
+
+    def gpio_claim_alert(self, chip: int, pin: int, edges: int, flags: int) -> None:
+        self.claimed.append(pin)
+
+    def callback(self, chip: int, pin: int, edges: int, call: Callable[..., None]) -> None:
+        self.calls[pin] = call
+
+    def tx_servo(self, chip: int, pin: int, pulse: int, frequency: int) -> None:
+        assert chip == 4
+        self.pulses[pin] = pulse, frequency
+
+
+@pytest.fixture
+def header(monkeypatch: pytest.MonkeyPatch) -> Header:
+    made = Header()
+    monkeypatch.setitem(sys.modules, "lgpio", made)
+    return made
+
+
+def test_pulses_straight_from_pins_and_an_encoder(header: Header) -> None:
+    guard = guarded(setup(output="gpio", motor=(12,), steering=(13,), encoders=((17, 27),)))
+    for pin, level in CYCLE:
+        header.calls[pin](4, pin, level, 0)
+    done, voltage, count, _ = pi_guard.ANSWER.unpack(guard.answer((1600.0, 1400.0)))
+    assert (header.pulses, done, voltage, count) == ({12: (1600, 50), 13: (1400, 50)}, True, -1.0, 4)
+    guard.neutral()
+    assert header.pulses == {12: (1500, 50), 13: (1500, 50)}
+
+
+# -- the car on the desk -----------------------------------------------------------------------------------------------
+
+
+def config(vehicle: str, *words: str) -> Config:
+    settings = [f"vehicle={vehicle}", "hal_options.bus=desk", "sim.room.length=.inf", "sim.room.width=.inf", *words]
+    return load(None, settings, {}, {"hal": "pi"}).config
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "words"),
+    [
+        ("donkeycar", ("hal_options.motor_range=-450", "hal_options.straight=1530")),
+        ("f1tenth", ("hal_options.encoders=[[17, 27]]", "hal_options.steering_range=-350")),
+        ("f1tenth", ("hal_options.encoders=[[17]]",)),
+        ("rover", ("hal_options.encoders=[[17, 27], [22, 23]]", "hal_options.motor=[4, 5]")),
+    ],
+)
+def test_it_drives_as_asked(vehicle: str, words: tuple[str, ...]) -> None:
+    made = config(vehicle, *words)
+    options = checked(Options, made.hal_options, "x")
+    desk = Desk(made, setup_of(options, made.geometry))
+    hal = PiHal(desk, options, made.geometry, simulated=True)
+
+    async def drive() -> None:
+        async with Robot.open(hal, config=made) as robot:
+            await robot.linked(5.0)
+            if hal.capabilities.ticks or hal.capabilities.odometry:
+                await robot.load_gains()
+            robot.arm()
+            await robot.drive(0.6, 0.3, 4.0)
+            true = desk.vehicle.state
+            assert true.v == pytest.approx(0.6, rel=0.1)
+            assert robot.odometry.theta == pytest.approx(true.theta, abs=0.15)
+
+    run(drive(), speed="max")
+
+
+def test_a_servo_board_that_loses_its_power_disarms_and_is_set_up_again() -> None:
+    made = config("donkeycar")
+    options = checked(Options, made.hal_options, "x")
+    desk = Desk(made, setup_of(options, made.geometry))
+    hal = PiHal(desk, options, made.geometry, simulated=True)
+
+    async def drive() -> None:
+        async with Robot.open(hal, config=made) as robot:
+            await robot.linked(5.0)
+            robot.arm()
+            robot.command(0.6, 0.0)
+            await asyncio.sleep(0.2)
+            board = desk.bus.chips.pop(0x40)
+            await asyncio.sleep(0.5)
+            assert (robot.armed, "the bus fails" in robot.runtime.gate.reason) == (False, True)
+            desk.bus.chips[0x40] = board
+            desk.board.write(0x00, [0x11])  # asleep, as after power-up
+            await robot.linked(5.0)
+            assert desk.board.pulse(0) == pytest.approx(1500.0, abs=5.0)
+
+    run(drive(), speed="max")
+
+
+# -- the guard as a process --------------------------------------------------------------------------------------------
+
+
+def processes_of(path: Path) -> list[int]:
+    """The guards whose bus is that file."""
+    found = subprocess.run(["ps", "-ww", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
+    return [int(row.split()[0]) for row in found.splitlines() if str(path) in row and "pi_guard" in row]
+
+
+def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path) -> None:
+    registers = tmp_path / "registers"
+    hal = create(config("donkeycar", f"hal_options.bus={registers}"))
+
+    async def body() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        await hal.open()
+        try:
+            ready: list[bool] = []
+            while loop.time() - began < 20.0 and ready.count(True) < 2:
+                await asyncio.sleep(0.02)
+                link = hal.read(loop.time() - began).link
+                assert link is not None
+                if not ready or link.ready is not ready[-1]:
+                    ready.append(link.ready)
+                    if ready == [False, True]:
+                        (guard,) = processes_of(registers)
+                        os.kill(guard, signal.SIGKILL)
+                hal.write(Outputs(), loop.time() - began)
+            assert ready == [False, True, False, True]
+            assert link.losses == 1
+        finally:
+            await hal.close()
+        assert processes_of(registers) == []
+        assert pulse_of(registers.read_bytes(), 0) == pytest.approx(1500.0, abs=5.0)
+
+    run(body())
+
+
+def test_a_guard_that_cannot_begin_says_what_to_do(tmp_path: Path) -> None:
+    async def body() -> None:
+        await Process(setup(bus=str(tmp_path / "none" / "registers"))).open()
+
+    with pytest.raises(HalError, match=r"No such file.*raspi-config"):
+        run(body())
+
+
+def test_a_guard_imports_nothing_that_it_does_not_need() -> None:
+    found = subprocess.run(
+        [sys.executable, "-P", "-X", "importtime", pi_guard.__file__, "{}"], capture_output=True, text=True, check=False
+    ).stderr
+    names = {row.rpartition("|")[2].strip() for row in found.splitlines() if row.startswith("import time:")}
+    assert not names & {"txt1", "numpy", "asyncio", "pydantic", "smbus2", "lgpio"}
+
+
+def test_the_file_of_a_bus_shows_its_registers(tmp_path: Path) -> None:
+    path = tmp_path / "registers"
+    Pca9685(FileBus(str(path)), setup()).put((1600.0, 1400.0))
+    assert [pulse_of(path.read_bytes(), channel) for channel in (0, 1, 2)] == pytest.approx([1600, 1400, 0], abs=5)
+    assert json.loads(json.dumps(setup()._asdict()))["bus"] == 1
