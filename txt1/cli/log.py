@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from txt1.cli import OK
-from txt1.cli.options import RECORDING, add_actions, takes
+from txt1.cli.options import RECORDING, add_actions, flag, takes
 from txt1.errors import ConfigError
+from txt1.record.session import need
 
 if TYPE_CHECKING:
     from txt1.record.reading import Item
@@ -22,7 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--from": takes("S", "only from this time stamp on", float, dest="start"),
         "--to": takes("S", "only up to this time stamp", float, dest="end"),
     }
-    folder = {"-o --output": takes("DIR", "where to; FILE's name without .mcap", Path)}
+    folder = {
+        "-o --output": takes("DIR", "where to; FILE's name without .mcap", Path),
+        "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
+    }
     whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", Path)}
     add_actions(parser, {
         "info": (show_info, RECORDING), "cat": (print_messages, chosen), "export": (export_csv, chosen | folder),
@@ -48,9 +52,16 @@ def print_messages(arguments: argparse.Namespace) -> int:
 
 
 def export_csv(arguments: argparse.Namespace) -> int:
-    """Write one CSV file per topic."""
+    """Write one CSV file per topic, or a bag of ROS 1."""
     from txt1.record import summary
 
+    if arguments.rosbag1:
+        need("--rosbag1", "ros", "rosbags")
+        from txt1.record import rosbag1
+
+        bag = arguments.output or arguments.file.with_suffix(".bag")
+        print(f"{bag}: {rosbag1.export(_chosen(arguments), bag)} messages")
+        return OK
     directory = arguments.output or arguments.file.with_suffix("")
     for path, rows in summary.export(_chosen(arguments), directory).items():
         print(f"{path}: {rows} rows")

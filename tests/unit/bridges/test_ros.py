@@ -1,0 +1,120 @@
+"""What ROS is told: stamps judged, messages that both generations read, and a description that a parser reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from urdf_parser_py.urdf import URDF
+
+from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
+from txt1.bridges.ros.stamps import Publishers, Stamps
+from txt1.bridges.ros.topics import JOINTS, turned
+from txt1.bridges.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.record.layout import Layout
+from txt1.record.rosbag1 import Converter
+from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
+
+STALE = 0.25
+
+
+@given(offset=st.floats(-50.0, 50.0), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
+def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest_whatever_the_clocks_say(
+    offset: float, delays: list[float]
+) -> None:
+    stamps = Stamps(STALE)
+    shortest = 1.0
+    for k, delay in enumerate(delays):
+        sent = 100.0 + 0.1 * k
+        age = stamps.age(sent + offset, sent + delay)
+        if delay < shortest - 0.1:
+            return  # so much sooner than all before that it may come from the future
+        shortest = min(shortest, delay)
+        assert age == pytest.approx(delay - shortest, abs=1e-6)
+
+
+def test_a_stamp_from_the_past_or_the_future_is_refused_and_counted() -> None:
+    stamps = Stamps(STALE)
+    assert stamps.age(100.0, 100.0) == 0.0
+    assert stamps.age(99.0, 100.1) is None and stamps.refused["past"] == 1
+    assert stamps.age(105.0, 100.2) is None and stamps.refused["future"] == 1
+    assert stamps.age(100.3, 100.3) == pytest.approx(0.0, abs=1e-9)
+    assert stamps.age(0.0, 100.4) == 0.0, "0 is no stamp"
+    assert Stamps(STALE).age(100.0, 5000.0) is None, "a recording's"
+
+
+def test_a_clock_that_was_set_is_believed_after_a_few_commands() -> None:
+    stamps = Stamps(STALE)
+    for k in range(10):
+        stamps.age(0.1 * k + 100.0, 0.1 * k + 100.0)
+    ages = [stamps.age(0.1 * k + 130.0, 0.1 * k + 101.0) for k in range(10)]
+    assert ages[:4] == [None] * 4 and ages[-1] is not None
+
+
+def test_two_publishers_are_told_apart_from_one_that_stutters() -> None:
+    one, two = Publishers(), Publishers()
+    for number in (1, 2, 3, 7, 8):
+        one.take(number)
+    for number in (1, 1, 2, 2, 3, 3):
+        two.take(number)
+    assert (one.mixed, one.lost) == (0, 3)
+    assert two.mixed == 3
+
+
+def _messages() -> list[str]:
+    own()
+    return sorted(DEFINITIONS)
+
+
+@pytest.mark.parametrize("message", _messages())
+def test_every_message_is_read_by_another_library_on_both_generations(message: str) -> None:
+    kind, text = schema_name(message), schema_text(message)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    found = get_types_from_msg(text, kind)
+    for name, fields in found.items():
+        if name in store.fielddefs:
+            assert store.fielddefs[name][1] == fields[1], f"{name} is ROS's own, and has ROS's fields"
+    store.register({name: fields for name, fields in found.items() if name not in store.fielddefs})
+    data = bytes(Layout(message))
+    read = store.deserialize_cdr(data, kind)
+    assert bytes(store.serialize_cdr(read, kind)) == data
+    converter = Converter()
+    converter.add(kind, text)
+    converter.store.deserialize_ros1(converter.convert(kind, data), kind)
+
+
+@pytest.mark.parametrize("steering", ["both", "front", "skid"])
+def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering: str) -> None:
+    geometry = Geometry(steering=steering)  # type: ignore[arg-type]
+    text = robot_description("txt03", geometry, links_of([Scan, Image, ImuReading, FixReading]))
+    robot = URDF.from_xml_string(text.partition("\n")[2])
+    assert robot.get_root() == "base_footprint"
+    assert {joint.name for joint in robot.joints} >= set(JOINTS)
+    for link, place in MOUNTS.items():
+        joint = robot.joint_map[f"{link}_joint"]
+        assert (joint.parent, joint.type) == ("base_link", "fixed") and tuple(joint.origin.xyz) == place
+    moving = {joint.name for joint in robot.joints if joint.type == "revolute"}
+    assert len(moving) == {"both": 4, "front": 2, "skid": 0}[steering]
+    height = (
+        robot.joint_map["base_link_joint"].origin.xyz[2] + robot.joint_map["rear_left_steering_joint"].origin.xyz[2]
+    )
+    assert height == pytest.approx(robot.link_map["rear_left_wheel"].visual.geometry.radius, abs=1e-5), "on the floor"
+
+
+def test_a_left_turn_turns_the_front_wheels_left() -> None:
+    front, rear = turned(-STEERING_MAX, STEERING_MAX, Geometry())
+    assert front == pytest.approx(Geometry().steering_max) and rear == -front
+    assert turned(-STEERING_MAX, STEERING_MAX, Geometry(steering="front"))[1] == 0.0
+
+
+def test_the_package_of_our_messages_names_every_file(tmp_path: Path) -> None:
+    package = write_package(tmp_path, "txt1_msgs", own(), "messages")
+    listed = (package / "CMakeLists.txt").read_text()
+    files = [path for path in package.rglob("*") if path.suffix in (".msg", ".srv", ".action")]
+    assert all(f'"{path.relative_to(package)}"' in listed for path in files)
+    assert {"Pwm", "Mode", "Driver", *SERVICES, *ACTIONS} <= {path.stem for path in files}

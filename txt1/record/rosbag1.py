@@ -1,0 +1,62 @@
+"""A recording as a bag of ROS 1, for the tools of that time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rosbags.convert.converter import is_same_wireformat, migrate_bytes
+from rosbags.rosbag1 import Writer, WriterError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from txt1.errors import ConfigError
+from txt1.record.reading import Item
+
+
+class Converter:
+    """Makes ROS 1's messages of ROS 2's; types of our own are the same in both."""
+
+    def __init__(self) -> None:
+        self.store = get_typestore(Stores.ROS1_NOETIC)
+        """The types of ROS 1."""
+        self._source = get_typestore(Stores.ROS2_JAZZY)
+        self._cache: dict[str, object] = {}
+        self._functions: dict[str, Callable[[bytes], Any]] = {}
+
+    def add(self, kind: str, text: str) -> None:
+        """Know a message, ``package/msg/Name``, by its definition and those of all that it contains."""
+        found = get_types_from_msg(text, kind)
+        for store in (self._source, self.store):
+            store.register({name: fields for name, fields in found.items() if name not in store.fielddefs})
+        if is_same_wireformat(self._source, self.store, kind, kind):
+            self._functions[kind] = partial(self._source.cdr_to_ros1, typename=kind)
+        else:
+            self._functions[kind] = partial(
+                migrate_bytes, self._source, self.store, kind, kind, self._cache, src_is2=True, dst_is2=False
+            )
+
+    def convert(self, kind: str, data: bytes) -> bytes:
+        """The bytes of a message in ROS 1, from its CDR."""
+        return bytes(self._functions[kind](data))
+
+
+def export(items: Iterable[Item], file: Path) -> int:
+    """Write messages to a bag that is not there yet, and return how many; raises ConfigError where it is."""
+    converter = Converter()
+    connections: dict[int, tuple[Any, str]] = {}
+    count = 0
+    try:
+        with Writer(file) as bag:
+            for item in items:
+                if item.channel.id not in connections:
+                    kind = item.schema.name
+                    converter.add(kind, item.schema.data.decode())
+                    connections[item.channel.id] = bag.add_connection(item.topic, kind, typestore=converter.store), kind
+                connection, kind = connections[item.channel.id]
+                bag.write(connection, item.message.log_time, converter.convert(kind, item.message.data))
+                count += 1
+    except WriterError as error:
+        raise ConfigError(f"{file}: {error}; choose another name") from None
+    return count
