@@ -14,14 +14,17 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import FAULT, OK, USAGE, execute
-from txt1.config import Config, load
+from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
+from txt1.devices.car import DevicePort
+from txt1.devices.vesc import Vesc
 from txt1.errors import NotArmed
 from txt1.experiments.calibration import STEPS, Bench, calibrate, steps
 from txt1.experiments.practice import Onlooker, judge, passes, unknown_car
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.hal.vesc import Options, VescHal
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
@@ -208,3 +211,43 @@ def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -
         return config.model_copy(update={"channels": truth, "sim": config.sim.model_copy(update={"channels": truth})})
 
     assert driven(wired) == pytest.approx(driven(), abs=0.02)
+
+
+def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> None:
+    """Its motor controller closes the loops, so what is found are the controller's own settings."""
+    believed = load(None, ENDLESS, {}, {"vehicle": "f1tenth", "hal": "vesc"}).config
+    own = {"backwards": True, "servo_centre": 0.56, "servo_range": -0.3}
+    true = {"geometry.circumference": 0.3, "geometry.radius_min": 0.85}
+    vesc = Vesc(with_values(believed, {**true, **{f"hal_options.{key}": value for key, value in own.items()}}))
+
+    def made(config: Config) -> VescHal:
+        options = checked(Options, config.hal_options, "hal_options")
+        port = DevicePort("vesc", lambda: vesc)
+        return VescHal(port, options, config.geometry, lambda end: end, simulated=True)
+
+    @asynccontextmanager
+    async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
+        await asyncio.sleep(0.1)  # the controller has to notice that the last line is gone
+        async with Robot.open(made(config), config=config) as robot:
+            yield robot
+
+    async def found() -> Config:
+        bench = Bench(believed, Onlooker(vesc.car.hal, 1), opened, lambda values: None, own_loops=True)
+        names = steps(believed, made(believed))
+        assert names == ["servo", "scale", "circle"]
+        await calibrate(bench, names)
+        return bench.config
+
+    config = run(found(), speed="max")
+    options = checked(Options, config.hal_options, "hal_options")
+    assert options.backwards
+    assert options.servo_centre == pytest.approx(0.56, abs=0.01)
+    assert config.geometry.circumference == pytest.approx(0.3, rel=0.02)
+    assert options.servo_range < 0.0
+    # its range of 0.4 goes beyond the linkage's stop at 0.3, so this is the true radius
+    assert config.geometry.radius_min == pytest.approx(0.85, rel=0.05)
+
+
+def test_a_rover_without_encoders() -> None:
+    blind = ["--vehicle", "rover", "--set", "geometry.counts_per_rev=0", "--set", "safety.v_dead_band=0.1"]
+    assert execute(["calibrate", *blind, "--practice", "2", "--seed", "7"]) == OK

@@ -88,7 +88,7 @@ def main(arguments: argparse.Namespace) -> int:
         _write(file, tree)
 
     app = App(speed)
-    bench = Bench(config, operator, _opener(app, hal), keep)
+    bench = Bench(config, operator, _opener(app, hal), keep, own_loops=not hal.capabilities.pwm)
     try:
         return app.run(calibrate(bench, names))
     finally:
@@ -140,11 +140,12 @@ def _practise(arguments: argparse.Namespace) -> int:
 
 
 def _opener(app: App, hal: Hal) -> Any:
-    """Return the function that makes a running robot on a hardware layer."""
+    """Return the function that makes a running robot: on this simulated car, else on hardware as then configured."""
 
     @asynccontextmanager
     async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
-        wired = rewired(hal, config.channels, config.geometry.steering == "skid", unseen)
+        layer = hal if isinstance(hal, SimHal) else create(config)
+        wired = rewired(layer, config.channels, config.geometry.steering == "skid", unseen)
         async with app.robot(config, hal=wired) as robot:
             await get_ready(robot, arm=True)
             yield robot

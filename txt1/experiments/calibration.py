@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from itertools import pairwise
-from math import asin, atan, hypot, pi, radians, tan
+from math import asin, atan, hypot, radians, tan
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ from txt1.control.open_loop import counts_for
 from txt1.errors import HalError, NotArmed
 from txt1.experiments.identify import identify, try_out
 from txt1.experiments.tune import angular_gains, linear_gains
-from txt1.hal.base import Capabilities, Hal
+from txt1.hal.base import Hal
 from txt1.hal.channels import Rewired
 from txt1.kernel.ticks import Ticks
 from txt1.model.channels import SIDES
@@ -35,9 +35,11 @@ TURNED: Final = 4  # encoder counts that are no noise
 BEYOND: Final = 400  # counts beyond those at which it begins to turn: it turns surely
 WELL_TURNED: Final = 20  # encoder counts that a wheel makes in the second after that, at least
 CRUISE: Final = 1200  # counts beyond the dead band at which distances are driven
+SLOWLY: Final = 500  # counts beyond it at which sides are compared once more
 SWEEP: Final = 1500.0  # counts a second by which the steering is turned to its stop
 SWEEP_FROM: Final = 3000.0  # counts from which it is
 REACTION: Final = 0.5  # s by which an operator is late to say that wheels have stopped turning
+TURNING: Final = 8.0  # s of turning in place
 DISTANCE: Final = 3.0  # m that are driven straight
 DRIFT: Final = radians(0.3)  # rad of heading lost in a metre that are straight enough
 TRIES: Final = 4  # drives at most until it is
@@ -45,6 +47,9 @@ PATIENCE: Final = 60.0  # s after which a drive ends whatever the operator sees
 LEVELS: Final = (1.0, 0.3, 0.6, -0.3, -0.8)  # shares of the largest speed that the speed map has, in this order
 TOO_NEAR: Final = 0.15  # share of it by which two of them differ at least
 ACCELERATED: Final = 1.3  # s after which a vehicle has nearly its speed
+LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
+OFF: Final = "How far left of the line is it (right: negative)?"
+
 Counts = tuple[int, int] | None  # of the right and left encoder, where there are some
 
 WIDEST: Final = PWM_MAX / STEERING_MAX  # scale of a steering that may use the whole range of pulses
@@ -124,6 +129,7 @@ class Bench:
         operator: beside it.
         opened: makes a running robot of a configuration, whose motion the tasks do not see if that is asked for.
         keep: told the values that were found, by dotted key, as soon as they are.
+        own_loops: whether its hardware closes the velocity loops, so that nobody drives it by hand.
 
     """
 
@@ -133,8 +139,9 @@ class Bench:
         operator: Operator,
         opened: Callable[[Config, bool], AbstractAsyncContextManager[Robot]],
         keep: Callable[[Mapping[str, Any]], None],
+        own_loops: bool = False,
     ) -> None:
-        self.config, self.operator = config, operator
+        self.config, self.operator, self.own_loops = config, operator, own_loops
         self.driving = 0.0
         """Time for which it was ready to move, s."""
         self._opened, self._keep = opened, keep
@@ -148,6 +155,11 @@ class Bench:
     def cruise(self) -> float:
         """Motor counts at which distances are driven."""
         return min(self.config.car.dead_band + CRUISE, float(self.config.safety.motor_max))
+
+    @property
+    def speed(self) -> float:
+        """Speed at which distances are driven by set-points, m/s."""
+        return min(0.5 * self.config.safety.v_max, 0.75)
 
     def found(self, values: Mapping[str, Any]) -> None:
         """Keep values that were found, by dotted key, and use them from now on."""
@@ -319,10 +331,11 @@ async def steering(bench: Bench) -> None:
 async def straight(bench: Bench) -> None:
     """Find the trim with which it goes straight, and with encoders the metres of a count."""
     ask, geometry = bench.operator, bench.config.geometry
+    if bench.skids and not geometry.counts_per_rev:
+        await _even_sides(bench)
+        return
     for _ in range(TRIES):
-        await ask.ready(
-            "line", f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
-        )
+        await ask.ready("line", LINE)
         before, after = await _go_straight(bench)
         ahead = await ask.number("ahead", "How far did it come along the line?", "m")
         if geometry.steering == "both":
@@ -330,30 +343,52 @@ async def straight(bench: Bench) -> None:
             rear = await ask.number("rear_off", "... and of its rear axle?", "m")
             bend = (front - rear) / geometry.wheelbase / ahead
             crab = 0.5 * (front + rear) / ahead - 0.5 * bend * ahead
+            path = _arc(ahead, 0.5 * bend * ahead * ahead)[1]
             angles = {"front": atan(crab + bend * geometry.lever), "rear": atan(crab - bend * geometry.lever)}
         else:
-            off = await ask.number("off", "How far left of the line is it (right: negative)?", "m")
-            bend = 2.0 * off / (ahead * ahead + off * off)
+            bend, path = _arc(ahead, await ask.number("off", OFF, "m"))
             angles = {"front": atan(bend * geometry.lever)}
-        chord = hypot(ahead, bend * ahead * ahead / 2.0)
-        path = chord if abs(bend) < 1e-6 else 2.0 / bend * asin(max(-1.0, min(1.0, 0.5 * bend * chord)))
         if before is not None and after is not None:
             counted = 0.5 * (after[0] - before[0] + after[1] - before[1])
             bench.found({"geometry.circumference": round(path / counted * geometry.counts_per_rev, 5)})
-        if not bench.skids and max(abs(tan(angle)) for angle in angles.values()) > DRIFT * geometry.lever:
-            for axle, angle in angles.items():
-                channel = getattr(bench.config.channels, axle)
-                too_far = -STEERING_MAX * angle / geometry.steering_max
-                trim = channel.trim - channel.direction * channel.scale * too_far
-                bench.found({f"channels.{axle}.trim": float(round(trim))})
-        else:
+        if bench.skids:
+            return  # the loops see to it
+        if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
             return
+        for axle, angle in angles.items():
+            channel = getattr(bench.config.channels, axle)
+            too_far = -STEERING_MAX * angle / geometry.steering_max
+            trim = channel.trim - channel.direction * channel.scale * too_far
+            bench.found({f"channels.{axle}.trim": float(round(trim))})
 
 
-async def _go_straight(bench: Bench) -> tuple[Counts, Counts]:
+async def _even_sides(bench: Bench) -> None:
+    """Find scales and trims with which both sides run at one speed: so at two speeds, as they are two unknowns."""
+    ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
+    for _ in range(TRIES):
+        bends, more = [], []
+        for counts in (bench.cruise, band + SLOWLY):
+            await ask.ready("line", LINE)
+            await _go_straight(bench, counts)
+            ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+            bends.append(_arc(ahead, await ask.number("off", OFF, "m"))[0])
+            more.append(bends[-1] * (counts - band) * geometry.track_width)  # counts by which the right side is ahead
+        if max(map(abs, bends)) < DRIFT:
+            return
+        scale = (more[0] - more[1]) / (bench.cruise - band - SLOWLY)
+        trim = more[0] - scale * bench.cruise
+        for name, half in (("right", -0.5), ("left", 0.5)):
+            channel = getattr(bench.config.channels, name)
+            bench.found({
+                f"channels.{name}.scale": round(channel.scale * (1.0 + half * scale), 4),
+                f"channels.{name}.trim": round(channel.trim + half * channel.direction * channel.scale * trim, 1),
+            })  # fmt: skip
+
+
+async def _go_straight(bench: Bench, by_hand: float | None = None) -> tuple[Counts, Counts]:
     """Drive straight by hand, or where that takes the loops by these; the encoders' counts before and after."""
-    if bench.skids:
-        v = 0.5 * bench.config.safety.v_max
+    if bench.skids and bench.config.geometry.counts_per_rev:
+        v = bench.speed
         async with bench.robot() as robot:
             before = robot.runtime.look().ticks
             await robot.drive(v, 0.0, DISTANCE / v)
@@ -362,7 +397,7 @@ async def _go_straight(bench: Bench) -> tuple[Counts, Counts]:
     async with bench.by_hand() as hands:
         await hands.wait(SETTLE)
         counts = hands.counts
-        hands.steer(bench.cruise)
+        hands.steer(bench.cruise if by_hand is None else by_hand)
         seen = bench.operator.seen("gone", f"Press Enter when it has gone about {DISTANCE:g} m.")
         await hands.until(seen)
         hands.steer(0.0)
@@ -370,23 +405,61 @@ async def _go_straight(bench: Bench) -> tuple[Counts, Counts]:
         return counts, hands.counts
 
 
-async def scale(bench: Bench) -> None:
-    """Find by a tape how far it goes, where hardware closes the loops and tells the odometry itself."""
-    ask, v = bench.operator, 0.3
-    await ask.ready("line", f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it.")
+async def servo(bench: Bench) -> None:
+    """Find which way motor and steering go, where hardware closes the loops and has settings of its own for that."""
+    ask, v = bench.operator, bench.speed
+    await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
+    await ask.ready("watch", f"Watch the wheels: they are about to steer, and to turn at {v:g} m/s for six seconds.")
     async with bench.robot() as robot:
-        x, y = robot.odometry[:2]
-        await robot.drive(v, 0.0, DISTANCE / v)
-        await asyncio.sleep(STAND)
-        shown = hypot(robot.odometry.x - x, robot.odometry.y - y)
-    ahead = await ask.number("ahead", "How far did it come along the line?", "m")
-    if shown < 0.1 * DISTANCE:
-        raise HalError(f"its odometry shows {shown:.2f} m: no scale corrects that; 'txt1 doctor' looks closer")
-    if bench.config.hal == "serial":
-        bench.found({"odometry.scale": round(bench.config.odometry.scale * ahead / shown, 4)})
-    else:
-        circumference = bench.config.geometry.circumference * ahead / shown
-        bench.found({"geometry.circumference": round(circumference, 5)})
+        options = own_settings(robot.hal)
+        driving = asyncio.ensure_future(robot.drive(v, v / bench.config.geometry.radius_min, 6.0))
+        await asyncio.sleep(1.5)
+        steered = await ask.choose("front", "Which way do the front wheels point, seen from above?", ("left", "right"))
+        turned = await ask.choose("turned", "Which way do the wheels turn?", ("forward", "backward"))
+        await driving
+    bench.found({
+        "hal_options.backwards": options.backwards is not (turned == "backward"),
+        "hal_options.servo_range": options.servo_range * (1.0 if steered == "left" else -1.0),
+    })  # fmt: skip
+
+
+async def scale(bench: Bench) -> None:
+    """Find how far it goes, where hardware closes the loops, and where a servo of its own points straight ahead."""
+    ask, v, geometry = bench.operator, bench.speed, bench.config.geometry
+    for _ in range(TRIES):
+        await ask.ready("line", LINE)
+        async with bench.robot() as robot:
+            options = own_settings(robot.hal)
+            x, y = robot.odometry[:2]
+            await robot.drive(v, 0.0, DISTANCE / v)
+            await asyncio.sleep(STAND)
+            shown = hypot(robot.odometry.x - x, robot.odometry.y - y)
+        ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+        off = 0.0 if options is None else await ask.number("off", OFF, "m")
+        if shown < 0.1 * DISTANCE:
+            raise HalError(f"its odometry shows {shown:.2f} m: no scale corrects that; 'txt1 doctor' looks closer")
+        bend, path = _arc(ahead, off)
+        if bench.config.hal == "serial":
+            bench.found({"odometry.scale": round(bench.config.odometry.scale * path / shown, 4)})
+        else:
+            bench.found({"geometry.circumference": round(bench.config.geometry.circumference * path / shown, 5)})
+        if options is None or abs(bend) < DRIFT:
+            return
+        share = atan(bend * geometry.lever) / geometry.steering_max
+        bench.found({"hal_options.servo_centre": round(options.servo_centre - options.servo_range * share, 4)})
+
+
+def own_settings(hal: Hal) -> Any:
+    """The settings of a hardware layer that has its own for motor and servo in place of channels; else None."""
+    options = getattr(hal, "options", None)
+    return options if hasattr(options, "servo_centre") else None
+
+
+def _arc(ahead: float, off: float) -> tuple[float, float]:
+    """The curvature, 1/m, and the length, m, of an arc that begins along the line and ends so far ahead and left."""
+    chord = hypot(ahead, off)
+    bend = 2.0 * off / (chord * chord)
+    return bend, chord if abs(bend) < 1e-6 else 2.0 / bend * asin(max(-1.0, min(1.0, 0.5 * bend * chord)))
 
 
 async def circle(bench: Bench) -> None:
@@ -395,16 +468,7 @@ async def circle(bench: Bench) -> None:
     bends, shares = [], []
     for sign, way in ((1, "left"), (-1, "right")):
         await ask.ready("circle", f"Put the vehicle where it has room for a circle to the {way}.")
-        async with bench.by_hand() as hands:
-            hands.steer(0.0, sign * STEERING_MAX)
-            await hands.wait(SETTLE)
-            before = hands.counts
-            hands.steer(bench.cruise, sign * STEERING_MAX)
-            what = "axles" if geometry.steering == "both" else "rear wheels"
-            await hands.until(
-                ask.seen("round", f"Mark where the point midway between the {what} goes; Enter: once round.")
-            )
-            after = hands.counts
+        before, after = await _go_round(bench, sign)
         diameter = await ask.number("diameter", "How wide is the circle of that point, across?", "m")
         bends.append(2.0 / diameter)
         if before is not None and after is not None:
@@ -423,21 +487,54 @@ async def circle(bench: Bench) -> None:
         bench.found({"geometry.track_width": round(2.0 * abs(share) / bend * (1.0 + steered), 4)})
 
 
+async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
+    """Drive a circle at full lock, by hand or where that takes the hardware's loops by these; `sign`: 1 is left."""
+    what = "axles" if bench.config.geometry.steering == "both" else "rear wheels"
+    about = f"Mark where the point midway between the {what} goes; Enter: once round."
+    if bench.own_loops:
+        async with bench.robot() as robot:
+            v = bench.speed
+            driving = asyncio.ensure_future(robot.drive(v, sign * v / bench.config.geometry.radius_min, PATIENCE))
+            seeing = asyncio.ensure_future(bench.operator.seen("round", about))
+            try:
+                await asyncio.wait((driving, seeing), return_when=asyncio.FIRST_COMPLETED)
+                if driving.done():
+                    driving.result()
+            finally:
+                driving.cancel()
+                seeing.cancel()
+                robot.program.release()
+            await asyncio.sleep(STAND)
+        return None, None
+    async with bench.by_hand() as hands:
+        hands.steer(0.0, sign * STEERING_MAX)
+        await hands.wait(SETTLE)
+        before = hands.counts
+        hands.steer(bench.cruise, sign * STEERING_MAX)
+        await hands.until(bench.operator.seen("round", about))
+        return before, hands.counts
+
+
 async def turn(bench: Bench) -> None:
     """Find the track width by which a vehicle that turns in place turns."""
     ask, geometry = bench.operator, bench.config.geometry
-    await ask.ready("circle", "Put the vehicle on free floor, and mark which way it points: it turns in place.")
-    async with bench.robot() as robot:
-        before = robot.runtime.look().ticks
-        await robot.drive(0.0, min(1.5, robot.config.safety.omega_max), 4.0 * pi / 1.5)
-        await asyncio.sleep(STAND)
-        after = robot.runtime.look().ticks
-    degrees = await ask.number(
-        "turned", "How far has it turned to the left, whole turns included (360 each)?", "degrees"
-    )
+    omega = min(1.5, bench.config.safety.omega_max)
+    turned = []
+    for seconds in (0.5 * TURNING, TURNING):
+        await ask.ready("circle", "Put the vehicle on free floor, and mark which way it points: it turns in place.")
+        async with bench.robot() as robot:
+            before = robot.runtime.look().ticks
+            await robot.drive(0.0, omega, seconds)
+            await asyncio.sleep(STAND)
+            after = robot.runtime.look().ticks
+        degrees = "How far has it turned to the left, whole turns included (360 each)?"
+        turned.append(radians(await ask.number("turned", degrees, "degrees")))
     if before is not None and after is not None:
         apart = ((after[0] - before[0]) - (after[1] - before[1])) * geometry.count_length
-        bench.found({"geometry.track_width": round(apart / radians(degrees), 4)})
+        bench.found({"geometry.track_width": round(apart / turned[1], 4)})
+    else:  # by what half of the time adds, as starting and stopping are the same in both
+        rate = (turned[1] - turned[0]) / (0.5 * TURNING)
+        bench.found({"geometry.track_width": round(geometry.track_width * omega / rate, 4)})
 
 
 async def speeds(bench: Bench) -> None:
@@ -518,7 +615,7 @@ class Step(NamedTuple):
     """A step of the calibration."""
 
     does: Callable[[Bench], Awaitable[None]]
-    applies: Callable[[Config, Capabilities], bool]
+    applies: Callable[[Config, Hal], bool]
 
     @property
     def about(self) -> str:
@@ -526,28 +623,35 @@ class Step(NamedTuple):
         return (self.does.__doc__ or "").rstrip(".")
 
 
-def _measures(config: Config, can: Capabilities) -> bool:
-    return can.pwm and can.ticks and config.geometry.counts_per_rev > 0
+def _by_pwm(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm
+
+
+def _steers(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm and config.geometry.steering != "skid"
+
+
+def _counts(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm and hal.capabilities.ticks
 
 
 STEPS: Final[dict[str, Step]] = {
-    "motor": Step(motor, lambda config, can: can.pwm),
-    "steering": Step(steering, lambda config, can: can.pwm and config.geometry.steering != "skid"),
-    "straight": Step(
-        straight, lambda config, can: can.pwm and (config.geometry.steering != "skid" or _measures(config, can))
-    ),
-    "scale": Step(scale, lambda config, can: not can.pwm),
-    "circle": Step(circle, lambda config, can: can.pwm and config.geometry.steering != "skid"),
-    "turn": Step(turn, lambda config, can: config.geometry.steering == "skid" and _measures(config, can)),
-    "speeds": Step(speeds, lambda config, can: can.blind and config.geometry.steering != "skid"),
-    "tune": Step(tune, lambda config, can: _measures(config, can) and config.geometry.steering != "skid"),
+    "motor": Step(motor, _by_pwm),
+    "steering": Step(steering, _steers),
+    "servo": Step(servo, lambda config, hal: own_settings(hal) is not None),
+    "straight": Step(straight, _by_pwm),
+    "scale": Step(scale, lambda config, hal: not hal.capabilities.pwm),
+    "circle": Step(circle, lambda config, hal: _steers(config, hal) or own_settings(hal) is not None),
+    "speeds": Step(speeds, lambda config, hal: hal.capabilities.blind),
+    "turn": Step(turn, lambda config, hal: hal.capabilities.pwm and config.geometry.steering == "skid"),
+    "tune": Step(tune, lambda config, hal: _counts(config, hal) and config.geometry.steering != "skid"),
 }
 """The steps by name, in order."""
 
 
 def steps(config: Config, hal: Hal) -> list[str]:
     """The names of the steps that a vehicle's calibration has, in order."""
-    return [name for name, step in STEPS.items() if step.applies(config, hal.capabilities)]
+    return [name for name, step in STEPS.items() if step.applies(config, hal)]
 
 
 async def calibrate(bench: Bench, names: Sequence[str]) -> None:

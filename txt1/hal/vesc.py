@@ -214,6 +214,8 @@ class VescHal(PlainHal):
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
         self._line = Line(port, wrap, "the VESC", self._greet, self._take)
+        self.options = options
+        """Its settings, which say which way motor and servo go."""
         self._options, self._geometry = options, geometry
         sign = -1.0 if options.backwards else 1.0
         self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
