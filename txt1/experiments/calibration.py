@@ -35,7 +35,6 @@ TURNED: Final = 4  # encoder counts that are no noise
 BEYOND: Final = 400  # counts beyond those at which it begins to turn: it turns surely
 WELL_TURNED: Final = 20  # encoder counts that a wheel makes in the second after that, at least
 CRUISE: Final = 1200  # counts beyond the dead band at which distances are driven
-SLOWLY: Final = 500  # counts beyond it at which sides are compared once more
 SWEEP: Final = 1500.0  # counts a second by which the steering is turned to its stop
 SWEEP_FROM: Final = 3000.0  # counts from which it is
 REACTION: Final = 0.5  # s by which an operator is late to say that wheels have stopped turning
@@ -363,20 +362,20 @@ async def straight(bench: Bench) -> None:
 
 
 async def _even_sides(bench: Bench) -> None:
-    """Find scales and trims with which both sides run at one speed: so at two speeds, as they are two unknowns."""
+    """Find scales and trims with which both sides run at one speed: forward and backward, as they are two unknowns."""
     ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
     for _ in range(TRIES):
         bends, more = [], []
-        for counts in (bench.cruise, band + SLOWLY):
-            await ask.ready("line", LINE)
-            await _go_straight(bench, counts)
+        for sign, where in ((1.0, ""), (-1.0, " It drives backward.")):
+            await ask.ready("line", LINE + where)
+            await _go_straight(bench, sign * bench.cruise)
             ahead = await ask.number("ahead", "How far did it come along the line?", "m")
             bends.append(_arc(ahead, await ask.number("off", OFF, "m"))[0])
-            more.append(bends[-1] * (counts - band) * geometry.track_width)  # counts by which the right side is ahead
+            # the counts by which the right side has more than the left one
+            more.append(bends[-1] * sign * (bench.cruise - band) * geometry.track_width)
         if max(map(abs, bends)) < DRIFT:
             return
-        scale = (more[0] - more[1]) / (bench.cruise - band - SLOWLY)
-        trim = more[0] - scale * bench.cruise
+        scale, trim = 0.5 * (more[0] - more[1]) / bench.cruise, 0.5 * (more[0] + more[1])
         for name, half in (("right", -0.5), ("left", 0.5)):
             channel = getattr(bench.config.channels, name)
             bench.found({

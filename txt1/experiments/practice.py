@@ -127,7 +127,7 @@ class Onlooker:
             apart = self._vehicle.body.track_width * self._vehicle.parameters.skid
             return degrees((right - left) / apart) + self._rng.normal(0.0, COUNTED)
         truth = {
-            "ahead": x,
+            "ahead": abs(x),
             "gone": hypot(x, y),
             "off": y,
             "front_off": y + half * sin(theta),
