@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from itertools import pairwise
-from math import asin, atan, hypot, radians, tan
+from math import asin, atan, cos, hypot, radians, sin, tan
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -23,6 +23,7 @@ from txt1.hal.base import Hal
 from txt1.hal.channels import Rewired
 from txt1.kernel.ticks import Ticks
 from txt1.model.channels import SIDES
+from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.robot import Robot
 
@@ -335,21 +336,24 @@ async def straight(bench: Bench) -> None:
         return
     for _ in range(TRIES):
         await ask.ready("line", LINE)
-        before, after = await _go_straight(bench)
+        shown = await _go_straight(bench)
         ahead = await ask.number("ahead", "How far did it come along the line?", "m")
         if geometry.steering == "both":
             front = await ask.number("front_off", "How far left of the line is the middle of its front axle?", "m")
             rear = await ask.number("rear_off", "... and of its rear axle?", "m")
             bend = (front - rear) / geometry.wheelbase / ahead
             crab = 0.5 * (front + rear) / ahead - 0.5 * bend * ahead
-            path = _arc(ahead, 0.5 * bend * ahead * ahead)[1]
+            off = 0.5 * bend * ahead * ahead
             angles = {"front": atan(crab + bend * geometry.lever), "rear": atan(crab - bend * geometry.lever)}
         else:
-            bend, path = _arc(ahead, await ask.number("off", OFF, "m"))
+            off = await ask.number("off", OFF, "m")
+            bend = _arc(ahead, off)[0]
             angles = {"front": atan(bend * geometry.lever)}
-        if before is not None and after is not None:
-            counted = 0.5 * (after[0] - before[0] + after[1] - before[1])
-            bench.found({"geometry.circumference": round(path / counted * geometry.counts_per_rev, 5)})
+        if shown is not None:
+            if shown < 0.1 * ahead:
+                raise HalError(f"its odometry shows {shown:.2f} m for {ahead:.2f} m: look after the encoder's wires")
+            circumference = bench.config.geometry.circumference * hypot(ahead, off) / shown
+            bench.found({"geometry.circumference": round(circumference, 5)})
         if bench.skids:
             return  # the loops see to it
         if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
@@ -384,24 +388,30 @@ async def _even_sides(bench: Bench) -> None:
             })  # fmt: skip
 
 
-async def _go_straight(bench: Bench, by_hand: float | None = None) -> tuple[Counts, Counts]:
-    """Drive straight by hand, or where that takes the loops by these; the encoders' counts before and after."""
+async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | None:
+    """Drive straight by hand, or where that takes the loops by these; the way that the odometry shows ahead, m."""
     if bench.skids and bench.config.geometry.counts_per_rev:
         v = bench.speed
         async with bench.robot() as robot:
-            before = robot.runtime.look().ticks
+            begin = robot.odometry
             await robot.drive(v, 0.0, DISTANCE / v)
             await asyncio.sleep(STAND)
-            return before, robot.runtime.look().ticks
+            return _shown(begin, robot.odometry)
     async with bench.by_hand() as hands:
         await hands.wait(SETTLE)
-        counts = hands.counts
+        begin = hands.robot.odometry
         hands.steer(bench.cruise if by_hand is None else by_hand)
         seen = bench.operator.seen("gone", f"Press Enter when it has gone about {DISTANCE:g} m.")
         await hands.until(seen)
         hands.steer(0.0)
         await hands.wait(STAND)
-        return counts, hands.counts
+        return None if hands.robot.hal.capabilities.blind else _shown(begin, hands.robot.odometry)
+
+
+def _shown(begin: Odometry, end: Odometry) -> float:
+    """The way from one pose to another, m; less than 0 when it is backward."""
+    x, y = end.x - begin.x, end.y - begin.y
+    return hypot(x, y) * (1.0 if x * cos(begin.theta) + y * sin(begin.theta) > 0.0 else -1.0)
 
 
 async def servo(bench: Bench) -> None:
