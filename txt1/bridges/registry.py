@@ -34,7 +34,13 @@ from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
 BRIDGES: Final = Registry(
-    "bridge", "txt1.bridges", {"gamepad": "txt1.bridges.gamepad:main", "web": "txt1.bridges.web.server:main"}
+    "bridge",
+    "txt1.bridges",
+    {
+        "fleet": "txt1.bridges.fleet:main",
+        "gamepad": "txt1.bridges.gamepad:main",
+        "web": "txt1.bridges.web.server:main",
+    },
 )
 
 RESTART: Final = Restart(limit=3)

@@ -40,7 +40,7 @@ All commands: txt1 --help. Of one of them: txt1 run --help.
 COMMANDS: Final = {
     "demo": "one minute: it drives, learns to find a light, and shows it",
     "run": "run the robot, on the desk or on the floor",
-    "fleet": "run several simulated robots in one world",
+    "fleet": "run several simulated robots in one world, or watch those on a network",
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
     "learn": "let the robot learn to find the light (thesis 5)",
     "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",

@@ -1,14 +1,17 @@
-"""`txt1 fleet`: several simulated robots in one world."""
+"""`txt1 fleet`: several simulated robots in one world; or a console of robots on a network."""
 
 import argparse
 import asyncio
 import json
+import os
+import sys
 from collections.abc import Mapping
 from functools import partial
 from itertools import combinations
 from math import dist
+from typing import TYPE_CHECKING
 
-from txt1.cli import DISARMED, OK, options
+from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, report, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.cli.run import DISARMING
@@ -16,9 +19,13 @@ from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.record.session import need
 from txt1.ui.helm import KEYS, Helm
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
+
+if TYPE_CHECKING:
+    from txt1.fleet.network import Peer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,10 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add(parser.add_mutually_exclusive_group(required=True), {
         "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": options.existing, "help": "names, starts, tasks"},
         "--robots": takes("N", "so many robots, txt01, txt02 and so on", options.count),
+        "--join": takes(
+            "INTERFACE", "watch, stop and drive the fleet on this network interface; left out, on loopback", nargs="?",
+            const="",
+        ),
     })  # fmt: skip
     options.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | options.LOG | {
         "--duration": takes("S", "end after S seconds of the robots' time", options.positive),
         "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", options.velocity),
+        "--fleet-key": options.NETWORK["--fleet-key"],
+        "--stop": flag("with --join: stop all robots, say who has answered, and end"),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
@@ -38,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the fleet until the duration is over, the operator quits or a signal comes."""
+    if arguments.join is not None:
+        return _console(arguments)
     plan = plan_of(arguments.plan or arguments.robots)
     if arguments.drive is not None:
         robots = {
@@ -98,6 +113,44 @@ async def _operate(
             reports.update({name: report(robot.runtime) for name, robot in fleet.robots.items()})
         if app.code == OK:
             app.code, app.reason = verdict(fleet)
+
+
+def _console(arguments: argparse.Namespace) -> int:
+    """Be a console of a fleet on a network."""
+    need("--join", "fleet", "zenoh")
+    from txt1.fleet.network import Peer
+    from txt1.ui.console import KEYS as CONSOLE_KEYS
+    from txt1.ui.console import Console
+
+    peer = Peer(f"console{os.getpid()}", arguments.join, arguments.fleet_key)
+    try:
+        if arguments.stop:
+            return _stop_all(peer)
+        if arguments.headless or arguments.json or not sys.stdin.isatty():
+            peer.listen(arguments.duration or 3.0)
+            print(json.dumps([one._asdict() for one in peer.members()]))
+            return OK
+        console = Console(peer)
+
+        async def watch() -> None:
+            async with Terminal(console, console, shown=CONSOLE_KEYS, more={"n": console.next}) as terminal:
+                await terminal.wait()
+
+        App().run(watch())
+        return OK
+    finally:
+        peer.close()
+
+
+def _stop_all(peer: "Peer") -> int:
+    """Stop all robots and say who has answered."""
+    peer.stop_all().join()
+    answered = peer.answered()
+    print(f"stopped: {', '.join(sorted(answered)) or 'nobody is there'}")
+    missing = {one.name for one in peer.members() if one.alive} - answered
+    if missing:
+        say(f"no answer from {', '.join(sorted(missing))}")
+    return FAULT if missing or not answered else OK
 
 
 async def _lines(fleet: Fleet) -> None:

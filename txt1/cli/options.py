@@ -79,6 +79,11 @@ def named_url(text: str) -> tuple[str, str]:
     return name, url
 
 
+def names(text: str) -> list[str]:
+    """Return the names that a word with commas is."""
+    return [name for name in text.split(",") if name]
+
+
 def existing(text: str) -> Path:
     """Return the path of something that is there; raises ArgumentTypeError."""
     path = Path(text)
@@ -163,6 +168,12 @@ ROS: Final = {
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
+}  # fmt: skip
+NETWORK: Final = {
+    "--fleet": takes(
+        "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
+    ),
+    "--fleet-key": takes("FILE", "the password that all of a fleet beyond loopback share", Path),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "of a recording of several robots this one")}

@@ -8,20 +8,23 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
 from txt1.cli.errands import Errands
+from txt1.cli.network import fleet_bridge
 from txt1.cli.notify import served
 from txt1.cli.options import flag, takes
 from txt1.cli.ros import RosNode, ros1_node, ros2_node
 from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
+from txt1.config.sources import with_values
 from txt1.control.limits import Fault
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
+from txt1.fleet.link import Link
 from txt1.kernel.ticks import Ticks
 from txt1.record.session import need
 from txt1.robot import Robot
@@ -44,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json": flag("no screens; one JSON object at the end"),
         "--view-control": flag("let the live view's teleop panel drive"),
         "--gamepad": flag("let gamepads drive, whichever are plugged in (see txt1 gamepad)"),
-    } | options.WEB | options.ROS | {
+    } | options.WEB | options.ROS | options.NETWORK | {
+        "--name": takes("NAME", "of the robot, before the names of its topics and in the fleet"),
+        "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
+        "--team": takes("NAME,NAME,...", "who cooperates, the leader of a convoy first", options.names),
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
             options.bridge_options, action="append", default=[],
@@ -65,6 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     config = options.loaded(arguments).config
+    if arguments.name is not None:
+        config = with_values(config, {"name": arguments.name})
+    fleet = fleet_bridge(arguments, config)
     agent: Agent | None = None
     if arguments.learn is not None or arguments.policy is not None:
         from txt1.learning.agents import agent_of
@@ -80,7 +89,7 @@ def main(arguments: argparse.Namespace) -> int:
         need("--gamepad", "gamepad", "pygame")
     nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent, steer, page, nodes))
+    app.run(_operate(app, arguments, config, agent, steer, page, nodes, fleet))
     return conclude(app, arguments.json)
 
 
@@ -92,6 +101,7 @@ async def _operate(
     steer: Steer | None,
     page: WebPage | None,
     nodes: Sequence[RosNode],
+    fleet: dict[str, object] | None,
 ) -> None:
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
@@ -113,6 +123,15 @@ async def _operate(
                 await bridges.enter_async_context(bridge(robot, name, given, errands.requests))
         for node in nodes:
             await bridges.enter_async_context(node(robot))
+        alongside: list[asyncio.Future[Any]] = []
+        more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
+        if fleet is not None:
+            link = Link(robot)
+            await bridges.enter_async_context(bridge(robot, "fleet", fleet, link.requests))
+            if arguments.cooperate is not None:
+                link.cooperate(arguments.cooperate, arguments.team)
+            alongside.append(link.refused)
+            more["x"] = link.stop_all
         start = Start(robot, arguments.arm, arguments.drive, agent, steer)
 
         async def prepare() -> None:
@@ -124,8 +143,8 @@ async def _operate(
         getting_ready = asyncio.ensure_future(prepare())
         bridges.enter_context(served(robot.runtime))
         try:
-            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, more={"e": robot.toggle_esc})
-            await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready)
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, more=more)
+            await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *alongside)
         finally:
             getting_ready.cancel()
         if app.code == OK:

@@ -24,6 +24,7 @@ PRIORITIES: Final[Mapping[str, int]] = {
     "gamepad": 40,
     "web": 30,
     "view": 30,
+    "fleet": 30,
     "ros": 20,
     "ros1": 20,
     "program": 10,

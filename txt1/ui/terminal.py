@@ -22,6 +22,7 @@ from txt1.ui.teleop import Teleop
 if TYPE_CHECKING:
     from txt1.board import Board
     from txt1.robot import Robot
+    from txt1.ui.console import Console
     from txt1.ui.helm import Helm
     from txt1.ui.replay import Player
 
@@ -45,8 +46,8 @@ class Terminal:
 
     def __init__(
         self,
-        robot: Robot | Board | Player | Helm,
-        keys: CommandSource | Helm | None = None,
+        robot: Robot | Board | Player | Helm | Console,
+        keys: CommandSource | Helm | Console | None = None,
         beat: float = BEAT,
         teleop: Teleop | Player | None = None,
         shown: Mapping[str, str] | None = None,

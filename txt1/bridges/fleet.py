@@ -1,0 +1,62 @@
+"""The bridge to a fleet on a network: a process of its own, which speaks Zenoh beside the robot.
+
+What the robot tells goes out twenty times a second; what was heard comes in as often. A stop of all that others say
+stops the robot, and a console may take its wheel, as the source "fleet".
+"""
+
+from collections import deque
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.beside import Connection
+from txt1.errors import ConfigError
+from txt1.fleet.network import Hooks, Peer
+
+RATE: Final = 20.0  # Hz
+TOPICS: Final = ["/said", "/member", "/fleet_order"]
+WAIT: Final = 0.01  # s that an order of the others may wait for the next look
+
+
+def main(robot: Connection, name: str, interface: str = "", key: str | None = None, loss: float = 0.0) -> None:
+    """Be the robot's voice in the fleet until its run ends."""
+    orders: deque[tuple[str, dict[str, Any]]] = deque(maxlen=1000)  # of Zenoh's threads, which must not wait
+    hooks = Hooks(
+        stop=lambda who: orders.append(("stop", {"who": who})),
+        drive=lambda who, v, omega: orders.append(("drive", {"v": v, "omega": omega})),
+    )
+    robot.request("subscribe", topics=TOPICS, rate=RATE)
+    try:
+        peer = Peer(name, interface, None if key is None else Path(key), hooks, loss)
+    except ConfigError as error:
+        robot.request("refused", reason=str(error))
+        return
+    try:
+        while True:
+            telemetry = robot.receive(WAIT)
+            while orders:
+                _obey(robot, *orders.popleft())
+            if telemetry is None:
+                continue
+            peer.tell(_state(telemetry["topics"]))
+            if any(event["topic"] == "/fleet_order" for event in telemetry.get("events", ())):
+                peer.stop_all()
+            now = peer.now
+            heard = {who: [*said[:5], now - said.time, said.data] for who, said in peer.heard().items()}
+            robot.request("fleet", members=[list(member) for member in peer.members()], heard=heard)
+    finally:
+        peer.close()
+
+
+def _obey(robot: Connection, order: str, fields: dict[str, Any]) -> None:
+    if order == "stop":
+        robot.request("stop")
+        robot.request("tell", text=f"stopped by {fields['who']}")
+    else:
+        robot.request(order, **fields)
+
+
+def _state(topics: dict[str, Any]) -> dict[str, Any]:
+    """What the others are told, of the robot's topics."""
+    said, member = topics.get("/said") or {}, topics.get("/member") or {}
+    told = ("armed", "reason", "driver", "battery", "silent")
+    return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

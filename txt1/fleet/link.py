@@ -1,0 +1,83 @@
+"""A robot's end of the bridge to its fleet: what it tells, what it has heard, and the rule of silence among them."""
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from txt1.errors import ConfigError
+from txt1.fleet.air import Said
+from txt1.fleet.cooperation import Cooperation, see_simulated
+from txt1.fleet.law import make_law
+from txt1.fleet.members import FLEET, Member, member_of
+from txt1.robot import Robot
+from txt1.telemetry.topics import Rule, Topic, declare
+
+SAID: Final = declare(Topic("/said", Said, "m, rad, m/s, rad/s", "std_msgs/String", Rule.SNAPSHOT, "told to the fleet"))
+MEMBER: Final = declare(
+    Topic("/member", Member, "", "std_msgs/String", Rule.SNAPSHOT, "this robot, as the fleet sees it")
+)
+ORDER: Final = declare(
+    Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
+)
+
+
+class Link:
+    """To a `txt1.fleet.cooperation.Cooperation` it is the air."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._heard: dict[str, Said] = {}
+        self._members: tuple[Member, ...] = ()
+        self._said: Said | None = None
+        self._cooperation: Cooperation | None = None
+        self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done, with a ConfigError, when the fleet does not let the robot in."""
+        self.requests: Mapping[str, Callable[..., object]] = {"fleet": self._take, "refused": self._refuse}
+        """What the bridge may ask for."""
+        bus = robot.runtime.bus
+        bus.offer(SAID, lambda: self._said or self._own())
+        bus.offer(MEMBER, self._member)
+        bus.offer(FLEET, lambda: (self._member(), *self._members))
+
+    def cooperate(self, law: str, team: Sequence[str], **settings: Any) -> None:
+        """Drive by a law with the others of a team; raises ConfigError."""
+        room = self._robot.config.sim.room
+        made = make_law(self._robot.config.name, list(team), (room.length, room.width), {"law": law, **settings})
+        self._cooperation = Cooperation(self._robot, self, made, see_simulated)
+        self._cooperation.begin()
+
+    def stop_all(self) -> None:
+        """Stop this robot at once, and all others of the fleet."""
+        self._robot.stop()
+        self._robot.runtime.bus.publish(ORDER, "stop", self._robot.now)
+
+    def say(self, said: Said) -> None:
+        """Tell the others."""
+        self._said = said
+
+    def heard(self) -> Mapping[str, Said]:
+        """The last that was heard of each of the others."""
+        return self._heard
+
+    # -- what the bridge asks for ------------------------------------------------------------------------------
+
+    def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]]) -> None:
+        """Take note of the others; the time of what was heard is its age, s."""
+        now = asyncio.get_running_loop().time()
+        for name, said in heard.items():
+            x, y, theta, v, omega, age, data = said
+            self._heard[name] = Said(x, y, theta, v, omega, now - age, tuple(data))
+        placed = ((Member._make(each), each[3]) for each in members)
+        self._members = tuple(one._replace(pose=None if pose is None else tuple(pose)) for one, pose in placed)
+
+    def _refuse(self, reason: str) -> None:
+        if not self.refused.done():
+            self.refused.set_exception(ConfigError(reason))
+
+    def _own(self) -> Said:
+        odometry = self._robot.odometry
+        x, y, theta = self._robot.pose or (odometry.x, odometry.y, odometry.theta)
+        return Said(x, y, theta, odometry.v, odometry.omega)
+
+    def _member(self) -> Member:
+        return member_of(self._robot, "" if self._cooperation is None else self._cooperation.silent)
