@@ -91,6 +91,8 @@ def _tell(metrics: dict[str, Any]) -> None:
         one = metrics.get(key, {})
         if not one.get("episodes"):
             continue
+        if key == "last_10" and one["episodes"] < 10 * metrics.get("trials", 1):
+            what = f"last {one['episodes'] // max(1, metrics.get('trials', 1))} episodes"
         print(f"{what:<20} success {one['success']:.2%}, {one['failures']} of {one['episodes']} failed", end="")
         if "mean_time_s" not in one:
             print()

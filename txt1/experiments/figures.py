@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.experiments.metrics import QUANTUM, Channel, cross_track, response
+from txt1.experiments.metrics import QUANTUM, Channel, changes, cross_track, response
 from txt1.experiments.report import step_name
+from txt1.experiments.recording import Array, Recording
 from txt1.experiments.run_folder import Run
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STEP_SHOWN: Final = 1.5  # s of a step that are drawn
-COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")  # the colour-blind, too, tell them apart (Okabe, Ito)
+STYLES: Final = ("-", "--", "-.", ":")  # so that no run is told by its colour alone
 
 
 def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
@@ -53,13 +55,14 @@ def _velocities(figure: Figure, runs: Sequence[Run]) -> None:
     above, below = figure.subplots(2, 1, sharex=True)
     panels: tuple[tuple[Any, Channel, str], ...] = ((above, "v", "v, m/s"), (below, "omega", "ω, rad/s"))
     for axes, channel, label in panels:
-        for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
+        for run, look in zip(runs, _looks(runs), strict=False):
             recording = run.recording
             time = recording["time"]
             if len(runs) == 1:
                 axes.plot(time, recording[channel], color="0.8", linewidth=0.5, label="each reading of the encoders")
-            values = response(recording, channel)
-            axes.plot(time, values, color=colour, linewidth=width, label=f"{run.label}, {_response(run)}")
+            # from one change of the set-point to the next, so that no mean knows of it before it comes
+            values = np.concatenate([_shown(recording, channel, *between) for between in changes(recording)])
+            axes.plot(time, values, **look, label=f"{run.label}, {_response(run)}")
         first = runs[0].recording
         axes.plot(first["time"], first[f"set_{channel}"], "k--", linewidth=0.8, label="set-point")
         middle, half = 0.5 * sum(axes.get_ylim()), 0.5 * float(np.diff(axes.get_ylim())[0])
@@ -78,25 +81,31 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
     for panel in panels[len(judged[0]) :]:
         panel.axis("off")
     for number, axes in enumerate(panels[: len(judged[0])]):
-        for run, steps, colour in zip(runs, judged, COLOURS, strict=False):
+        for run, steps, look in zip(runs, judged, _looks(runs), strict=False):
             step, time = steps[number], run.recording["time"]
             first, last = np.searchsorted(time, (step["time"] - 1e-6, step["time"] + STEP_SHOWN))
-            values = response(run.recording, step["channel"], int(first), int(last))
-            axes.plot(time[first:last] - step["time"], values, color=colour, linewidth=1.0, label=run.label)
+            values = _shown(run.recording, step["channel"], int(first), int(last))
+            axes.plot(time[first:last] - step["time"], values, **look, label=run.label)
             steady = step["after"] + step["steady_error"]
-            axes.axhspan(steady - step["band"], steady + step["band"], color=colour, alpha=0.1, linewidth=0.0)
+            axes.axhspan(steady - step["band"], steady + step["band"], color=look["color"], alpha=0.1, linewidth=0.0)
             if step["settling"] is not None:
-                axes.axvline(step["settling"], color=colour, linewidth=0.8, linestyle=":")
+                axes.axvline(step["settling"], color=look["color"], linewidth=0.8, linestyle=":")
         axes.axhline(judged[0][number]["after"], color="k", linewidth=0.8, linestyle="--", label="set-point")
         axes.set_title(step_name(judged[0][number]), fontsize="small")
         axes.tick_params(labelsize="x-small")
         axes.grid(alpha=0.3)
-    _legend(figure, panels[0], "over the seconds since the set-point changed; shaded: the band; dotted: settled")
+    units = {"v": "v, m/s", "omega": "ω, rad/s"}
+    figure.supylabel(", ".join(dict.fromkeys(units[step["channel"]] for step in judged[0])), fontsize="small")
+    _legend(figure, panels[0], "across: time since the set-point changed, s; shaded: the band; dotted: settled")
 
 
-def _widths(runs: Sequence[Run]) -> tuple[float, ...]:
-    """Line widths with which runs that lie upon each other are all seen."""
-    return (1.0,) if len(runs) == 1 else (2.4, 1.4, 0.7, 0.7)
+def _looks(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Colour, style and width of each run's line: those that lie upon each other are all seen."""
+    widths = (1.0,) if len(runs) == 1 else (2.4, 1.6, 1.0, 1.0)
+    return [
+        {"color": colour, "linestyle": style, "linewidth": width}
+        for colour, style, width in zip(COLOURS, STYLES, widths, strict=False)
+    ]
 
 
 def _path(figure: Figure, runs: Sequence[Run]) -> None:
@@ -119,12 +128,12 @@ def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
         x, y = zip(*waypoints.points, waypoints.points[0], strict=True)
         above.plot(x, y, "k--", linewidth=0.8, marker="o", markersize=4, label="waypoints")
     _draw_paths(above, runs)
-    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
+    for run, look in zip(runs, _looks(runs), strict=False):
         time, legs = run.recording["time"], run.legs
         for number, leg in enumerate(legs):
             until = legs[number + 1].time if number + 1 < len(legs) else np.inf
             on = (time >= leg.time) & (time < until)
-            below.plot(time[on], cross_track(run.recording, leg)[on], color=colour, linewidth=width)
+            below.plot(time[on], cross_track(run.recording, leg)[on], **look)
     below.axhline(0.0, color="k", linewidth=0.8, linestyle="--")
     below.set(xlabel="time, s", ylabel="off the leg, m")
     below.grid(alpha=0.3)
@@ -135,14 +144,21 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
     """The battery's voltage over time, and the line through it (3.13)."""
     axes = figure.subplots()
     ends: dict[str, float] = {}
-    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
+    for run, look in zip(runs, _looks(runs), strict=False):
         minutes = run.recording["time"] / 60.0
-        axes.plot(minutes, run.recording["voltage"], color=colour, linewidth=width, label=f"{run.label}: voltage")
+        axes.plot(minutes, run.recording["voltage"], **look, label=f"{run.label}: voltage")
         fit = run.metrics.get("battery")
         if fit:
             at = np.array([0.0, SAFE_END_MIN])
-            text = f"line: V = {fit['intercept']:.4f} {fit['slope']:+.6f} t"
-            axes.plot(at, fit["intercept"] + fit["slope"] * at, color=colour, linestyle=":", label=text)
+            text = f"its line: {fit['intercept']:.4f} V {1000.0 * fit['slope']:+.3f} mV/min"
+            axes.plot(
+                at,
+                fit["intercept"] + fit["slope"] * at,
+                color=look["color"],
+                linewidth=0.8,
+                linestyle=(0, (1, 4)),
+                label=text,
+            )
         ends.setdefault(f"{minutes[-1]:.1f} min: {run.metrics['stopped_by']}", float(minutes[-1]))
     for text, end in ends.items():
         axes.axvline(end, color="k", linewidth=0.5)
@@ -151,14 +167,15 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", loc="lower left")
+    _legend(figure, axes)
 
 
 def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
-    for run, colour, width in zip(runs, COLOURS, _widths(runs), strict=False):
+    for run, look in zip(runs, _looks(runs), strict=False):
         x, y = run.recording.path()
-        axes.plot(x, y, color=colour, linewidth=width, label=f"{run.label}, {_response(run, 'position')}")
+        axes.plot(x, y, **look, label=f"{run.label}, {_response(run, 'position')}")
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.locator_params(nbins=6)  # a tall, narrow picture has no place for more
     axes.grid(alpha=0.3)
 
 
@@ -170,5 +187,15 @@ def _legend(figure: Figure, axes: Any, title: str | None = None) -> None:
     )  # fmt: skip
 
 
-def _response(run: Run, what: str = "speed, 0.2 s means") -> str:
-    return f"true {what}" if run.recording.knows_truth else f"{what} by the encoders"
+def _shown(recording: Recording, channel: Channel, first: int, last: int) -> Array:
+    """The speed (m/s) or yaw rate (rad/s) that is drawn: the true one, or means of what the encoders tell."""
+    if recording.knows_truth:
+        true: Array = recording[f"true_{channel}"][first:last]
+        return true
+    return response(recording, channel, first, last)
+
+
+def _response(run: Run, what: str = "speed") -> str:
+    if run.recording.knows_truth:
+        return f"true {what}"
+    return f"{what}{', 0.2 s means' if what == 'speed' else ''} by the encoders"

@@ -13,7 +13,7 @@ from txt1.learning.trial import Task, TrialResult
 
 DPI: Final = 120
 RESAMPLES: Final = 500  # of the trials, for an interval
-BLUE, RED, GREEN, GREY = "tab:blue", "tab:red", "tab:green", "0.6"
+BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
 
 
 def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
@@ -76,7 +76,7 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_colle
         high.append(band[1])
     axes.fill_between(numbers, low, high, color=RED, alpha=0.25, lw=0.0, label="its interval of 95 %")
     axes.plot(numbers, means, color=RED, lw=2.5, label="mean of successes")
-    axes.axhline(1.0, color=GREEN, lw=2.0, label="optimum")
+    axes.axhline(1.0, color=GREEN, lw=2.0, ls="--", label="optimum")
     lost = [(k, count) for k, count in enumerate(failed, 1) if count]
     top = max([2.0, *(ratio for line in shown for _, ratio in line)]) * 1.3
     if lost:
@@ -137,7 +137,7 @@ def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
         return
     axes, scale = _panel(figure, 0.97, 0.28, 4.04, 3.97), _panel(figure, 5.2, 0.28, 0.2, 3.97)
     most = float(np.abs(table.values).max())
-    image = axes.imshow(table.values, aspect="auto", cmap="RdYlGn", vmin=-most, vmax=most)
+    image = axes.imshow(table.values, aspect="auto", cmap="PuOr", vmin=-most, vmax=most)
     actions = table.about.get("actions", ACTIONS)
     if len(actions) == np.shape(table.values)[1]:
         axes.set_xticks(range(len(actions)), actions)

@@ -24,9 +24,13 @@ from txt1.tasks.controller import PWM, SETPOINT
 from txt1.tasks.diagnostics import FAULTS, TASKS
 from txt1.tasks.encoder import ODOMETRY, POSE
 from txt1.tasks.fields import LOG
+from txt1.tasks.mode import MODE
 
 PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110
+BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "0.35"  # the colour-blind, too, tell them apart
+SPAN: Final = 1.0  # V that the battery's axis shows at least: less would make noise look like a fall
+PLACED: Final = 0.3  # m: no robot drives as far between two messages, so it was placed somewhere else
 
 
 class Content:
@@ -39,6 +43,8 @@ class Content:
         self._rows: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
         self.topics: dict[str, TopicSummary] = {}
         self.events: list[tuple[float, str]] = []
+        self.disarms: list[float] = []  # s of the run
+        self._armed = False
         self.tasks: dict[str, dict[str, str]] = {}
         self.faults: dict[str, str] = {}
         self._decoding = Decoding()
@@ -72,6 +78,11 @@ class Content:
             case PWM.name:
                 pwm = message(item)
                 rows["pwm"].append((time, pwm.motor, pwm.front, pwm.rear))
+            case MODE.name:
+                armed = bool(message(item).armed)
+                if self._armed and not armed:
+                    self.disarms.append(time)
+                self._armed = armed
             case LOG.name:
                 self.events.append((time, message(item).msg))
             case TASKS.name:
@@ -93,20 +104,28 @@ def draw(content: Content) -> bytes:
     time, x, y, v, omega = content.columns("odometry")[:5]
     setpoint, pwm = content.columns("setpoint"), content.columns("pwm")
     path = axes["path"]
-    path.plot(x, y, label="odometry, from where it began")
+    path.plot(*_apart(x, y), color=BLUE, label="odometry, from where it began")
     pose = content.columns("pose")
     if pose.shape[1]:
-        path.plot(pose[1], pose[2], label="true pose in the room")
-    path.set(title="Path", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
-    path.legend(loc="best", fontsize="small")
-    _lines(axes["v"], "Speed", "v / (m/s)", (*setpoint[:2], "set-point"), (time, v, "measured"))
-    _lines(axes["omega"], "Yaw rate", "omega / (rad/s)", (*setpoint[:3:2], "set-point"), (time, omega, "measured"))
-    _lines(axes["motor"], "Motor", "PWM / counts", (*pwm[:2], "motor"))
-    _lines(axes["steering"], "Steering", "PWM / counts", (*pwm[:3:2], "front"), (*pwm[:4:3], "rear"))
+        path.plot(*_apart(pose[1], pose[2]), color=ORANGE, linestyle="--", label="true pose in the room")
+    path.set(xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
+    path.set_title("Path", loc="left")
+    path.grid(visible=True, alpha=0.3)
+    _legend(path)
+    marks = content.disarms
+    _lines(axes["v"], marks, "Speed", "v / (m/s)", (*setpoint[:2], "set-point"), (time, v, "measured"))
+    _lines(
+        axes["omega"], marks, "Yaw rate", "omega / (rad/s)", (*setpoint[:3:2], "set-point"), (time, omega, "measured")
+    )
+    _lines(axes["motor"], marks, "Motor", "PWM / counts", (*pwm[:2], "motor"))
+    _lines(axes["steering"], marks, "Steering", "PWM / counts", (*pwm[:3:2], "front"), (*pwm[:4:3], "rear"))
     packs = [(*content.columns(name)[:2], name.removeprefix("/")) for name in PACKS]
-    _lines(axes["battery"], "Battery", "voltage / V", *packs)
+    _lines(axes["battery"], marks, "Battery", "voltage / V", *packs)
+    low, high = axes["battery"].get_ylim()
+    if high - low < SPAN:
+        axes["battery"].set_ylim(0.5 * (low + high - SPAN), 0.5 * (low + high + SPAN))
     periods = np.diff(time) * 1000.0
-    _lines(axes["timing"], "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))
+    _lines(axes["timing"], marks, "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))
     if not periods.size or np.ptp(periods) < 1.0:
         axes["timing"].set_ylim(0.0, 40.0)
     picture = BytesIO()
@@ -114,14 +133,33 @@ def draw(content: Content) -> bytes:
     return picture.getvalue()
 
 
-def _lines(axes: Any, title: str, unit: str, *curves: tuple[Any, Any, str]) -> None:
+def _lines(axes: Any, disarms: Sequence[float], title: str, unit: str, *curves: tuple[Any, Any, str]) -> None:
+    """Curves over time, and where the robot was disarmed."""
+    looks = iter(((BLUE, "-"), (ORANGE, "--")))
     for time, values, label in curves:
+        colour, style = (GREY, "--") if label == "set-point" else next(looks)
         if len(time):
-            axes.plot(time, values, label=label, linewidth=1.0)
-    axes.set(title=title, xlabel="t / s", ylabel=unit)
+            axes.plot(time, values, color=colour, linestyle=style, label=label, linewidth=1.0)
+    for k, time in enumerate(disarms):
+        axes.axvline(time, color=GREY, linestyle=":", linewidth=1.2, label="" if k else "disarmed")
+    axes.set(xlabel="t / s", ylabel=unit)
+    axes.set_title(title, loc="left")
     axes.grid(visible=True, alpha=0.3)
     if axes.lines:
-        axes.legend(loc="best", fontsize="small")
+        _legend(axes)
+
+
+def _legend(axes: Any) -> None:
+    """The legend above the axes, beside the title, where no data are."""
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize="small", frameon=False, borderaxespad=0.2
+    )
+
+
+def _apart(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A path with gaps where the robot was placed somewhere else."""
+    placed = np.flatnonzero(np.hypot(np.diff(x), np.diff(y)) > PLACED) + 1
+    return np.insert(x, placed, np.nan), np.insert(y, placed, np.nan)
 
 
 def page(name: str, content: Content, picture: bytes) -> str:
