@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import import_module
 from types import FrameType
 from typing import Final, NoReturn
@@ -83,7 +84,7 @@ def execute(argv: Sequence[str]) -> int:
     code = OK
     try:
         try:
-            code = _perform(_joined(argv))
+            code = _perform(argv)
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output has had enough
@@ -91,13 +92,12 @@ def execute(argv: Sequence[str]) -> int:
     return code
 
 
-def _perform(words: list[str]) -> int:
+def _perform(words: Sequence[str]) -> int:
     if not words:
         print(FIRST, end="")
         return OK
-    named = next((word for word in words if not word.startswith("-")), "")
     try:
-        arguments = parser({named}).parse_args(words)
+        arguments = parsed(words)
         return int(arguments.main(arguments))
     except SystemExit as ended:  # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
@@ -116,6 +116,10 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say so and exit."""
+        wrong = re.match(r"argument (?:COMMAND|ACTION): invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        if wrong:
+            near = get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1)
+            message = f"there is no '{wrong[1]}'{f', did you mean {near[0]!r}?' if near else ''}"
         self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
 
 
@@ -132,6 +136,13 @@ def parser(named: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:
             module.add_arguments(command)
     whole.set_defaults(parsers=commands.choices)
     return whole
+
+
+def parsed(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the arguments that words are; a mistake in them is told, and ends the process (SystemExit)."""
+    words = _joined(argv)
+    named = next((word for word in words if not word.startswith("-")), "")
+    return parser({named}).parse_args(words)
 
 
 def helps() -> Iterator[tuple[str, str]]:

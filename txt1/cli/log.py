@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from txt1.cli import OK
-from txt1.cli.options import RECORDING, add_actions, flag, takes
+from txt1.cli.options import RECORDING, add_actions, busy, flag, takes
 from txt1.errors import ConfigError
 from txt1.record.session import need
 
@@ -38,7 +38,9 @@ def show_info(arguments: argparse.Namespace) -> int:
     """Print its topics with counts, rates and gaps."""
     from txt1.record import summary
 
-    print(*summary.info(arguments.file), sep="\n")
+    with busy(f"reading {arguments.file}"):
+        lines = list(summary.info(arguments.file))
+    print(*lines, sep="\n")
     return OK
 
 
@@ -63,7 +65,9 @@ def export_csv(arguments: argparse.Namespace) -> int:
         print(f"{bag}: {rosbag1.export(_chosen(arguments), bag)} messages")
         return OK
     directory = arguments.output or arguments.file.with_suffix("")
-    for path, rows in summary.export(_chosen(arguments), directory).items():
+    with busy(f"writing {directory}"):
+        written = summary.export(_chosen(arguments), directory)
+    for path, rows in written.items():
         print(f"{path}: {rows} rows")
     return OK
 
@@ -85,7 +89,8 @@ def recover_file(arguments: argparse.Namespace) -> int:
     from txt1.record.recover import recover
 
     target = arguments.output or arguments.file.with_suffix(".recovered.mcap")
-    saved = recover(arguments.file, target)
+    with busy(f"writing {target}"):
+        saved = recover(arguments.file, target)
     whole = ", and the file was complete" if saved.was_complete else f", {saved.unread} bytes at the end were no record"
     damaged = f", {saved.damaged} damaged chunks left out" if saved.damaged else ""
     print(f"{target}: {saved.messages} messages{damaged}{whole}")

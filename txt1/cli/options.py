@@ -4,7 +4,8 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -96,6 +97,18 @@ def recording(text: str) -> Path:
     """Return the path of a recording that is there; raises ArgumentTypeError, and MissingExtra without its reader."""
     need("reading a recording", "record", *MODULES)
     return existing(text)
+
+
+@contextmanager
+def busy(text: str) -> Iterator[None]:
+    """On a terminal, show for as long as the block takes that something is being done."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(f"{text} ..."):
+        yield
 
 
 def unused(folder: Path) -> Path:

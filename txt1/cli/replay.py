@@ -3,7 +3,7 @@
 import argparse
 
 from txt1.cli import FAULT, OK
-from txt1.cli.options import ONE_ROBOT, RECORDING, add, flag, positive, takes
+from txt1.cli.options import ONE_ROBOT, RECORDING, add, busy, flag, positive, takes
 from txt1.kernel.loop import run
 
 
@@ -27,6 +27,7 @@ def main(arguments: argparse.Namespace) -> int:
         return OK
     from txt1.record.verify import verify
 
-    compared, difference = verify(arguments.file, arguments.robot)
+    with busy(f"running {arguments.file} again"):
+        compared, difference = verify(arguments.file, arguments.robot)
     print(f"{arguments.file}: {difference or f'no difference in {compared} messages'}")
     return OK if difference is None else FAULT

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from txt1.cli import OK
-from txt1.cli.options import ONE_ROBOT, RECORDING, add, takes
+from txt1.cli.options import ONE_ROBOT, RECORDING, add, busy, takes
 from txt1.record.session import need
 
 
@@ -21,6 +21,7 @@ def main(arguments: argparse.Namespace) -> int:
     need("txt1 report", "plots", "matplotlib")
     from txt1.record.report import report
 
-    for path in report(arguments.file, arguments.output or arguments.file.with_suffix(""), arguments.robot):
-        print(path)
+    with busy(f"drawing {arguments.file}"):
+        paths = report(arguments.file, arguments.output or arguments.file.with_suffix(""), arguments.robot)
+    print(*paths, sep="\n")
     return OK

@@ -11,8 +11,8 @@ import numpy as np
 
 from txt1.errors import MissingExtra
 from txt1.experiments.metrics import QUANTUM, Channel, changes, cross_track, response
-from txt1.experiments.report import step_name
 from txt1.experiments.recording import Array, Recording
+from txt1.experiments.report import step_name
 from txt1.experiments.run_folder import Run
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 

@@ -1,0 +1,101 @@
+"""Wrong words, files, ports and values: one line each, which names the thing, the value and the remedy."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from txt1.cli import execute
+
+
+class Mistake(NamedTuple):
+    """A command line (FOLDER stands for the test's), the words that the one line of complaint has, the exit code."""
+
+    words: str
+    told: tuple[str, ...]
+    code: int = 2
+
+
+RUN = "run --headless --speed max --duration 1"
+MISTAKES = (
+    # words and options
+    Mistake("rnu", ("'rnu'", "did you mean 'run'?", "txt1 --help")),
+    Mistake("--fly", ("--help",)),
+    Mistake("run --fly", ("--fly", "--help")),
+    Mistake("config", ("ACTION", "txt1 config --help")),
+    Mistake("log catt first.mcap", ("'catt'", "cat")),
+    Mistake("run fast", ("fast", "--help")),
+    Mistake("completion fish", ("'fish'", "bash")),
+    # values
+    Mistake(f"{RUN} --duration -3", ("--duration", "'-3'", "positive")),
+    Mistake(f"{RUN} --duration soon", ("--duration", "'soon'", "positive number")),
+    Mistake(f"{RUN} --speed 0", ("--speed", "'0'", "max")),
+    Mistake(f"{RUN} --drive 0.5", ("--drive", "'0.5'", "0.5,0.3")),
+    Mistake(f"{RUN} --drive 0.5,inf", ("--drive", "'inf'", "finite")),
+    Mistake(f"{RUN} --seed 1.5", ("--seed", "'1.5'")),
+    Mistake(f"{RUN} --seed -1", ("seed", "-1", "greater than or equal to 0")),
+    Mistake("learn --episodes 0", ("--episodes", "'0'", "whole number from 1")),
+    Mistake("learn --agent einstein", ("'einstein'", "thesis")),
+    Mistake("experiment circle-fsat", ("circle-fsat", "circle-fast")),
+    Mistake("fleet --robots none", ("--robots", "'none'")),
+    # settings
+    Mistake(f"{RUN} --set safety.v_max=fast", ("safety.v_max", "'fast'", "number")),
+    Mistake(f"{RUN} --set safety.vmax=1", ("safety.vmax", "did you mean 'safety.v_max'")),
+    Mistake(f"{RUN} --set safety.v_max=-1", ("safety.v_max", "-1")),
+    Mistake(f"{RUN} --set speed", ("--set speed", "key=value")),
+    Mistake(f"{RUN} --set sim.start=[9,9,0]", ("sim.start", "9", "another start")),
+    Mistake(f"{RUN} --hal robot", ("'robot'", "sim")),
+    Mistake(f"{RUN} --vehicle tank", ("tank", "f1tenth")),
+    Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed: gamepad")),
+    Mistake(f"{RUN} --source ouija", ("'ouija'", "--source")),
+    Mistake("sensor check nose", ("'nose'", "light")),
+    # files
+    Mistake(f"{RUN} --config FOLDER/none.yaml", ("none.yaml", "No such file", "--config")),
+    Mistake(f"{RUN} --config FOLDER", ("FOLDER", "directory")),
+    Mistake(f"{RUN} --config FOLDER/broken.yaml", ("broken.yaml:3:1", "not valid YAML")),
+    Mistake(f"{RUN} --config FOLDER/binary", ("binary", "UTF-8")),
+    Mistake("config check FOLDER/typo.yaml", ("safety.v_mx", "did you mean 'safety.v_max'")),
+    Mistake(f"{RUN} --policy FOLDER/none.json", ("none.json", "there is no file")),
+    Mistake(f"{RUN} --policy FOLDER/typo.yaml", ("typo.yaml", "no Q-table", "txt1 learn"), 1),
+    Mistake(f"{RUN} --log FOLDER/no/such/folder/run.mcap", ("FOLDER/no/such/folder", "choose another place")),
+    Mistake("log info FOLDER/none.mcap", ("none.mcap", "there is no file")),
+    Mistake("log info FOLDER/typo.yaml", ("typo.yaml", "MCAP"), 1),
+    Mistake("report FOLDER/empty.mcap", ("empty.mcap",), 1),
+    Mistake("replay FOLDER", ("FOLDER", "directory"), 1),
+    Mistake("experiment FOLDER/typo.yaml", ("typo.yaml", "title")),
+    Mistake("experiment compare FOLDER FOLDER", ("FOLDER/metrics.json", "an experiment's --out")),
+    Mistake("fleet FOLDER/typo.yaml", ("typo.yaml", "robots")),
+    # lines and ports
+    Mistake(f"{RUN} --hal sim --port /dev/ttyUSB0", ("--port /dev/ttyUSB0", "serial")),
+    Mistake("run --headless --duration 1 --hal serial --port FOLDER/ttyUSB9", ("ttyUSB9",), 1),
+    Mistake("run --headless --duration 1 --hal serial --port virtual --baud 0", ("serial.baud", "0")),
+    Mistake("board --tcp 99999", ("--tcp", "'99999'", "HOST:PORT")),
+    Mistake(f"{RUN} --view 0.0.0.0:8765", ("--view-token", "0.0.0.0")),
+)
+
+
+@pytest.fixture(autouse=True)
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that are not what they should be, in the folder that the commands run in; no settings from outside."""
+    for name in os.environ:
+        if name.startswith("TXT1_"):
+            monkeypatch.delenv(name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.yaml").write_text("seed: 1\ncontrol: [1,\n")
+    (tmp_path / "typo.yaml").write_text("safety: {v_mx: 1.0}\n")
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\x00\x80" * 8)
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    (tmp_path / "first.mcap").write_bytes(b"")
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.words.replace(RUN, "run"))
+def test_a_mistake_is_told_in_one_line_with_thing_value_and_remedy(
+    mistake: Mistake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    code = execute(mistake.words.replace("FOLDER", str(tmp_path)).split())
+    out, err = capfd.readouterr()
+    assert (code, out) == (mistake.code, "")
+    assert err.startswith("txt1: ") and err.count("\n") == 1
+    assert "Traceback" not in err
+    assert [word for word in mistake.told if word.replace("FOLDER", str(tmp_path)) not in err] == []
