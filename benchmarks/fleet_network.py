@@ -24,7 +24,7 @@ STATE = {"x": 1.0, "y": 2.0, "theta": 0.5, "v": 0.3, "omega": 0.1, "armed": True
 def peer(name: str, loss: float) -> None:
     """Tell the state 20 times a second, and every stop with its time, until standard input ends."""
     ended = threading.Event()
-    one = Peer(name, loss=loss, hooks=Hooks(stop=lambda who: print(one.now, flush=True)))
+    one = Peer(name, loss=loss, space="benchmark", hooks=Hooks(stop=lambda who: print(one.now, flush=True)))
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
     print("ready", flush=True)
     while not ended.wait(0.05):
@@ -37,7 +37,7 @@ class Observer:
 
     def __init__(self, loss: float) -> None:
         self.late: list[float] = []
-        self.peer = Peer("observer", loss=loss, hooks=Hooks(state=self._heard))
+        self.peer = Peer("observer", loss=loss, space="benchmark", hooks=Hooks(state=self._heard))
 
     def _heard(self, message: Mapping[str, Any]) -> None:
         self.late.append(self.peer.now - message["sent"] / NS_PER_S)

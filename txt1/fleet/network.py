@@ -8,7 +8,8 @@ Keys, all below ``txt1``: ``alive/NAME/ID`` is a liveliness token; ``state/NAME`
 somebody new is there; a stop has a number and is obeyed once. With a share p of all messages lost, one is
 still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
 
-**Names** are unique: who finds his taken is refused; of two that come at once the one with the greater ID gives way.
+**Names** are unique: the one gives way
+that came later, by the clocks, or finds that another one tells its state already.
 
 **Clocks.** Of the last pings the one with the shortest way there and back counts:
 offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
@@ -30,7 +31,7 @@ from typing import Any, Final
 from txt1.errors import ConfigError, MissingExtra
 from txt1.fleet.air import TIMEOUT, Said
 from txt1.fleet.members import Member
-from txt1.kernel.clock import NS_PER_S, RealClock
+from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
 
 PORTS: Final = range(7450, 7482)  # on loopback, of which each peer takes the first that is free
 REPEAT: Final = 0.02  # s between two sayings of a stop
@@ -114,14 +115,22 @@ class Peer:
         key: file with the password that all share.
         hooks: what it is told.
         loss: share of the messages that it loses, sending and receiving, for tests.
+        space: what stands before all keys: fleets of different ones do not hear one another.
 
     Raises ConfigError: the name is taken, or the network cannot be used; MissingExtra.
     """
 
     def __init__(
-        self, name: str, interface: str = "", key: Path | None = None, hooks: Hooks | None = None, loss: float = 0.0
+        self,
+        name: str,
+        interface: str = "",
+        key: Path | None = None,
+        hooks: Hooks | None = None,
+        loss: float = 0.0,
+        space: str = "txt1",
     ) -> None:
         self._zenoh = need_zenoh()
+        self._space = space
         self.name, self._hooks, self._loss, self._rng = name, hooks or Hooks(), loss, Random(name)
         self._clock = RealClock()
         self._lock = threading.Lock()
@@ -132,15 +141,15 @@ class Peer:
         self._stopping: threading.Thread | None = None
         self._closing = threading.Event()
         self._session = self._open(interface, key)
-        self.id = str(self._session.zid())
+        self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self._token = self._claim()
-        self._session.declare_subscriber("txt1/state/*", self._take_state)
-        self._session.declare_subscriber("txt1/stop/*", self._take_stop)
-        self._session.declare_subscriber(f"txt1/stopped/{name}", self._take_answer)
-        self._session.declare_subscriber(f"txt1/drive/{name}", self._take_drive)
-        self._session.declare_subscriber(f"txt1/ping/{name}", self._take_ping)
-        self._session.declare_subscriber(f"txt1/pong/{name}", self._take_pong)
-        self._session.liveliness().declare_subscriber("txt1/alive/*/*", self._take_alive, history=True)
+        self._session.declare_subscriber(f"{self._space}/state/*", self._take_state)
+        self._session.declare_subscriber(f"{self._space}/stop/*", self._take_stop)
+        self._session.declare_subscriber(f"{self._space}/stopped/{name}", self._take_answer)
+        self._session.declare_subscriber(f"{self._space}/drive/{name}", self._take_drive)
+        self._session.declare_subscriber(f"{self._space}/ping/{name}", self._take_ping)
+        self._session.declare_subscriber(f"{self._space}/pong/{name}", self._take_pong)
+        self._session.liveliness().declare_subscriber(f"{self._space}/alive/*/*", self._take_alive, history=True)
         self._pinging = threading.Thread(target=self._ping_all, name="fleet pings", daemon=True)
         self._pinging.start()
 
@@ -220,7 +229,8 @@ class Peer:
         whole = {"from": self.name, "sent": self._clock.now_ns(), **message}
         urgent = not key.startswith("state")
         self._session.put(
-            f"txt1/{key}", json.dumps(whole), express=True, congestion_control=self._zenoh.CongestionControl.DROP,
+            f"{self._space}/{key}", json.dumps(whole), express=True,
+            congestion_control=self._zenoh.CongestionControl.DROP,
             priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
         )  # fmt: skip
 
@@ -310,10 +320,10 @@ class Peer:
             raise ConfigError(f"--fleet: the network cannot be used: {error}; check the interface's name") from None
 
     def _claim(self) -> Any:
-        token = self._session.liveliness().declare_token(f"txt1/alive/{self.name}/{self.id}")
+        token = self._session.liveliness().declare_token(f"{self._space}/alive/{self.name}/{self.id}")
         ends = self.now + LOOK
         while self.now < ends:
-            for reply in self._session.liveliness().get(f"txt1/alive/{self.name}/*", timeout=0.2):
+            for reply in self._session.liveliness().get(f"{self._space}/alive/{self.name}/*", timeout=0.2):
                 other = str(reply.ok.key_expr).split("/")[-1] if reply.ok is not None else self.id
                 if other != self.id and (other < self.id or self._tells(ends)):
                     self.close()
@@ -324,7 +334,7 @@ class Peer:
     def _tells(self, ends: float) -> bool:
         """Whether somebody of our name tells its state already: it was there first, whatever the IDs."""
         told = threading.Event()
-        listener = self._session.declare_subscriber(f"txt1/state/{self.name}", lambda sample: told.set())
+        listener = self._session.declare_subscriber(f"{self._space}/state/{self.name}", lambda sample: told.set())
         try:
             return told.wait(max(0.15, ends - self.now))
         finally:

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 
@@ -23,6 +24,7 @@ class Team:
         self.driven: list[tuple[str, float, float]] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
+        self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
     def join(self, name: str, loss: float = 0.0) -> Peer:
         def stop(who: str) -> None:
@@ -31,7 +33,7 @@ class Team:
                 self.all_stopped.set()
 
         hooks = Hooks(stop, lambda who, v, omega: self.driven.append((name, v, omega)))
-        peer = Peer(name, hooks=hooks, loss=loss)
+        peer = Peer(name, hooks=hooks, loss=loss, space=self.space)
         self.peers.append(peer)
         return peer
 
