@@ -17,9 +17,11 @@ from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.conformance import promises
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.line import LineFaults
@@ -41,6 +43,16 @@ class TestSim(HalConformance):
     def held(self, hal: Hal) -> Outputs:
         assert isinstance(hal, SimHal)
         return hal.outputs
+
+
+class TestRewired(HalConformance):
+    """The simulated TXT-1 wired wrongly throughout, and put right by its channels."""
+
+    def make(self) -> Hal:
+        servo = Channel(-1, 1500.0, 0.8)
+        wiring = Channels(Channel(-1, 100.0), servo, servo, right_encoder=-1, encoders_swapped=True)
+        config = Config(sim=SimConfig(room=ENDLESS, channels=wiring), channels=wiring)
+        return rewired(create(config), config.channels, skids=False)
 
 
 class ToyHal:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import signal
+import subprocess
+import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from itertools import pairwise
@@ -145,6 +148,23 @@ def test_an_interrupted_calibration_goes_on_where_it_was() -> None:
         return passes(await judge(hal, bench.config, opener(hal)), bench.driving)
 
     assert run(go_on(), speed="max")
+
+
+@pytest.mark.parametrize("step", [1, 3, 5])
+def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(step: int, tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    words = ["calibrate", "--vehicle", "donkeycar", "--seed", "3", "--write", str(file), "--speed", "40"]
+    with subprocess.Popen([sys.executable, "-m", "txt1", *words], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith(f"-- {step} of 5"):
+                process.send_signal(signal.SIGINT)
+                break
+        told = process.stdout.read()
+    assert process.returncode == 130
+    assert "the same command goes on there" in told
+    done = load(None, (), {}, {"vehicle": str(file)}).config.calibrated if file.exists() else ()
+    assert list(done) == ["motor", "steering", "straight", "circle", "speeds"][: step - 1]
 
 
 def test_it_writes_a_vehicles_file_and_shows_before_and_after(

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -70,7 +71,7 @@ def main(arguments: argparse.Namespace) -> int:
         hal = create(truth)
         assert isinstance(hal, SimHal)
         if not arguments.ask:
-            operator, speed = practice.Onlooker(hal, config.seed, print), speed or "max"
+            operator, speed = practice.Onlooker(hal, config.seed, partial(print, flush=True)), speed or "max"
     elif not sys.stdin.isatty():
         raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
     names = arguments.step or [name for name in steps(config, hal) if name not in config.calibrated]

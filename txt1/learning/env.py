@@ -27,6 +27,7 @@ from txt1.control.limits import clip
 from txt1.control.pid import at_rest
 from txt1.errors import MissingExtra, NoDirection
 from txt1.hal.base import Hal, Outputs
+from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch
 from txt1.learning.light import LightFilter, direction, reward, sector
@@ -118,7 +119,8 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         start = Start(*map(float, self.np_random.uniform(-pi, pi, 2)))
         hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
         hal.place(*start.pose(self._task), 0.0)
-        self._car = Car(hal, self._config)
+        skids = self._config.geometry.steering == "skid"
+        self._car = Car(rewired(hal, self._config.channels, skids), self._config)
         self._see = eyes(self._config, self.np_random)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0
