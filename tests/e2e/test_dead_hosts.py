@@ -45,7 +45,7 @@ async def until(condition: Callable[[], bool], patience: float) -> float:
     ("hal", "vehicle", "make", "timeout"),
     [
         pytest.param("vesc", "f1tenth", lambda config: Vesc(config, timeout=0.5), 0.5, id="vesc"),
-        pytest.param("waveshare", "rover", Waveshare, 0.5, id="waveshare"),
+        pytest.param("waveshare", "rover", Waveshare, 0.5, id="waveshare", marks=pytest.mark.long),
     ],
 )
 def test_the_device_stops_by_itself(
@@ -78,7 +78,13 @@ def test_the_device_stops_by_itself(
     run(body())
 
 
-@pytest.mark.parametrize(("number", "limit"), [(signal.SIGKILL, 0.25), (signal.SIGSTOP, 0.25)], ids=["killed", "hangs"])
+@pytest.mark.parametrize(
+    ("number", "limit"),
+    [
+        pytest.param(signal.SIGKILL, 0.25, id="killed"),
+        pytest.param(signal.SIGSTOP, 0.25, id="hangs", marks=pytest.mark.long),
+    ],
+)
 def test_the_guard_of_a_raspberry_pi_puts_out_neutral(number: signal.Signals, limit: float, tmp_path: Path) -> None:
     registers = tmp_path / "registers"
 

@@ -6,12 +6,14 @@ from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 from statistics import median
-from typing import Final, NamedTuple
+from typing import Final
 
 from txt1.cli import FAULT, OK
 from txt1.cli.app import App
-from txt1.cli.options import CONFIGURATION, LINE, add, loaded, positive, takes
-from txt1.hal.registry import PORTS, port_of
+from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add, loaded, positive, takes
+from txt1.cli.remark import Remark, judged
+from txt1.config import Config
+from txt1.hal.registry import ON_A_LINE, PORTS, create, is_simulated, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
 from txt1.kernel.realtime import REMEDY, grantable
 from txt1.link.base import Link
@@ -109,23 +111,6 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
     return found
 
 
-class Remark(NamedTuple):
-    """A line of the doctor's: the subject, the finding, and whether that is well; if not, the finding says why."""
-
-    subject: str
-    text: str
-    well: bool = True
-
-    def show(self) -> bool:
-        """Print it and return whether it is well."""
-        print(f"{' ' if self.well else '!'} {self.subject:<9} {self.text}")
-        return self.well
-
-
-def _judged(subject: str, text: str, well: bool, cause: str) -> Remark:
-    return Remark(subject, text if well else f"{text}: {cause}", well)
-
-
 def remarks(f: Findings, baud: int) -> Iterator[Remark]:
     """What the findings mean."""
     if f.gone:
@@ -136,11 +121,11 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         return
     if f.arrivals:
         rate = len(f.arrivals) / f.duration
-        yield _judged(
+        yield judged(
             "odometry", f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}", rate >= RATE_SHARE * ODOMETRY_RATE,
             "frames are lost; look at the cable, its ground and its length",
         )  # fmt: skip
-        yield _judged(
+        yield judged(
             "age", f"odometry was at most {1e3 * f.age_max:.0f} ms old", f.age_max <= AGE_MAX,
             "something holds it up; USB adapters have a latency timer, hubs add to it",
         )  # fmt: skip
@@ -155,7 +140,7 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
             yield Remark("PID set", f"sent {f.asked} times, never answered: the board does not hear all of it", False)
         else:
             trip, share = median(f.answers), len(f.answers) / f.asked
-            yield _judged(
+            yield judged(
                 "PID set", f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms",
                 trip <= ANSWER_MAX and share >= 0.75, "long frames are lost or held up on the way",
             )  # fmt: skip
@@ -169,7 +154,7 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         yield Remark("faults", f"{counted}: messages of older boards, harmless")
     else:
         well = f.faults.total() <= max(1, 0.01 * (len(f.arrivals) + len(f.levels)))
-        yield _judged("faults", counted or "none", well, "noise on the line, or not the right baud rate")
+        yield judged("faults", counted or "none", well, "noise on the line, or not the right baud rate")
 
 
 def ports() -> Iterator[Remark]:
@@ -180,7 +165,7 @@ def ports() -> Iterator[Remark]:
     for port in found:
         problem = access_problem(port.device)
         text = f"{port.device} ({port.description}{', USB' if port.usb else ''})"
-        yield _judged("port", text, problem is None, problem or "")
+        yield judged("port", text, problem is None, problem or "")
 
 
 def real_time() -> Remark:
@@ -191,7 +176,10 @@ def real_time() -> Remark:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the line and the time of listening to it."""
-    add(parser, CONFIGURATION | LINE | {"--duration": takes("S", "of listening; 5 by default", positive, default=5.0)})
+    add(parser, CONFIGURATION | LINE | VEHICLE | {
+        "--hal": takes("NAME", "hardware layer to look at: serial, which is the default, vesc, waveshare, pi, ..."),
+        "--duration": takes("S", "of listening; 5 by default", positive, default=5.0),
+    })  # fmt: skip
     parser.set_defaults(hal="serial")
 
 
@@ -199,6 +187,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Say in words what is wrong with the ports and the line to the board."""
     config = loaded(arguments).config
     found: list[bool] = []
+    if config.hal != "serial":
+        return _look_at(config, arguments.duration)
     if config.serial.port is None:
         found = [remark.show() for remark in ports()]
         arguments.port = only_candidate()
@@ -210,6 +200,25 @@ def main(arguments: argparse.Namespace) -> int:
     async def look() -> None:
         findings = await examine(port, config.loops().pid_set(), arguments.duration)
         found.extend(remark.show() for remark in remarks(findings, config.serial.baud))
+
+    if app.run(look()) != OK:
+        return app.code
+    real_time().show()
+    print("all is well" if all(found) else "see the lines marked with !")
+    return OK if all(found) else FAULT
+
+
+def _look_at(config: Config, duration: float) -> int:
+    """Say in words what is wrong with another hardware layer than the board's, and with the computer it is on."""
+    from txt1.cli import doctor_hal
+
+    before = [*(ports() if config.hal in ON_A_LINE else ()), *doctor_hal.computer(config)]
+    found = [remark.show() for remark in before]
+    print(f"opening the HAL '{config.hal}' for {duration:g} s; its outputs are neutral, so nothing moves")
+    app = App("max" if is_simulated(config) else None)
+
+    async def look() -> None:
+        found.extend(remark.show() for remark in await doctor_hal.examined(create(config), duration))
 
     if app.run(look()) != OK:
         return app.code

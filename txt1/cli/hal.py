@@ -1,23 +1,30 @@
-"""`txt1 hal`: list or check hardware layers."""
+"""`txt1 hal`: list or check hardware layers, or begin one of your own."""
 
 import argparse
-import os
 import sys
+from pathlib import Path
+from string import Template
+from typing import Final
 
 from txt1.cli import OK, signals_to
-from txt1.cli.options import CONFIGURATION, add_actions, flag, takes
+from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add_actions, flag, loaded, takes
 from txt1.cli.verdicts import print_verdicts
-from txt1.config import load
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
+from txt1.shipped import PACKAGE
+
+SKELETON: Final = PACKAGE / "hal" / "skeleton"
+NAME: Final = "the name of a Python module, such as mycar"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    check = {"name": takes("NAME"), "--wheels-up": flag("the wheels are off the ground: do not ask")} | CONFIGURATION
-    add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check)})
+    lifted = flag("the wheels are off the ground: without it, nothing real is checked")
+    check = {"name": takes("NAME"), "--wheels-up": lifted} | CONFIGURATION | LINE | VEHICLE
+    new = {"name": takes("NAME", NAME), "--to": takes("FOLDER", "where its folder is made; here, if left out", Path)}
+    add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check), "new": (new_hal, new)})
 
 
 def list_hals(_: argparse.Namespace) -> int:
@@ -27,14 +34,39 @@ def list_hals(_: argparse.Namespace) -> int:
 
 
 def check_hal(arguments: argparse.Namespace) -> int:
-    """Run one through the conformance suite, which drives the wheels at full power, both ways."""
-    config = load(arguments.config, arguments.set, os.environ, {"hal": arguments.name}).config
+    """Run one through the conformance suite; it puts out a little at first, and full power in the end."""
+    arguments.hal = arguments.name
+    config = loaded(arguments).config
     capabilities = getattr(create(config), "capabilities", None)  # a HAL that lacks them is what the check is for
-    if not (arguments.wheels_up or getattr(capabilities, "simulated", False)):
-        real = f"'{arguments.name}' is real hardware, and the check drives the wheels at full power, both ways"
+    simulated = getattr(capabilities, "simulated", False)
+    if not simulated:
+        moves = f"'{arguments.name}' is real hardware, and the check moves its wheels, a little at first"
+        if not arguments.wheels_up:
+            raise ConfigError(f"{moves}: lift them off the ground and add --wheels-up")
         if sys.stdin.isatty():
-            print(f"{real}. Are they off the ground? [y/N] ", end="", flush=True)
-        if not (sys.stdin.isatty() and sys.stdin.readline().strip().lower() in ("y", "yes")):
-            raise ConfigError(f"{real}: lift them off the ground and add --wheels-up")
+            print(f"{moves}. Does nothing touch them? [y/N] ", end="", flush=True)
+            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+                raise ConfigError(f"{moves}: nothing was moved")
     with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
-        return print_verdicts(verdicts(HalConformance, lambda: create(config)))
+        speed = {} if simulated else {"speed": None}
+        return print_verdicts(verdicts(HalConformance, lambda: create(config), **speed))
+
+
+def new_hal(arguments: argparse.Namespace) -> int:
+    """Write a package with a hardware layer to begin with, and its test (docs/your-own-hal.md)."""
+    name: str = arguments.name
+    if not (name.isidentifier() and name.islower() and name.isascii()):
+        raise ConfigError(f"'{name}' cannot be the name of a HAL: it is {NAME}")
+    if name in HALS.ours:
+        raise ConfigError(f"'{name}' is one of txt1's own HALs: choose another name")
+    folder = (arguments.to or Path()) / name
+    if folder.exists():
+        raise ConfigError(f"{folder} is there already: remove it or choose another name")
+    folder.mkdir(parents=True)
+    words = {"name": name, "kind": "".join(part.capitalize() for part in name.split("_"))}
+    for file, written in (("pyproject", "pyproject.toml"), ("hal", f"{name}.py"), ("test", f"test_{name}.py")):
+        text = Template((SKELETON / f"{file}.txt").read_text()).substitute(words)
+        (folder / written).write_text(text)
+        print(folder / written)
+    print(f"pip install -e {folder}, then txt1 hal check {name}")
+    return OK

@@ -143,8 +143,8 @@ CONFIGURATION: Final = {
     ),
 }
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
-ROBOT: Final = CONFIGURATION | LINE | SEED | {
-    "--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own"),
+VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own")}
+ROBOT: Final = CONFIGURATION | LINE | SEED | VEHICLE | {
     "--hal": takes("NAME", "hardware layer: sim, serial, vesc, waveshare, pi, or one from another package"),
     "--speed": takes(
         "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "

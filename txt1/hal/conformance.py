@@ -5,8 +5,8 @@ In a test class of yours (see `txt1.conformance`), or from the command line, for
     txt1 hal check mycar --set hal_options.port=/dev/ttyUSB0
 
 The promises themselves stand in `txt1.hal.base`. A promise that this HAL cannot break, because it lacks the capability,
-is skipped. A HAL that is not `simulated` is driven too: with full throttle for an instant, then neutral. Put the wheels
-off the ground.
+is skipped. A HAL that is not `simulated` is driven too: for an instant each with a little throttle, more, and full
+throttle, then neutral. Put the wheels off the ground.
 """
 
 import asyncio
@@ -30,6 +30,7 @@ NEUTRAL: Final = Outputs()
 FORWARD: Final = Outputs(motor=3000, v=0.5)
 BACKWARD: Final = Outputs(motor=-3000, v=-0.5)
 LEFT: Final = Outputs(motor=3000, front=-12000, rear=12000, v=0.5, omega=0.5)
+STEPS: Final = (0.02, 0.1, 0.3)  # shares of full power that come before it
 EXTREMES: Final = tuple(Outputs._make((*[sign * PWM_MAX] * 5, sign * 1.5, sign * 1.5 / 0.56)) for sign in (1, -1))
 
 GAINS: Final = PidSet(LINEAR_GAINS, tuple((s.v_max, *s.gains) for s in ANGULAR_GAINS))
@@ -138,7 +139,8 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_writing_accepts_everything_between_the_ends(self) -> None:
-        for outputs in (NEUTRAL, *EXTREMES, NEUTRAL):
+        small = [part(outputs, share) for share in STEPS for outputs in EXTREMES]
+        for outputs in (NEUTRAL, *small, NEUTRAL, *EXTREMES, NEUTRAL):
             with kept("Hal.write", f"takes {outputs}"):
                 self.write(outputs)
 
@@ -360,6 +362,12 @@ class HalConformance(Conformance[Hal]):
             (backlight is None or 0.0 <= backlight <= 1.0, "backlight", "None or from 0 to 1"),
         ):
             promise(fine, f"Inputs.{name}", f"is {expected}, not {getattr(inputs, name)!r}")
+
+
+def part(outputs: Outputs, share: float) -> Outputs:
+    """A share of these outputs."""
+    *counts, v, omega = outputs
+    return Outputs._make((*(round(share * count) for count in counts), share * v, share * omega))
 
 
 def _rolled(before: Inputs, after: Inputs) -> tuple[int, int] | None:

@@ -1,0 +1,136 @@
+"""What `txt1 doctor --hal NAME` finds out about a hardware layer, and about the Raspberry Pi that it may be on."""
+
+import asyncio
+import errno
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.cli.remark import Remark, judged
+from txt1.config import Config
+from txt1.hal.base import Hal, Outputs
+
+PERIOD: Final = 0.02  # s
+ODOMETRY_RATE: Final = 15.0  # readings a second of a hardware layer that computes odometry, at least
+CHIPS: Final = {
+    0x40: "servo board (PCA9685), or an INA219", 0x41: "INA219", 0x48: "ADS1115", 0x70: "servo board, all at once",
+}  # fmt: skip
+"""I2C addresses that are asked, and who may answer there."""
+THROTTLED: Final = (
+    (0, "under-voltage now", "a stronger supply, or shorter and thicker wires to it"),
+    (2, "slowed down now", "cool it, and look at its supply"),
+    (16, "under-voltage since it was switched on", "a stronger supply: motors that start pull it down"),
+    (18, "slowed down since it was switched on", "cool it, and look at its supply"),
+)
+"""Bits of `vcgencmd get_throttled`, their meaning, and what to do."""
+
+
+def supply(text: str) -> Remark:
+    """What `vcgencmd get_throttled` says, such as throttled=0x50005."""
+    try:
+        bits = int(text.strip().partition("=")[2], 16)
+    except ValueError:
+        return Remark("supply", f"vcgencmd says {text.strip()!r}, which is not understood", False)
+    for bit, meaning, remedy in THROTTLED:
+        if bits >> bit & 1:
+            return Remark("supply", f"{meaning}: {remedy}", False)
+    return Remark("supply", "no under-voltage since it was switched on")
+
+
+def computer(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
+    """The Raspberry Pi, if this is one, and what the HAL `pi` needs of it; `devices` are in that folder."""
+    model = Path("/proc/device-tree/model")
+    if model.exists():
+        yield Remark("computer", model.read_text(errors="replace").strip("\0\n "))
+    command = shutil.which("vcgencmd")
+    if command is not None:
+        words = [command, "get_throttled"]
+        said = subprocess.run(words, capture_output=True, text=True, check=False, timeout=5.0)  # noqa: S603 - ours
+        yield supply(said.stdout or said.stderr)
+    options = config.hal_options
+    bus = options.get("bus", 1)
+    if config.hal != "pi" or isinstance(bus, str):
+        return
+    gpio = options.get("output") == "gpio"
+    for module, needed in (("smbus2", not gpio), ("lgpio", gpio or bool(options.get("encoders")))):
+        if needed:
+            yield judged("extra", module, find_spec(module) is not None, "it is missing: pip install 'txt1[pi]'")
+    if gpio or options.get("encoders"):
+        yield access(devices / "gpiochip0", "gpio", "is this a Raspberry Pi?")
+    if not gpio:
+        place = devices / f"i2c-{bus}"
+        remark = access(place, "i2c", "sudo raspi-config, Interface Options, I2C: on")
+        yield remark
+        if remark.well and find_spec("smbus2") is not None:
+            from smbus2 import SMBus
+
+            with SMBus(str(place)) as opened:
+                yield from chips(opened.read_byte, options.get("address", 0x40))
+
+
+def access(device: Path, group: str, absent: str) -> Remark:
+    """Whether a device is there and may be used; `absent` is what to do when it is not there."""
+    if not device.exists():
+        return Remark(group, f"{device} does not exist: {absent}", False)
+    well = os.access(device, os.R_OK | os.W_OK)
+    return judged(group, str(device), well, f"no permission: sudo usermod -aG {group} $USER, then log out and in again")
+
+
+def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
+    """The chips that answer on an I2C bus, of those that are known; the servo board at `wanted` has to."""
+    answered = []
+    for address in sorted({*CHIPS, wanted}):
+        try:
+            read_byte(address)
+        except OSError as error:
+            if error.errno == errno.EBUSY:  # a driver of the kernel's has it, so it is there
+                answered.append(address)
+            continue
+        answered.append(address)
+    told = ", ".join(f"0x{each:02x} ({CHIPS.get(each, 'servo board')})" for each in answered) or "none"
+    remedy = f"nothing at 0x{wanted:02x}: look at VCC, GND, SDA (pin 3), SCL (pin 5), and hal_options.address"
+    yield judged("chips", f"that answer: {told}", wanted in answered, remedy)
+
+
+async def examined(hal: Hal, duration: float) -> list[Remark]:
+    """Hold a HAL's outputs neutral for `duration` s, and return what it reported; HalError when it cannot be opened."""
+    time = asyncio.get_running_loop().time
+    await hal.open()
+    began, ready, taken, readings, slowest = time(), None, -1.0, 0, 0.0
+    inputs = hal.read(0.0)
+    try:
+        while (now := time() - began) < duration:
+            inputs = hal.read(now)
+            if ready is None and (inputs.link is None or inputs.link.ready):
+                ready = now
+            if inputs.odometry is not None and inputs.odometry_time > taken:
+                slowest = max(slowest, inputs.odometry_time - taken) if taken > 0.0 else 0.0
+                taken, readings = inputs.odometry_time, readings + 1
+            hal.write(Outputs(), now)
+            await asyncio.sleep(PERIOD)
+    finally:
+        await hal.close()
+    can, link = hal.capabilities, inputs.link
+    found = []
+    if link is not None:
+        cause = "is it on? is this its port? are its transmit and receive lines crossed?"
+        text = link.text if ready is None else f"{link.text}; ready after {ready:.1f} s"
+        found.append(judged("link", text, ready is not None and link.ready, cause))
+        faults = {name: count for name, count in link.faults.items() if count}
+        told = ", ".join(f"{count} x {name}" for name, count in faults.items())
+        found.append(judged("faults", told or "none", sum(faults.values()) <= 2, "look at cable, ground and baud rate"))
+    if can.odometry:
+        rate = readings / duration
+        text = f"{rate:.0f} a second, at most {1e3 * slowest:.0f} ms apart"
+        found.append(judged("odometry", text, rate >= ODOMETRY_RATE, "the line is slow, or loses answers"))
+    if can.ticks and inputs.ticks is not None:
+        found.append(Remark("encoders", f"right {inputs.ticks[0]}, left {inputs.ticks[1]} counts"))
+    if can.battery:
+        volts = None if inputs.batteries is None else max(inputs.batteries)
+        text = "not reported" if volts is None else f"{volts:.2f} V"
+        found.append(judged("battery", text, bool(volts), "is it switched on, and measured where the HAL looks?"))
+    return found
