@@ -417,7 +417,11 @@ def test_the_head_of_a_run_can_be_taken() -> None:
 def test_a_mistake_costs_a_process_no_traceback() -> None:
     with start("run", "--hal", "nonsense", stdout=subprocess.PIPE) as process:
         out, err = process.communicate(timeout=20)
-    assert (process.returncode, out, err) == (2, "", "txt1: hal: there is no HAL 'nonsense'; installed: serial, sim\n")
+    assert (process.returncode, out, err) == (
+        2,
+        "",
+        "txt1: hal: there is no HAL 'nonsense'; installed: pi, serial, sim, vesc, waveshare\n",
+    )
 
 
 # -- txt1 decode -------------------------------------------------------------------------------------------------

@@ -1,9 +1,13 @@
 """A fleet as it is shown: one line for each robot."""
 
-from typing import Final, NamedTuple
+from __future__ import annotations
 
-from txt1.robot import Robot
+from typing import TYPE_CHECKING, Final, NamedTuple
+
 from txt1.telemetry.topics import Rule, Topic, declare
+
+if TYPE_CHECKING:
+    from txt1.robot import Robot
 
 
 class Member(NamedTuple):

@@ -300,7 +300,8 @@ def test_a_program_that_was_overruled_and_never_commands_zero_never_drives_again
 
 
 def test_the_priorities_are_those_that_the_manual_tells() -> None:
-    assert PRIORITIES == {"keys": 50, "gamepad": 40, "web": 30, "view": 30, "ros": 20, "program": 10}
+    remote = {"web": 30, "view": 30, "fleet": 30}
+    assert {"keys": 50, "gamepad": 40, **remote, "ros": 20, "ros1": 20, "program": 10} == PRIORITIES
 
 
 def test_at_first_nobody_drives_and_no_command_was_ever_given() -> None:

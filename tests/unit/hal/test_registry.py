@@ -71,7 +71,7 @@ def test_an_unknown_name_lists_those_there_are(install: Install) -> None:
     install()
     with pytest.raises(ConfigError) as error:
         create(load(options={"hal": "nonsense"}).config)
-    assert str(error.value) == "hal: there is no HAL 'nonsense'; installed: mycar, serial, sim"
+    assert str(error.value) == "hal: there is no HAL 'nonsense'; installed: mycar, pi, serial, sim, vesc, waveshare"
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("simm", "sim"), ("Mycar", "mycar"), ("mycra", "mycar")])
@@ -102,7 +102,7 @@ def test_a_strangers_hal_is_imported_only_when_asked_for(install: Install) -> No
 
 def test_a_stranger_cannot_replace_the_simulated_robot(install: Install) -> None:
     install("raise RuntimeError('imported')", name="sim")
-    assert HALS.names() == ["serial", "sim"]
+    assert HALS.names() == ["pi", "serial", "sim", "vesc", "waveshare"]
     assert isinstance(create(load().config), SimHal)
 
 
