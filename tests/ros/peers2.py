@@ -5,6 +5,7 @@ import sys
 import time
 from collections import Counter
 from importlib import import_module
+from itertools import pairwise
 
 import rclpy
 from rclpy.node import Node
@@ -202,6 +203,181 @@ def goal():
     peer.run(1.0)
     told["rests"] = peer.last["odom"].twist.twist.linear.x
     told["nowhere"] = drive("moon", 0.0, 0.0, 0.0)
+    return told
+
+
+def drive_and_die(hertz="10"):
+    """Drive, and be killed in the middle of it."""
+    import os
+    import signal
+
+    peer = Peer()
+    peer.hear("odom", "nav_msgs/Odometry")
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(lambda: peer.seen["odom"] > 10 and publisher.get_subscription_count())
+    peer.run(2.0, 1.0 / float(hertz), lambda: publisher.publish(twist(0.5, 0.3)))
+    publisher.publish(twist(0.5, 0.3))
+    print(json.dumps(peer.last["odom"].twist.twist.linear.x), flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def alive():
+    """Wait for odometry, and for the robot to drive as it is told."""
+    peer = Peer()
+    peer.hear("odom", "nav_msgs/Odometry")
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+
+    def drives():
+        publisher.publish(twist(0.4, 0.0))
+        peer.run(0.1)
+        return peer.seen["odom"] and peer.last["odom"].twist.twist.linear.x > 0.25
+
+    peer.until(drives)
+    return True
+
+
+def _counts(peer):
+    """What the node says of cmd_vel."""
+    found = {}
+
+    def take(message):
+        for status in message.status:
+            if status.name == "cmd_vel":
+                found.update({each.key: int(each.value) for each in status.values})
+                found["level"] = status.level[0] if isinstance(status.level, bytes) else status.level
+
+    peer.create_subscription(kind("diagnostic_msgs/DiagnosticArray"), "/diagnostics", take, 10)
+    return found
+
+
+def stamped():
+    """Stamped commands from now, the past and the future, and without a stamp; and some that are no numbers."""
+    peer = Peer()
+    peer.hear("/txt1/setpoint", "geometry_msgs/TwistStamped")
+    counts = _counts(peer)
+    made = kind("geometry_msgs/TwistStamped")()
+    publisher = peer.create_publisher(kind("geometry_msgs/TwistStamped"), "cmd_vel", 10)
+    peer.until(lambda: peer.seen["/txt1/setpoint"] and publisher.get_subscription_count())
+    told = {}
+
+    def give(shift, v=0.4):
+        made.twist.linear.x = v
+        now = 0.0 if shift is None else time.time() + shift
+        made.header.stamp.sec, made.header.stamp.nanosec = int(now), int(now % 1.0 * 1e9)
+        publisher.publish(made)
+
+    def during(name, *what):
+        peer.run(1.0, 0.1, lambda: give(*what))
+        told[name] = peer.last["/txt1/setpoint"].twist.linear.x
+        peer.run(0.5)
+
+    during("now", 0.0)
+    for shift in (-1.0, 20.0, -3.0, 40.0):
+        give(shift)
+        peer.run(0.2)
+        told[str(shift)] = peer.last["/txt1/setpoint"].twist.linear.x
+    during("again", 0.0)
+    during("unstamped", None)
+    during("not a number", 0.0, float("nan"))
+    peer.run(1.5)
+    return told | {"counts": counts}
+
+
+def two():
+    """One publisher that stutters, and then two at a time."""
+    peer, other = Peer("one"), Peer("other")
+    counts = _counts(peer)
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    for pause in (0.1, 0.5, 0.1, 0.7, 0.1, 0.4):
+        publisher.publish(twist(0.3, 0.0))
+        peer.run(pause)
+    peer.run(2.0)
+    alone = dict(counts)
+    second = other.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.run(2.5)
+
+    def both():
+        publisher.publish(twist(0.3, 0.0))
+        second.publish(twist(-0.3, 0.0))
+
+    peer.run(2.0, 0.1, both)
+    peer.run(1.5)
+    return {"alone": alone, "both": dict(counts)}
+
+
+def relay():
+    """Hand on every message: what ROS itself costs."""
+    node = Node("relay")
+    publisher = node.create_publisher(kind("nav_msgs/Odometry"), "pong", 10)
+    node.create_subscription(kind("nav_msgs/Odometry"), "ping", publisher.publish, 10)
+    rclpy.spin(node)
+
+
+def latency(seconds="20"):
+    """Of odometry since it was read, of commands until the set-point tells them, and of a relay; ms and Hz."""
+    import random
+
+    peer = Peer()
+    got = {name: [] for name in ("encoder to odom", "cmd_vel to set-point", "relay")}
+    arrivals = {}
+    waiting = {}
+
+    def odometry(told):
+        got["encoder to odom"].append(time.time() - told.header.stamp.sec - 1e-9 * told.header.stamp.nanosec)
+
+    def setpoint(told):
+        sent = waiting.pop(round(told.twist.linear.x, 6), None)
+        if sent is not None:
+            got["cmd_vel to set-point"].append(time.monotonic() - sent)
+
+    def pong(told):
+        got["relay"].append(time.monotonic() - told.pose.pose.position.x)
+
+    def timed(name, take=lambda told: None):
+        def taken(told):
+            arrivals.setdefault(name, []).append(time.monotonic())
+            take(told)
+
+        return taken
+
+    for topic, message, quality, take in (
+        ("odom", "nav_msgs/Odometry", 10, odometry),
+        ("tf", "tf2_msgs/TFMessage", 10, None),
+        ("joint_states", "sensor_msgs/JointState", 10, None),
+        ("imu/data", "sensor_msgs/Imu", SENSOR, None),
+        ("scan", "sensor_msgs/LaserScan", SENSOR, None),
+        ("battery_state", "sensor_msgs/BatteryState", LATCHED, None),
+        ("/txt1/setpoint", "geometry_msgs/TwistStamped", 10, setpoint),
+    ):
+        peer.create_subscription(kind(message), topic, timed(topic, *([take] if take else [])), quality)
+    peer.create_subscription(kind("nav_msgs/Odometry"), "pong", pong, 10)
+    ping = peer.create_publisher(kind("nav_msgs/Odometry"), "ping", 10)
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(lambda: got["encoder to odom"] and publisher.get_subscription_count() and ping.get_subscription_count())
+    peer.run(2.0)
+    for each in (*got.values(), *arrivals.values()):
+        each.clear()
+
+    def send():
+        v = round(random.uniform(0.2, 0.6), 6)
+        waiting[v] = time.monotonic()
+        publisher.publish(twist(v, 0.0))
+        message = kind("nav_msgs/Odometry")()
+        message.pose.pose.position.x = time.monotonic()
+        ping.publish(message)
+
+    peer.run(float(seconds), 0.0973, send)
+
+    def share(values, part):
+        return round(1e3 * sorted(values)[min(len(values) - 1, int(part * len(values)))], 2)
+
+    told = {name: [share(each, 0.5), share(each, 0.99), len(each)] for name, each in got.items() if each}
+    for name, each in arrivals.items():
+        gaps = [b - a for a, b in pairwise(each)]
+        if len(gaps) > 1:
+            mean = sum(gaps) / len(gaps)
+            told[f"rate of {name}"] = [round(1.0 / mean, 2), share([abs(gap - mean) for gap in gaps], 0.99)]
     return told
 
 

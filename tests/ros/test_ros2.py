@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -121,3 +123,68 @@ def test_it_drives_to_a_pose_tells_how_far_it_is_and_can_be_called_back(ros: Ros
     assert len(told["feedback"]) > 5 and told["feedback"][0] > 1.0 > told["feedback"][-1]
     assert told["cancelled"][0] == cancelled and told["rests"] == pytest.approx(0.0, abs=0.02)
     assert told["nowhere"][0] == aborted and "moon" in told["nowhere"][2]
+
+
+def test_stamps_from_the_past_and_the_future_and_what_is_no_number_are_refused_and_counted(
+    ros: RosPython, domain: dict[str, str]
+) -> None:
+    with robot(domain, "--ros2-stamped"):
+        told = ask(ros, domain, "stamped")
+    assert told["now"] == told["again"] == told["unstamped"] == pytest.approx(0.4)
+    assert told["-1.0"] == told["20.0"] == told["-3.0"] == told["40.0"] == 0.0
+    assert told["not a number"] == 0.0
+    assert told["counts"]["from_the_past"] == 2 and told["counts"]["from_the_future"] == 2
+
+
+def test_two_publishers_are_told_apart_from_one_that_stutters(ros: RosPython, domain: dict[str, str]) -> None:
+    with robot(domain) as process:
+        told = ask(ros, domain, "two")
+    assert told["alone"]["publishers"] == 1 and told["alone"]["mixed"] == 0 and told["alone"]["level"] == 0
+    assert told["both"]["publishers"] == 2 and told["both"]["mixed"] > 5 and told["both"]["level"] == 1
+    assert process.returncode is not None
+
+
+def test_the_death_of_who_drives_is_neutral_in_a_quarter_of_a_second_and_a_tick(
+    ros: RosPython, domain: dict[str, str], tmp_path: Path
+) -> None:
+    file = tmp_path / "run.mcap"
+    with robot(domain, "--log", str(file)):
+        command = [*ros.program, str(HERE / "peers2.py"), "drive_and_die"]
+        died = subprocess.run(command, env={**ros.environment, **domain}, capture_output=True, text=True, timeout=90)
+        time.sleep(1.5)
+    assert died.returncode == -signal.SIGKILL and float(died.stdout) > 0.3
+    words = ["log", "cat", str(file), "--topic", "/input", "--topic", "/setpoint"]
+    said = subprocess.run([sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True).stdout
+    lines = [json.loads(line) for line in said.splitlines()]
+    given = [
+        line["message"]["given"] for line in lines
+        if line["topic"] == "/input" and line["message"]["kind"] == "Velocity" and line["message"]["values"][0]
+    ]  # fmt: skip
+    moving = [
+        i for i, line in enumerate(lines) if line["topic"] == "/setpoint" and line["message"]["twist"]["linear"]["x"]
+    ]
+    neutral = next(line["time"] for line in lines[moving[-1] + 1 :] if line["topic"] == "/setpoint")
+    assert neutral - max(given) <= 0.25 + 0.02 + 1e-3
+
+
+@pytest.mark.parametrize("what", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(
+    ros: RosPython, domain: dict[str, str], what: signal.Signals
+) -> None:
+    with robot(domain) as process:
+        assert ask(ros, domain, "alive")
+        running = (int(each.name) for each in Path("/proc").iterdir() if each.name.isdigit())
+        nodes = (each for each in running if _is_child(each, process.pid))
+        node = next(each for each in nodes if b"ros2:main" in Path(f"/proc/{each}/cmdline").read_bytes())
+        os.kill(node, what)
+        began = time.monotonic()
+        assert ask(ros, domain, "alive", limit=120.0)
+        print(f"back within {time.monotonic() - began:.1f} s")
+        assert process.poll() is None
+
+
+def _is_child(pid: int, parent: int) -> bool:
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1]) == parent
+    except (OSError, IndexError):
+        return False

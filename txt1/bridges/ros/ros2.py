@@ -26,6 +26,7 @@ from txt1.bridges.ros.stamps import Publishers, Stamps
 
 LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
 SECOND: Final = 1.0  # s between two reports about the node itself
+DEAF: Final = 0.1  # s in which what came meanwhile is thrown away, once this process has stood still
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
@@ -52,6 +53,8 @@ class Bridge:
         self._feedback: tuple[int, list[float]] | None = None  # on the way to a goal: when, and what
         self._counts = {"commands": 0, "publishers": 0}
         self._alive = time.monotonic()
+        self._heard = self._alive  # when the robot's last message came
+        self._deaf = 0.0  # until when commands are not taken
         self._names: tuple[str, ...] = ()
         self._stamps, self._order = Stamps(stale), Publishers()
         self._commands: Any = None
@@ -74,7 +77,10 @@ class Bridge:
             self._robot.request("")  # received: the next may come
             if time.monotonic() - self._alive > HUNG:
                 return  # the main thread hangs, and so does this heartbeat
-            self._now = telemetry["now"]
+            now = time.monotonic()
+            if now - self._heard > self._stale:
+                self._deaf = now + DEAF
+            self._heard, self._now = now, telemetry["now"]
             if self._virtual:
                 self._tell_time(self._now)
             for number, name, message, quality in telemetry.get("new", ()):
@@ -129,13 +135,15 @@ class Bridge:
             self._node.destroy_subscription(self._commands)
         self._stamps, self._order = Stamps(self._stale), Publishers()
         take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
-        # best effort goes together with publishers of both kinds, and an old command is of no use
-        quality = QoSProfile(depth=1, reliability=_BEST_EFFORT)
+        quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)  # goes together with publishers of both kinds
         self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self._driving)
 
-    def _take(self, twist: Any, info: dict[str, Any] | None = None, age: float = 0.0) -> None:
+    def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
         self._counts["commands"] += 1
-        self._order.take((info or {}).get("publication_sequence_number"))
+        self._order.take(info.get("publication_sequence_number"))
+        now = time.monotonic()
+        if now < self._deaf or now - self._heard > self._stale:
+            return  # this process stood still: nobody knows how old it is
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
 
     def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
