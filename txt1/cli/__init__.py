@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import sys
+import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -44,6 +45,7 @@ COMMANDS: Final = {
     "fleet": "run several simulated robots in one world, or watch those on a network",
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
     "learn": "let the robot learn to find the light (thesis 5)",
+    "sweep": "do a command with every combination of some settings, on processes or a cluster, into one table",
     "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",
     "calibrate": "find out in a dialogue how your vehicle is wired and moves, and write its file",
     "tune": "identify the vehicle from a short drive, propose gains, and try them on the drive tests",
@@ -70,7 +72,10 @@ STDOUT: Final = 1
 
 @contextmanager
 def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Within the block the signals that end a command go to `handler` alone."""
+    """Within the block the signals that end a command go to `handler` alone; in the main thread, which gets them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = {each: signal.signal(each, handler) for each in SIGNALS}
     try:
         yield

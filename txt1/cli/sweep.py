@@ -1,0 +1,155 @@
+"""`txt1 sweep`: a command with every combination of some settings, on many processors, into one table."""
+
+import argparse
+import csv
+import itertools
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.cli import FAULT, OK, options, signals_to
+from txt1.cli.app import say
+from txt1.cli.machines import OUT, Cluster, on_dask, on_processes, processors
+from txt1.cli.options import count, flag, takes
+from txt1.errors import ConfigError
+from txt1.kernel.clock import stopwatch_ns
+from txt1.learning.provenance import provenance
+
+MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")  # of the processor's time: never the same
+TOLD_ONCE: Final = ("provenance.", "settings.")  # what all of a sweep have in common stands in sweep.json
+ROWS: Final = "rows.jsonl"  # results as they come
+TABLE: Final = "table.csv"  # all of them in order, at the end
+ABOUT: Final = "sweep.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `sweep` takes."""
+    parser.epilog = (
+        f"For example: txt1 sweep seed=1..100 control.linear.kp=9,11 -- run --json --drive 0.5,0 --duration 10, or "
+        f"txt1 sweep seed=1..1000 -- learn --trials 1 --jobs 1 --out {OUT}. {parser.epilog}"
+    )
+    options.add(parser, {
+        "words": {
+            "nargs": "+", "metavar": "PARAM=VALUES | COMMAND",
+            "help": "behind the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
+            f"writes metrics.json into {OUT}",
+        },
+        "--out": takes("DIR", "where the table goes; out/sweep when left out", Path, default=Path("out/sweep")),
+        "--resume": flag("carry on what was begun in DIR"),
+        "--jobs": takes("N", "processes; by default one a processor", count),
+        "--dask": takes("ADDRESS", "on a Dask cluster: tcp://127.0.0.1:8786, or tls://HOST:PORT"),
+        "--dask-ca": takes("FILE", "certificate of the authority", options.existing),
+        "--dask-cert": takes("FILE", "our certificate", options.existing),
+        "--dask-key": takes("FILE", "its key", options.existing),
+    })  # fmt: skip
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Do all trials that are missing, and write the table."""
+    given = list(itertools.takewhile(lambda word: "=" in word, arguments.words))
+    command = arguments.words[len(given) :]
+    if not given or not command:
+        raise ConfigError("sweep: give settings with their values, then --, then a command; see 'txt1 sweep --help'")
+    trials = dict(enumerate(combinations(dict(map(_setting, given)))))
+    about = {"settings": given, "command": command, **provenance()}
+    done = _begun(arguments.out, about, arguments.resume)
+    words = {
+        number: [*command, *(word for key, value in trials[number].items() for word in ("--set", f"{key}={value}"))]
+        for number in trials
+        if number not in done
+    }
+    came: list[int] = []
+    began = stopwatch_ns()
+    with (
+        signals_to(lambda number, _: came.append(number)),
+        (arguments.out / ROWS).open("a", encoding="utf-8") as rows,
+    ):
+        if arguments.dask is None:
+            results = on_processes(words, arguments.jobs or processors(), lambda: bool(came))
+        else:
+            cluster = Cluster(arguments.dask, arguments.dask_ca, arguments.dask_cert, arguments.dask_key)
+            results = on_dask(words, cluster, lambda: bool(came))
+        rows.write("\n")  # behind a line that was being written when all ended
+        for number, result in results:
+            done[number] = result
+            rows.write(json.dumps({"trial": number, **result}) + "\n")
+            rows.flush()
+            _progress(len(done), len(trials))
+    write_table(arguments.out / TABLE, trials, done)
+    elapsed = (stopwatch_ns() - began) / 1e9
+    say(f"{len(done)} of {len(trials)} trials, {len(words)} asked for, in {elapsed:.1f} s: {arguments.out / TABLE}")
+    if came:
+        return 128 + came[0]
+    failed = [number for number, result in done.items() if result["code"] != OK]
+    if failed:
+        say(f"{len(failed)} trials ended with another exit code than 0, the first is {min(failed)}")
+    return FAULT if failed else OK
+
+
+def combinations(settings: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
+    """Every combination of the values of some settings, the last setting changing fastest."""
+    for values in itertools.product(*settings.values()):
+        yield dict(zip(settings, values, strict=True))
+
+
+def _setting(word: str) -> tuple[str, list[str]]:
+    """A setting's key and its values; raises ConfigError."""
+    key, _, text = word.partition("=")
+    first, dots, last = text.partition("..")
+    if dots and first.lstrip("-").isdecimal() and last.lstrip("-").isdecimal():
+        values = [str(number) for number in range(int(first), int(last) + 1)]
+    else:
+        values = [value for value in text.split(",") if value]
+    if not key or not values:
+        raise ConfigError(f"sweep: '{word}' is not PARAM=VALUES, for example seed=1..100 or control.linear.kp=9,11")
+    return key, values
+
+
+def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, dict[str, Any]]:
+    """The results that there are already; raises ConfigError: the folder is taken, or holds another sweep."""
+    file = folder / ABOUT
+    if file.exists():
+        if not resume:
+            raise ConfigError(f"{folder}: there is a sweep in it; --resume carries it on, --out names another folder")
+        if json.loads(file.read_text(encoding="utf-8")) != json.loads(json.dumps(about)):
+            raise ConfigError(f"{folder}: another sweep, or one of other code; choose another folder with --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(about, indent=1), encoding="utf-8")
+    done: dict[int, dict[str, Any]] = {}
+    if (folder / ROWS).exists():
+        for line in (folder / ROWS).read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(line)
+            except ValueError:  # it was being written when all ended
+                continue
+            done[row.pop("trial")] = row
+    return done
+
+
+def write_table(file: Path, trials: Mapping[int, Mapping[str, str]], done: Mapping[int, Mapping[str, Any]]) -> None:
+    """A row for each trial that is done, by number: settings, exit code, every number of its result that repeats."""
+    rows = [{"trial": n, **trials[n], "code": done[n]["code"], **dict(_flat(done[n]["result"]))} for n in sorted(done)]
+    columns = dict.fromkeys(name for row in rows for name in row)
+    with file.open("w", newline="", encoding="utf-8") as out:
+        writer = csv.DictWriter(out, list(columns))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(inner, f"{path}.{key}" if path else key)
+    elif isinstance(value, int | float | str):
+        repeats = not any(part in f"{path}." for part in MEASURED)
+        if repeats and not path.startswith(TOLD_ONCE):
+            yield path, value
+
+
+def _progress(done: int, of: int) -> None:
+    if sys.stderr.isatty():
+        width = 30 * done // of
+        end = "\n" if done == of else ""
+        print(f"\r{'█' * width}{'·' * (30 - width)} {done} of {of}", end=end, file=sys.stderr, flush=True)
