@@ -25,6 +25,7 @@ from txt1.hal import pi_guard
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.pi_guard import ANSWER, Setup, pulses_in
 from txt1.hal.plain import PlainHal
+from txt1.model.channels import STRAIGHT, Channels
 from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.units import Positive
@@ -227,7 +228,14 @@ class PiHal(PlainHal):
 
     name = "pi"
 
-    def __init__(self, keeper: Keeper, options: Options, geometry: Geometry, simulated: bool = False) -> None:
+    def __init__(
+        self,
+        keeper: Keeper,
+        options: Options,
+        geometry: Geometry,
+        channels: Channels = STRAIGHT,
+        simulated: bool = False,
+    ) -> None:
         encoders = len(options.encoders)
         self.capabilities = Capabilities(
             ticks=encoders == 2,
@@ -236,8 +244,8 @@ class PiHal(PlainHal):
             battery=options.battery != "none",
             simulated=simulated,
         )
-        self._keeper, self._options, self._geometry = keeper, options, geometry
-        self._neutral = neutral(options, geometry)
+        self._keeper, self._options, self._geometry, self._channels = keeper, options, geometry, channels
+        self._neutral = neutral(options, geometry, channels)
         self._forget()
 
     def _forget(self) -> None:
@@ -298,9 +306,10 @@ class PiHal(PlainHal):
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hand the guard the pulses of these outputs."""
-        if outputs.motor:
-            self._forward = outputs.motor > 0
-        self._share = min(max(-outputs.front / STEERING_MAX, -1.0), 1.0)
+        if self._options.encoders:  # which are read by what is meant, not by what the wires want
+            motor, front, _ = self._channels.meant(*outputs[:3], self._geometry.steering == "skid")
+            self._forward = motor > 0.0 if motor else self._forward
+            self._share = min(max(-front / STEERING_MAX, -1.0), 1.0)
         ready = now - self._heard_since >= SETTLED
         self._keeper.put(pulses_of(outputs, self._options, self._geometry) if ready else self._neutral, now)
 
@@ -318,12 +327,13 @@ def pulses_of(outputs: Outputs, options: Options, geometry: Geometry) -> tuple[f
     return tuple(min(max(pulse, PULSES[0]), PULSES[1]) for pulse in (*motors, *servos))
 
 
-def neutral(options: Options, geometry: Geometry) -> tuple[float, ...]:
-    """The pulses at which it stands, its wheels straight, us."""
-    return pulses_of(Outputs(), options, geometry)
+def neutral(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> tuple[float, ...]:
+    """The pulses at which it stands, its wheels straight, us: with the trims that `txt1 calibrate` found."""
+    held = Outputs(*channels.wired(0.0, 0.0, 0.0, geometry.steering == "skid"))
+    return pulses_of(held, options, geometry)
 
 
-def setup_of(options: Options, geometry: Geometry) -> Setup:
+def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> Setup:
     """What the guard has to know; raises ConfigError when the channels are not those that such a vehicle has."""
     wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
     motors, servos = wanted
@@ -340,10 +350,10 @@ def setup_of(options: Options, geometry: Geometry) -> Setup:
     if len(options.encoders) == 2 and any(len(pins) != 2 for pins in options.encoders):
         raise ConfigError("hal_options.encoders: two of them have two pins each, as one tells no direction")
     address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]
-    channels = (*options.motor, *options.steering[:servos])
+    pins = (*options.motor, *options.steering[:servos])
     return Setup(
-        options.bus, options.output, options.address, options.frequency, options.oscillator, channels,
-        neutral(options, geometry), options.encoders, options.battery, address, options.battery_channel,
+        options.bus, options.output, options.address, options.frequency, options.oscillator, pins,
+        neutral(options, geometry, channels), options.encoders, options.battery, address, options.battery_channel,
         options.divider,
     )  # fmt: skip
 
@@ -351,15 +361,15 @@ def setup_of(options: Options, geometry: Geometry) -> Setup:
 def create(config: Config) -> PiHal:
     """The car as configured."""
     options = checked(Options, config.hal_options, "hal_options")
-    setup = setup_of(options, config.geometry)
+    setup = setup_of(options, config.geometry, config.channels)
     if options.bus == DESK:
         from txt1.hal.registry import BUSES
 
         keeper: Keeper = BUSES.make("hal_options.bus", DESK, config, setup)
-        return PiHal(keeper, options, config.geometry, simulated=True)
+        return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
     on_file = isinstance(options.bus, str)
     needs = [] if on_file else ["smbus2"] * (options.output == "pca9685" or options.battery != "none")
     needs += ["lgpio"] * (options.output == "gpio" or bool(options.encoders))
     if any(find_spec(module) is None for module in needs):
         raise MissingExtra("the HAL 'pi'", "pi")
-    return PiHal(Process(setup), options, config.geometry)
+    return PiHal(Process(setup), options, config.geometry, config.channels)

@@ -24,6 +24,7 @@ from txt1.hal.pi import Options, PiHal, Process, pulses_of, setup_of
 from txt1.hal.pi_guard import Ads1115, Pca9685, Quadrature, Setup, guarded, ina219_voltage
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
+from txt1.model.channels import Channel, Channels
 from txt1.model.vehicle import Geometry
 from txt1.robot import Robot
 
@@ -97,6 +98,11 @@ def test_golden_voltages() -> None:
 )
 def test_pulses(outputs: Outputs, options: dict[str, Any], geometry: Geometry, pulses: tuple[float, ...]) -> None:
     assert pulses_of(outputs, checked(Options, options, "x"), geometry) == pytest.approx(pulses)
+
+
+def test_neutral_is_where_the_calibration_found_it() -> None:
+    channels = Channels(motor=Channel(trim=-480.0), front=Channel(direction=-1, trim=900.0))
+    assert setup_of(Options(), FRONT, channels).neutral == pytest.approx((1490.0, 1480.0))
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from txt1.hal.registry import create
 from txt1.hal.waveshare import Lines, Options, Report, WaveshareHal, report_of
 from txt1.kernel.loop import run
 from txt1.robot import Robot
+from txt1.sim.line import LineFaults
 
 # as a UGV rover sends it: whole centimetres, hundredths of a volt
 UGV = b'{"T":1001,"L":0.25,"R":-0.5,"ax":309,"gz":-89,"mx":12,"odl":56,"odr":-20,"v":1216}'
@@ -152,6 +153,23 @@ def test_without_encoders_it_is_driven_by_its_speed_map() -> None:
             await robot.drive(0.4, 0.0, 3.0)
             assert port.device is not None
             assert port.device.car.vehicle.state.v == pytest.approx(0.4, rel=0.1)
+
+    run(drive(), speed="max")
+
+
+def test_a_cut_line_disarms_and_is_found_again() -> None:
+    made = config()
+    cut = made.model_copy(update={"serial": made.serial.model_copy(update={"fault": LineFaults(cut=3.0)})})
+
+    async def drive() -> None:
+        async with Robot.open(create(cut), config=cut) as robot:
+            await robot.linked(5.0)
+            robot.arm()
+            robot.command(0.3, 0.0)
+            await asyncio.sleep(3.0)
+            assert not robot.armed
+            assert "link lost" in robot.runtime.gate.reason
+            await robot.linked(5.0)
 
     run(drive(), speed="max")
 

@@ -1,0 +1,48 @@
+"""A hardware layer imports nothing that it does not need: a machine has the base install and its extra, and no more."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+OTHERS = {
+    "aiohttp", "av", "cryptography", "foxglove", "gymnasium", "lgpio", "matplotlib", "mcap", "numba", "PIL", "pygame",
+    "pyrealsense2", "segno", "smbus2", "utm",
+}  # fmt: skip
+"""What the extras bring."""
+
+
+@pytest.mark.parametrize(
+    ("hal", "settings"),
+    [
+        ("vesc", ["vehicle=f1tenth", "serial.port=/dev/ttyACM0"]),
+        ("waveshare", ["vehicle=rover", "serial.port=/dev/ttyAMA0"]),
+        ("pi", ["vehicle=donkeycar", "hal_options.bus=registers"]),
+    ],
+)
+def test_a_hal_is_made_with_the_base_install(hal: str, settings: list[str]) -> None:
+    program = (
+        "import sys; from txt1.config import load; from txt1.hal.registry import create; "
+        f"create(load(None, {settings!r}, {{}}, {{'hal': {hal!r}}}).config); print(*sys.modules)"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert not OTHERS & set(found)
+
+
+def test_the_extra_of_a_raspberry_pi_is_named_where_it_is_missing() -> None:
+    program = (
+        "import sys, importlib.util; found = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name, package=None: None if name == 'smbus2' else found(name, package)\n"
+        "from txt1.cli import execute\n"
+        "sys.exit(execute(['run', '--hal', 'pi', '--vehicle', 'donkeycar', '--headless']))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "txt1: the HAL 'pi' needs the extra 'pi': pip install 'txt1[pi]'\n"
+
+
+def test_the_extra_is_small() -> None:
+    assert [each.partition(">")[0] for each in PROJECT["optional-dependencies"]["pi"]] == ["smbus2", "lgpio"]
