@@ -15,6 +15,7 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.config.sources import with_values
+from txt1.control.limits import clip
 from txt1.control.open_loop import counts_for
 from txt1.errors import HalError, NotArmed
 from txt1.experiments.identify import identify, try_out
@@ -334,7 +335,7 @@ async def straight(bench: Bench) -> None:
     if bench.skids and not geometry.counts_per_rev:
         await _even_sides(bench)
         return
-    for _ in range(TRIES):
+    for number in range(TRIES):
         await ask.ready("line", LINE)
         shown = await _go_straight(bench)
         ahead = await ask.number("ahead", "How far did it come along the line?", "m")
@@ -358,9 +359,11 @@ async def straight(bench: Bench) -> None:
             return  # the loops see to it
         if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
             return
+        # a tape tells a heading over a short wheelbase badly: what two axles lack is averaged over the drives
+        weight = 1.0 / (1 + number) if geometry.steering == "both" else 1.0
         for axle, angle in angles.items():
             channel = getattr(bench.config.channels, axle)
-            too_far = -STEERING_MAX * angle / geometry.steering_max
+            too_far = -STEERING_MAX * weight * angle / geometry.steering_max
             trim = channel.trim - channel.direction * channel.scale * too_far
             bench.found({f"channels.{axle}.trim": float(round(trim))})
 
@@ -379,7 +382,8 @@ async def _even_sides(bench: Bench) -> None:
             more.append(bends[-1] * sign * (bench.cruise - band) * geometry.track_width)
         if max(map(abs, bends)) < DRIFT:
             return
-        scale, trim = 0.5 * (more[0] - more[1]) / bench.cruise, 0.5 * (more[0] + more[1])
+        scale = clip(0.5 * (more[0] - more[1]) / bench.cruise, 0.3)
+        trim = clip(0.5 * (more[0] + more[1]), 0.5 * band)
         for name, half in (("right", -0.5), ("left", 0.5)):
             channel = getattr(bench.config.channels, name)
             bench.found({
@@ -401,7 +405,9 @@ async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | No
         await hands.wait(SETTLE)
         begin = hands.robot.odometry
         hands.steer(bench.cruise if by_hand is None else by_hand)
-        seen = bench.operator.seen("gone", f"Press Enter when it has gone about {DISTANCE:g} m.")
+        seen = bench.operator.seen(
+            "gone", f"Press Enter when it has gone about {DISTANCE:g} m, or has turned a good way."
+        )
         await hands.until(seen)
         hands.steer(0.0)
         await hands.wait(STAND)

@@ -21,6 +21,7 @@ REACTION: Final = (0.15, 0.35)  # s from seeing something to saying so: at least
 STIRS: Final = 0.004  # m that a tyre turns before an operator sees it
 TURNS: Final = radians(0.2)  # rad that wheels steer while an operator looks whether they do
 STOPPED: Final = 0.25  # s for which they have not
+ASKEW: Final = 1.2  # rad that it has turned when an operator ends a drive that was to be straight
 GONE: Final = 3.0  # m that it is to go
 COUNTED: Final = 3.0  # standard deviation of a turn in place, degrees
 
@@ -105,7 +106,7 @@ class Onlooker:
             angle = self._steered(key)
             if {
                 "turning": max(map(abs, self._since())) > STIRS,
-                "gone": hypot(x, y) >= GONE,
+                "gone": hypot(x, y) >= GONE or abs(turned) >= ASKEW,
                 "round": abs(turned) >= 2.0 * pi,
             }.get(key, still > STOPPED):
                 return await asyncio.sleep(self._rng.uniform(*REACTION))

@@ -12,6 +12,7 @@ from annotated_types import Ge, Le
 from txt1.model.vehicle import PWM_MAX
 from txt1.units import Positive
 
+NEUTRAL_MAX: Final = 2400.0  # counts from the middle, 50 us, within which a motor's neutral lies
 SIDES: Final = 3.0  # counts of steering for a count of difference between a side and the mean, where sides differ
 
 
@@ -55,6 +56,14 @@ class Channels:
     """-1: the left encoder counts backwards."""
     encoders_swapped: bool = False
     """Whether the right wheel's encoder is connected as the left one's."""
+
+    def __post_init__(self) -> None:
+        """Refuse a neutral that would drive off: it is put out while the gate is closed, too."""
+        for name, channel in (("motor", self.motor), ("right", self.right), ("left", self.left)):
+            if abs(channel.trim) > NEUTRAL_MAX:
+                raise ValueError(
+                    f"{name}.trim: {channel.trim:g}; a motor is in neutral within {NEUTRAL_MAX:g} counts of the middle"
+                )
 
     def wired(self, motor: float, front: float, rear: float, skids: bool) -> tuple[int, int, int]:
         """Counts on the wires for motor and steering; `skids`: sides run at two speeds, as `rear` says."""

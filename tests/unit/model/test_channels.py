@@ -1,14 +1,17 @@
 """Channels: counts on the wires and those that are meant, encoders either way round."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
+from txt1.config import load
+from txt1.errors import ConfigError
 from txt1.model.channels import STRAIGHT, Channel, Channels
 from txt1.model.vehicle import PWM_MAX
 
 ways = st.sampled_from((1, -1))
-channels = st.builds(Channel, ways, st.floats(-3000.0, 3000.0), st.floats(0.5, 1.1))
+channels = st.builds(Channel, ways, st.floats(-2400.0, 2400.0), st.floats(0.5, 1.1))
 wirings = st.builds(
     Channels, channels, channels, channels, channels, channels, ways, ways, st.booleans()
 )  # fmt: skip
@@ -46,3 +49,9 @@ def test_a_reversed_steering_that_is_off_centre_and_goes_too_far() -> None:
 def test_one_side_of_a_rover_may_be_the_wrong_way_round() -> None:
     wiring = Channels(left=Channel(-1))
     assert wiring.wired(1000.0, 0.0, 0.0, True) == (0, -3000, 3000)  # what a straight rover would turn in place by
+
+
+def test_a_neutral_that_would_drive_off_is_refused_by_name() -> None:
+    with pytest.raises(ConfigError, match=r"channels: motor\.trim: 5000; a motor is in neutral within 2400"):
+        load(None, ["channels.motor.trim=5000"])
+    assert load(None, ["channels.front.trim=5000"]).config.channels.front.trim == 5000.0
