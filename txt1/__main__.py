@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from io import TextIOWrapper
 from types import FrameType
 from typing import NoReturn
 
@@ -19,6 +20,9 @@ def main() -> NoReturn:
     """Run the command given on the command line and exit with its code."""
     for each in SIGNALS:  # before the imports, which take their time
         signal.signal(each, leave)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a terminal without a letter, such as LC_ALL=C's, shows ? for it
+            stream.reconfigure(errors="replace")
     from txt1.cli import execute
 
     code = execute(sys.argv[1:])

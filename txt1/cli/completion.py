@@ -8,7 +8,7 @@ from txt1.record.session import need
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the shell's name."""
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="for example: source <(txt1 completion bash)")
+    parser.add_argument("shell", choices=("bash", "zsh"), help="for example: source <(txt1 completion bash)")
 
 
 def main(arguments: argparse.Namespace) -> int:

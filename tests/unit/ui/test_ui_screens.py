@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from io import StringIO
 
 import pytest
@@ -181,6 +182,21 @@ def test_a_snapshot_that_tells_nothing_still_gets_every_screen(screen: int) -> N
 def test_the_joystick_goes_round_the_screens() -> None:
     assert f"[{NAMES[-1]}]" in printed(full(screen=-1), Viewer(), 80, 24)[0]
     assert f"[{NAMES[1]}]" in printed(full(screen=3 * len(NAMES) + 1), Viewer(), 80, 24)[0]
+
+
+def numbers(lines: list[str]) -> set[str]:
+    """The numbers on a screen; what is cut visibly, by an ellipsis, is none, and neither is how many there are."""
+    inside = re.sub(r"╭[^╮]*╮", "", "\n".join(lines[1:]))
+    return set(re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\d.]*…)", inside))
+
+
+@pytest.mark.parametrize("size", [(58, 20), (60, 20), (80, 24)])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "MAP"])  # whose scale is the window's
+def test_no_number_on_a_narrow_screen_is_cut_so_that_it_reads_as_another(name: str, size: tuple[int, int]) -> None:
+    screen = NAMES.index(name)
+    wide = numbers(printed(full(screen=screen), Viewer(), 200, 50))
+    assert numbers(printed(full(screen=screen), Viewer(), *size)) <= wide
+    assert wide or name == "FLEET"
 
 
 def test_a_header_without_room_names_the_current_screen_and_how_many_there_are() -> None:

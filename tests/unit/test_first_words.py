@@ -1,0 +1,53 @@
+"""What somebody meets first: `txt1` alone, the demo, the shell's completion, a report."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from txt1.cli import COMMANDS, execute, helps
+from txt1.cli.demo import steps
+from txt1.record.report import Content, draw
+
+
+def test_alone_it_says_in_ten_lines_what_to_type(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute([]) == 0
+    told = capsys.readouterr().out
+    assert told.count("\n") <= 10
+    assert all(command in told for command in ("txt1 demo", "txt1 run", "txt1 --help"))
+
+
+def test_every_command_and_action_has_a_help() -> None:
+    known = dict(helps())
+    assert set(COMMANDS) <= set(known)
+    assert {"log info", "config show", "hal check"} <= set(known)
+    assert all("usage: txt1" in text for text in known.values())
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_knows_commands_and_their_options(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert all(word in script for word in ("experiment", "--headless", "--duration"))
+    if shell == "bash" and shutil.which("bash"):
+        asked = f"{script}\nCOMP_WORDS=(txt1 exp) COMP_CWORD=1; _shtab_txt1 txt1 exp txt1; echo ${{COMPREPLY[@]}}"
+        ended = subprocess.run(["bash", "-c", asked], capture_output=True, text=True, check=True)
+        assert ended.stdout.split() == ["experiment"]
+
+
+def test_the_demo_drives_learns_shows_and_draws(tmp_path: Path) -> None:
+    names = [words[0] for _, words in steps(tmp_path, "1", screens=True)]
+    assert names == ["run", "learn", "run", "report"]
+    assert all("--headless" not in words for _, words in steps(tmp_path, "1", screens=True))
+
+
+def test_a_report_marks_where_the_robot_was_disarmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "wall.mcap"
+    words = ["--headless", "--speed", "max", "--seed", "1", "--duration", "9", "--drive", "0.5,0", "--log", str(log)]
+    assert execute(["run", *words]) == 3
+    capsys.readouterr()
+    content = Content(log)
+    assert len(content.disarms) == 1 and 5.0 < content.disarms[0] < 7.0
+    assert content.tasks["controller"]["cycles"] == "450"
+    assert draw(content).startswith(b"\x89PNG")
