@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 SILENCE_MS: Final = 250  # without pulses, after which the outputs are neutral
 TRIES: Final = 20  # at putting out neutral when a bus fails
+LAST_TRIES: Final = 240  # and so many times as many when the host has gone, for a minute
 ANSWER: Final = Struct("<?dqq")  # whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
 VOLTAGE_EVERY: Final = 50  # answers
 PULSE: Final = 0.1  # us, what pulses are sent in
@@ -190,12 +191,13 @@ class Guarded:
         counts = [encoder.count for encoder in self.encoders]
         return ANSWER.pack(done, self._voltage, *[*counts, 0, 0][:2])
 
-    def neutral(self) -> None:
-        """Put out neutral pulses, again and again while the bus fails."""
+    def neutral(self) -> bool:
+        """Put out neutral pulses, again and again while the bus fails; whether that was done in the end."""
         for _ in range(TRIES):
             with suppress(OSError):
                 self.output.put(self.setup.neutral)
-                return
+                return True
+        return False
 
 
 def open_bus(setup: Setup) -> Bus | None:
@@ -273,8 +275,11 @@ def main(words: Sequence[str]) -> int:
             newest, rest = rest[whole - size : whole], rest[whole:]
             with suppress(OSError):  # a host that does not listen
                 os.write(stdout, guard.answer([PULSE * count for count in setup.pulses.unpack(newest)]))
-    guard.neutral()
-    return 0
+    for _ in range(LAST_TRIES):
+        if guard.neutral():
+            return 0
+        select.select([], [], [], SILENCE_MS / 1000.0)
+    return 1
 
 
 if __name__ == "__main__":

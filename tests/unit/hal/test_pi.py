@@ -21,7 +21,7 @@ from txt1.devices.i2c import Desk, FileBus, pulse_of
 from txt1.errors import ConfigError, HalError
 from txt1.hal import pi_guard
 from txt1.hal.pi import Options, PiHal, Process, pulses_of, setup_of
-from txt1.hal.pi_guard import Ads1115, Pca9685, Quadrature, Setup, guarded, ina219_voltage
+from txt1.hal.pi_guard import Ads1115, Guarded, Pca9685, Quadrature, Setup, guarded, ina219_voltage
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
 from txt1.model.channels import Channel, Channels
@@ -297,6 +297,23 @@ def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path) -
         assert pulse_of(registers.read_bytes(), 0) == pytest.approx(1500.0, abs=5.0)
 
     run(body())
+
+
+def test_a_guard_whose_bus_fails_for_a_moment_tries_again() -> None:
+    class Loose(Recorder):
+        fails = 5
+
+        def write_i2c_block_data(self, address: int, register: int, data: Sequence[int]) -> None:
+            self.fails -= 1
+            if self.fails >= 0:
+                raise OSError(121, "Remote I/O error")
+            super().write_i2c_block_data(address, register, data)
+
+    bus = Loose(*[[0x20], [121]] * 10)
+    made = setup()
+    guard = Guarded(made, bus, Pca9685(bus, made))
+    assert guard.neutral()
+    assert bus.written[-2:] == [(0x40, 0x06, [0, 0, 0x33, 0x01]), (0x40, 0x0A, [0, 0, 0x33, 0x01])]
 
 
 def test_a_guard_that_cannot_begin_says_what_to_do(tmp_path: Path) -> None:
