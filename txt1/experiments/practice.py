@@ -11,6 +11,7 @@ import numpy as np
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.hal.sim import SimHal
+from txt1.model.channels import NEUTRAL_MAX
 from txt1.model.kinematics import wrap_angle
 from txt1.robot import Robot
 
@@ -51,7 +52,9 @@ def unknown_car(config: Config, seed: int) -> Config:
         "geometry.circumference": times(0.85, 1.15, body.circumference),
         "geometry.track_width": times(0.9, 1.1, body.track_width),
         "sim.channels.motor.direction": way(),
-        "sim.channels.motor.trim": float(rng.uniform(-0.7, 0.7) * band),  # else it would roll off in neutral
+        "sim.channels.motor.trim": float(
+            rng.uniform(-0.7, 0.7) * min(band, NEUTRAL_MAX)
+        ),  # else it would roll off in neutral
         "sim.channels.right_encoder": way(),
         "sim.channels.left_encoder": way(),
         "sim.channels.encoders_swapped": bool(rng.choice((True, False))),
@@ -64,7 +67,7 @@ def unknown_car(config: Config, seed: int) -> Config:
         values[f"sim.channels.{axle}.scale"] = float(rng.uniform(0.7, 1.15))
     for side in ("right", "left"):
         values[f"sim.channels.{side}.direction"] = way()
-        values[f"sim.channels.{side}.trim"] = float(rng.uniform(-0.5, 0.5) * band)
+        values[f"sim.channels.{side}.trim"] = float(rng.uniform(-0.5, 0.5) * min(band, NEUTRAL_MAX))
         values[f"sim.channels.{side}.scale"] = float(rng.uniform(0.9, 1.1))
     return with_values(config, values)
 
