@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.rounds import table
 from txt1.fleet.network import Hooks, Peer
-from txt1.kernel.clock import NS_PER_S
+from txt1.kernel.clock import NS_PER_S, RealClock
 
 STATE = {"x": 1.0, "y": 2.0, "theta": 0.5, "v": 0.3, "omega": 0.1, "armed": True, "reason": "", "driver": "team"}
 
@@ -37,10 +37,11 @@ class Observer:
 
     def __init__(self, loss: float) -> None:
         self.late: list[float] = []
+        self._clock = RealClock()
         self.peer = Peer("observer", loss=loss, space="benchmark", hooks=Hooks(state=self._heard))
 
     def _heard(self, message: Mapping[str, Any]) -> None:
-        self.late.append(self.peer.now - message["sent"] / NS_PER_S)
+        self.late.append(self._clock.now_ns() / NS_PER_S - message["sent"] / NS_PER_S)
 
 
 def main() -> None:

@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episodes": takes("N", "of each trial; 31 by default", count, default=31),
         "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
         "--resume": flag("carry on what was begun in DIR"),
+        "--no-pictures": flag("draw none: of many trials in a sweep they would cost the most"),
         "--worlds": takes("DIR", "learners in all worlds of DIR (config/worlds), and four drawn by --seed", Path),
         "--world": takes("NAMES", "only these of them, separated by commas"),
         "--floor": flag("only the best time that full knowledge reaches, of every start"),
@@ -70,7 +71,7 @@ def main(arguments: argparse.Namespace) -> int:
         results, ended = conduct(plan, out, arguments.resume, watch)
     if results:
         _tell(experiment.write(plan, out, results))
-        if any(one.episodes for one in results):
+        if any(one.episodes for one in results) and not arguments.no_pictures:
             try:
                 plots.draw(out, results, experiment.best(results), task_of(config))
             except MissingExtra as error:

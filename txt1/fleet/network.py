@@ -15,7 +15,7 @@ that came later, by the clocks, or finds that another one tells its state alread
 offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
 
 **Where.** On loopback nothing is asked for. On an interface that is named a key is: a file with a password that all
-share (Zenoh's user and password), and only its address listens.
+share (Zenoh's user and password), and it listens on that interface only.
 """
 
 import json
@@ -23,6 +23,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -72,7 +73,8 @@ def configuration(interface: str = "", key: Path | None = None) -> Any:
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "peer", "scouting/multicast/enabled": bool(interface), "scouting/gossip/enabled": True,
-        "listen/exit_on_failure": False, "connect/exit_on_failure": False, "connect/timeout_ms": 0,
+        "listen/exit_on_failure": True, "listen/timeout_ms": 0,
+        "connect/exit_on_failure": False, "connect/timeout_ms": 0,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
     }  # fmt: skip
     if not interface:
@@ -303,21 +305,20 @@ class Peer:
 
     def _open(self, interface: str, key: Path | None) -> Any:
         if interface:
-            return self._opened(configuration(interface, key))
+            config = configuration(interface, key)
+            try:
+                return self._zenoh.open(config)
+            except self._zenoh.ZError as error:
+                raise ConfigError(f"--fleet {interface}: {error}; check the interface's name") from None
         for port in PORTS:
             if _free(port):
                 config = configuration()
                 config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
                 others = [f"tcp/127.0.0.1:{each}" for each in PORTS if each != port]
                 config.insert_json5("connect/endpoints", json.dumps(others))
-                return self._opened(config)
+                with suppress(self._zenoh.ZError):  # another has taken the port in this instant
+                    return self._zenoh.open(config)
         raise ConfigError(f"--fleet: no port free on loopback from {PORTS[0]} to {PORTS[-1]}; end some robots")
-
-    def _opened(self, config: Any) -> Any:
-        try:
-            return self._zenoh.open(config)
-        except self._zenoh.ZError as error:
-            raise ConfigError(f"--fleet: the network cannot be used: {error}; check the interface's name") from None
 
     def _claim(self) -> Any:
         token = self._session.liveliness().declare_token(f"{self._space}/alive/{self.name}/{self.id}")
