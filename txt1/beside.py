@@ -83,6 +83,7 @@ class Beside:
     environment: Mapping[str, str] | None = None  # of the process; None: this one's
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
+    niceness: int = NICENESS  # of the process; 0: it has as large a share of the processor as any program
     on_terminal: bool = False  # stays in the terminal's session; else it has its own, and a share of the processor
     silence: float | None = None  # s without a heartbeat after which it is ended as hung; None: never
     tell: Callable[[str], None] = lambda text: None  # told in words when it fails, falls silent or is started again
@@ -155,7 +156,7 @@ class Beside:
             with theirs:
                 # in a thread: starting a process takes milliseconds, and virtual time waits for a thread
                 self._child = await asyncio.to_thread(
-                    _start, theirs.fileno(), self.program, words, self.on_terminal, self.environment
+                    _start, theirs.fileno(), self.program, words, self.on_terminal, self.environment, self.niceness
                 )
         except BaseException:
             ours.close()
@@ -312,7 +313,12 @@ class Beside:
 
 
 def _start(
-    fd: int, program: Sequence[str], words: Sequence[str], on_terminal: bool, environment: Mapping[str, str] | None
+    fd: int,
+    program: Sequence[str],
+    words: Sequence[str],
+    on_terminal: bool,
+    environment: Mapping[str, str] | None,
+    niceness: int,
 ) -> subprocess.Popen[bytes]:
     """The process, which inherits the socket `fd`, and the terminal's session or none; to be called in a thread."""
     # Ctrl-C goes to the whole foreground group: the child is born deaf to it, before it can say so itself
@@ -327,9 +333,9 @@ def _start(
         )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    turns.ordinary(child.pid, NICENESS)
+    turns.ordinary(child.pid, niceness)
     if not on_terminal:
-        turns.whole_session(child.pid, NICENESS)
+        turns.whole_session(child.pid, niceness)
     with suppress(OSError):  # it has ended already
         if hasattr(resource, "prlimit"):
             resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))

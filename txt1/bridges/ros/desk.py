@@ -13,7 +13,7 @@ from math import hypot
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from txt1.beside import PERIOD, PRIORITY, Beside, Request
+from txt1.beside import PERIOD, Beside, Request
 from txt1.bridges.registry import RESTART, SILENCE, Desk
 from txt1.bridges.ros.calls import Calls
 from txt1.bridges.ros.topics import (
@@ -44,6 +44,7 @@ from txt1.tasks.encoder import ODOMETRY, POSE, origin
 from txt1.telemetry.topics import Rule, Topic
 
 START: Final = Path(__file__).with_name("start.py")
+PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one
 EVENTS_MAX: Final = 3000  # messages that wait for the bridge; the oldest go first
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
 SPEED: Final = 0.4  # m/s to a goal that says none
@@ -84,6 +85,7 @@ async def node_beside(
     beside = Beside(
         target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
         tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
+        niceness=0,
     )  # fmt: skip
     try:
         async with beside:
