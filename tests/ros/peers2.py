@@ -306,6 +306,26 @@ def two():
     return {"alone": alone, "both": dict(counts)}
 
 
+def clock():
+    """Virtual time, as a node with use_sim_time sees it."""
+    from rclpy.parameter import Parameter
+
+    peer = Peer()
+    peer.set_parameters([Parameter("use_sim_time", value=True)])
+    peer.hear("odom", "nav_msgs/Odometry")
+    peer.hear("/clock", "rosgraph_msgs/Clock", SENSOR)
+    peer.until(lambda: peer.seen["odom"] > 10 and peer.seen["/clock"] > 10)
+    began, now = time.monotonic(), peer.get_clock().now().nanoseconds
+    peer.run(3.0)
+    passed = 1e-9 * (peer.get_clock().now().nanoseconds - now)
+    stamp = peer.last["odom"].header.stamp
+    return {
+        "times real": passed / (time.monotonic() - began),
+        "behind": 1e-9 * peer.get_clock().now().nanoseconds - stamp.sec - 1e-9 * stamp.nanosec,
+        "now": 1e-9 * peer.get_clock().now().nanoseconds,
+    }
+
+
 def relay():
     """Hand on every message: what ROS itself costs."""
     node = Node("relay")

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from txt1.bridges.ros.install import outdated
-from txt1.bridges.ros.python import RosPython, home, ros2
+from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.errors import ConfigError
 
 pytestmark = pytest.mark.long
@@ -68,6 +68,12 @@ def ask(ros: RosPython, domain: dict[str, str], scenario: str, *words: str, limi
     return json.loads(done.stdout.splitlines()[-1])
 
 
+LOOPBACK = (
+    '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>'
+    '<Discovery><Peers><Peer address="127.0.0.1"/></Peers><ParticipantIndex>auto</ParticipantIndex></Discovery>'
+    "</Domain></CycloneDDS>"
+)
+"""cyclonedds on this computer alone, as ROS_AUTOMATIC_DISCOVERY_RANGE has it of ROS."""
 SENSORS = ("--set", "sensors.imu.driver=sim_imu", "--set", "sensors.laser.driver=sim_laser")
 
 
@@ -181,6 +187,36 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(
         assert ask(ros, domain, "alive", limit=120.0)
         print(f"back within {time.monotonic() - began:.1f} s")
         assert process.poll() is None
+
+
+def test_virtual_time_is_ros_s_time_for_who_asks_for_it(ros: RosPython, domain: dict[str, str]) -> None:
+    with robot(domain, "--speed", "3"):
+        told = ask(ros, domain, "clock")
+    assert told["times real"] == pytest.approx(3.0, rel=0.3)
+    assert -0.05 <= told["behind"] < 1.0 and told["now"] < 1000.0
+
+
+def test_nodes_of_the_other_distribution_and_another_dds_understand_it(
+    ros: RosPython, domain: dict[str, str], tmp_path: Path
+) -> None:
+    """Kilted in TXT1_ROS2_OTHER, and cyclonedds in the folder TXT1_CYCLONEDDS, where they were installed."""
+    other, cyclone = os.environ.get("TXT1_ROS2_OTHER"), os.environ.get("TXT1_CYCLONEDDS")
+    if not other and not cyclone:
+        pytest.skip("no other peers here: TXT1_ROS2_OTHER, TXT1_CYCLONEDDS")
+    with robot(domain):
+        if other:
+            assert ask(RosPython((f"{other}/bin/python", "-P"), clean(os.environ), other), domain, "alive")
+        if cyclone:
+            words = [sys.executable, str(HERE / "cyclone.py"), domain["ROS_DOMAIN_ID"]]
+            done = subprocess.run(
+                words,
+                env={**os.environ, "PYTHONPATH": cyclone, "CYCLONEDDS_URI": LOOPBACK},
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
+            assert done.returncode == 0, done.stderr[-2000:]
+            assert float(done.stdout.splitlines()[-1]) > 0.2
 
 
 def _is_child(pid: int, parent: int) -> bool:
