@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from txt1.cli import OK
-from txt1.cli.options import add_actions, takes
+from txt1.cli.options import CONFIGURATION, add_actions, loaded, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         },
     }  # fmt: skip
     place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", Path)}
-    add_actions(parser, {"install": (install, which), "info": (show, {}), "package": (package, place)})
+    add_actions(parser, {
+        "install": (install, which), "info": (show, {}), "package": (package, place),
+        "urdf": (urdf, CONFIGURATION),
+    })  # fmt: skip
 
 
 def install(arguments: argparse.Namespace) -> int:
@@ -44,4 +47,14 @@ def package(arguments: argparse.Namespace) -> int:
     from txt1.bridges.ros.definitions import own, write_package
 
     print(write_package(arguments.folder, "txt1_msgs", own(), "messages of the TXT-1"))
+    return OK
+
+
+def urdf(arguments: argparse.Namespace) -> int:
+    """Print the description of the robot that is configured, with all of the original's sensors."""
+    from txt1.bridges.ros.urdf import links_of, robot_description
+    from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+
+    config = loaded(arguments).config
+    print(robot_description(config.name, config.geometry, links_of([Scan, Image, ImuReading, FixReading])), end="")
     return OK
