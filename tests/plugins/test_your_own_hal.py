@@ -38,6 +38,7 @@ def perform(line: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_the_page_word_by_word(tmp_path: Path) -> None:
     said = {}
     for kind, text in BLOCKS:
