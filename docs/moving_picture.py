@@ -83,7 +83,7 @@ def draw(poses: NDArray[np.float64], speeds: NDArray[np.float64]) -> None:
         path.set_data(poses[start : now + 1, 1], poses[start : now + 1, 2])
         past = speeds[speeds[:, 0] <= time]
         measured.set_data(past[:, 0], past[:, 1])
-        room.set_title(f"drive {starts.index(start) + 1} to the light")
+        room.set_title(f"drive {starts.index(start)} to the light" if start else "it waits for its gains")
 
     FuncAnimation(figure, show, list(np.arange(BEGIN, END - STEP, STEP))).save(TARGET, PillowWriter(fps=int(2 / STEP)))
 

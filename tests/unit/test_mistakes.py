@@ -47,7 +47,7 @@ MISTAKES = (
     Mistake(f"{RUN} --set sim.start=[9,9,0]", ("sim.start", "9", "another start")),
     Mistake(f"{RUN} --hal robot", ("'robot'", "sim")),
     Mistake(f"{RUN} --vehicle tank", ("tank", "f1tenth")),
-    Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed: gamepad")),
+    Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed:")),
     Mistake(f"{RUN} --source ouija", ("'ouija'", "--source")),
     Mistake("sensor check nose", ("'nose'", "light")),
     # files

@@ -14,7 +14,7 @@ import pytest
 from txt1.cli import parsed
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("[!h]*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEMPLATE = re.compile(r"\.\.\.|^\[|^[A-Z][A-Z0-9_]+([:=,].*)?$")  # a word that stands for others
 FILE = re.compile(r'```\w+ title="([\w.]+)"\n(.*?)```', re.DOTALL)  # one that the reader is to write
 TUTORIALS = ("task", "light", "tune", "car", "sensor", "fleet")
