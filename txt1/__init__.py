@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from txt1.sim.room import Room
     from txt1.sim.world import World
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Box", "Button", "Fleet", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
