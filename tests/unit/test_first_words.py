@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from txt1 import __version__
 from txt1.cli import COMMANDS, execute, helps
 from txt1.cli.demo import steps
 from txt1.record.report import Content, draw
@@ -16,6 +17,13 @@ def test_alone_it_says_in_ten_lines_what_to_type(capsys: pytest.CaptureFixture[s
     told = capsys.readouterr().out
     assert told.count("\n") <= 10
     assert all(command in told for command in ("txt1 demo", "txt1 run", "txt1 --help"))
+
+
+def test_package_project_citation_and_changelog_name_the_same_version() -> None:
+    root = Path(__file__).parents[2]
+    assert f'version = "{__version__}"\n' in (root / "pyproject.toml").read_text()
+    assert f"version: {__version__}\n" in (root / "CITATION.cff").read_text()
+    assert f"\n## {__version__} (" in (root / "CHANGELOG.md").read_text()
 
 
 def test_every_command_and_action_has_a_help() -> None:
