@@ -9,6 +9,7 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, styled, table
 from txt1.ui.viewer import Viewer
 
+STATE_MAX: Final = 30  # cells of a state: the numbers beside it are to stay readable
 _NUMBER: Final = Column(right=True)
 COLUMNS: Final = (
     Column("robot", LABEL), Column("state", least=8), *(_NUMBER._replace(heading=each) for each in ("x", "y", "v")),
@@ -29,9 +30,9 @@ def _cells(one: Member) -> tuple[str, ...]:
     if not one.alive:
         state = styled("gone", BAD)
     elif one.silent:
-        state = styled(clean(f"waits for {one.silent}"), "yellow")
+        state = styled(clean(f"waits for {one.silent}"[:STATE_MAX]), "yellow")
     else:
-        state = styled("armed", GOOD) if one.armed else styled(clean(one.reason) or "disarmed", "red")
+        state = styled("armed", GOOD) if one.armed else styled(clean(one.reason[:STATE_MAX]) or "disarmed", "red")
     x, y, _ = one.pose or (None, None, None)
     heard = "" if one.age is None else f"{duration(one.age)} ago"
     clock = "" if one.offset is None else duration(abs(one.offset))
