@@ -264,7 +264,7 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     assert metrics["last_10"]["mean_regret_s"] > 0.0
     assert qtable.load(out / "qtable.json").about["agent"] == "sweeps"
     assert {path.name for path in out.glob("*.png")} == {"learning_curve.png", "paths.png", "qtable.png"}
-    assert "last 10 episodes" in capsys.readouterr().out
+    assert "last 4 episodes" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,8 @@ def test_a_host_that_dies_at_1_metre_a_second_leaves_a_board_that_stops(
     run(body())
 
 
-@pytest.mark.parametrize("way", [pytest.param("killed", marks=pytest.mark.long), "unplugged"])
+@pytest.mark.long
+@pytest.mark.parametrize("way", ["killed", "unplugged"])
 def test_a_host_whose_board_vanishes_notices_stays_up_and_finds_it_again(way: str, tmp_path: Path) -> None:
     path, found_again = tmp_path / "board", []
 

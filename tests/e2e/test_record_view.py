@@ -185,7 +185,7 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
     async def body() -> float:
         loop = asyncio.get_running_loop()
         age: asyncio.Future[float] = loop.create_future()
-        view = LiveView("127.0.0.1", 0, control=True)
+        view = await asyncio.to_thread(LiveView, "127.0.0.1", 0, control=True)
         sent: list[float] = []
 
         def command() -> None:
@@ -202,7 +202,7 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
             await commanding
             return await asyncio.wait_for(age, 20.0)
         finally:
-            view.close(0)
+            await asyncio.to_thread(view.close, 0)
 
     assert run(body()) > 0.2
 

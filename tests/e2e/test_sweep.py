@@ -49,7 +49,7 @@ def test_a_sweep_goes_on_where_it_was_and_the_table_is_the_same(
     assert "--resume carries it on" in capsys.readouterr().err
     broken.mkdir()
     (broken / "sweep.json").write_text((whole / "sweep.json").read_text())
-    lines = (whole / "rows.jsonl").read_text().splitlines(keepends=True)
+    lines = [line for line in (whole / "rows.jsonl").read_text().splitlines(keepends=True) if line.strip()]
     (broken / "rows.jsonl").write_text("".join(lines[1:]) + lines[0][:40])  # and one that was being written
     assert execute(["sweep", "--resume", "--jobs", "1", "--out", str(broken), *SETTINGS, *RUN]) == 0
     assert (broken / "table.csv").read_text() == table

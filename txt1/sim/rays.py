@@ -62,7 +62,7 @@ def cast(x: Floats | float, y: Floats | float, angles: Floats, shapes: Shapes) -
     if len(shapes.edges):
         ax, ay, bx, by = shapes.edges.T
         dx, dy, ox, oy = bx - ax, by - ay, ax - px, ay - py
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             share = 1.0 / (ux * dy - uy * dx)  # inf where it runs along the edge
             t = (ox * dy - oy * dx) * share
             s = (ox * uy - oy * ux) * share
