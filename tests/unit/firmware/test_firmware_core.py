@@ -87,6 +87,7 @@ def test_the_loops_output_what_the_float_ones_do_within_a_count(
         assert abs(fixed.counts + fixed.rest / fixed.whole - u) < 1e-6
 
 
+@pytest.mark.long
 def test_an_hour_of_odometry_ends_within_a_centimetre_of_the_floats() -> None:
     rng = random.Random(1)
     ours, geometry, theirs = odometry.Odometry(), Geometry(), Odometry()
