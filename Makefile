@@ -9,6 +9,7 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
+AGAIN ?=
 
 .PHONY: run test test-long test-web test-ros lint wheel bench docs clean
 
@@ -16,7 +17,7 @@ run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..."
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
 
 test: $(VENV)/.dev  ## the tests, two at a time; four minutes
-	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal
+	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal $(AGAIN)
 
 test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m "long or not long"
@@ -24,7 +25,7 @@ test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long ru
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
 	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'
 	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
-	$(BIN)/python -m pytest -m browser -rs tests/browser
+	$(BIN)/python -m pytest -m browser -rs tests/browser $(AGAIN)
 
 test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from wheels, ROS 1 from Debian, installed where possible
 	@command -v rosmaster >/dev/null || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true

@@ -320,6 +320,7 @@ def test_the_map_is_drawn_thirty_times_a_second(page: Any, car: Live) -> None:
 def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:
     with live(("serial.port=virtual",), hal="serial") as board:
         for page in opened(browser, board):
+            board.until(lambda robot: robot.armed and robot.runtime.state.gains.loaded)
             push(page, 0, -70)
             board.until(lambda robot: robot.odometry.v > 0.3)
             page.mouse.up()
