@@ -68,7 +68,7 @@ def check_sensor(arguments: argparse.Namespace) -> int:
 
 
 class Fake(NamedTuple):
-    """A device on the desk: the driver of its simulated readings with its options, and the class of its far end."""
+    """A device on the desk: the driver of its simulated readings with its options, and what makes its far end."""
 
     driver: str
     options: Mapping[str, Any]
@@ -78,10 +78,10 @@ class Fake(NamedTuple):
 
 FAKES: Final = {
     "imu": Fake("sim_imu", {}, "imu:FakeImu", "imu:FakeImu"),
-    "gps": Fake("sim_gps", {}, "gps:FakeGpsd", "gps:FakeReceiver"),
+    "gps": Fake("sim_gps", {}, "gps:FakeGpsd", "gps:receiver"),
     "vicon": Fake("sim_vicon", {}, "vicon:FakeVicon", "vicon:FakeVicon"),
     "laser": Fake("sim_laser", {"range_max": 5.6}, "laser:FakeScip", "laser:FakeScip"),
-    "ld19": Fake("sim_laser", {"steps": 450, "beams": 450, "range_max": 12.0}, "laser:FakeLd19", "laser:FakeLd19"),
+    "ld19": Fake("sim_laser", {"steps": 450, "beams": 450, "range_max": 12.0}, "laser:ld19", "laser:ld19"),
 }
 WALK: Final = (0.3, 0.3)  # m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
 

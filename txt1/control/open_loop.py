@@ -4,14 +4,12 @@ from math import atan
 from typing import Final
 
 from txt1.control.pid import Gains
-from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.model.vehicle import SIDES, STEERING_MAX, Geometry
 
 SpeedMap = tuple[tuple[float, float], ...]
 """Motor counts and the steady speed they make, m/s: both rising, from the slowest that moves it; reverse, below 0."""
 
-TRACK_COUNTS: Final = (
-    3.0  # counts of steering for a count of difference between a side and the mean, where sides differ
-)
+TRACK_COUNTS: Final = 1.0 / SIDES  # counts of steering for a count between a side and the mean
 
 
 def counts_for(v: float, speed_map: SpeedMap) -> float:

@@ -4,7 +4,7 @@ import json
 from math import hypot, pi
 from typing import Any
 
-from txt1.devices.station import Station
+from txt1.devices.station import Station, Talker
 from txt1.link.base import Link
 from txt1.sensors.base import Reading
 from txt1.sensors.geodesy import Grid
@@ -80,26 +80,9 @@ def error95(sigma: float | None) -> float | None:
     return None if sigma is None else sigma * CONFIDENCE
 
 
-class FakeReceiver:
-    """A receiver on a serial line, which sends NMEA unasked: gpsd reads it."""
-
-    def __init__(self) -> None:
-        self._station = Station()
-
-    def connected(self, link: Link) -> None:
-        """Take the link."""
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without a host."""
-        self._station.lost(reason)
-
-    def received(self, data: bytes) -> None:
-        """Pass over settings: it has none."""
-
-    def show(self, reading: Reading[FixReading]) -> None:
-        """Send the sentences of a fix."""
-        self._station.send(nmea(reading))
+def receiver() -> Talker:
+    """A receiver on a serial line, which sends the sentences of each fix: gpsd reads it."""
+    return Talker(nmea)
 
 
 class FakeGpsd:

@@ -3,7 +3,7 @@
 from math import isfinite, tau
 from typing import Final
 
-from txt1.devices.station import Station
+from txt1.devices.station import Station, Talker
 from txt1.link.base import Link
 from txt1.sensors import laser_ld19
 from txt1.sensors.base import Reading
@@ -121,26 +121,9 @@ def range_at(scan: Scan, angle: float) -> int:
     return round(value * 1000.0) if isfinite(value) else NOTHING
 
 
-class FakeLd19:
-    """The scanner's end of the line: it sends unasked."""
-
-    def __init__(self) -> None:
-        self._station = Station()
-
-    def connected(self, link: Link) -> None:
-        """Take the link."""
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without a host."""
-        self._station.lost(reason)
-
-    def received(self, data: bytes) -> None:
-        """Pass over bytes: it has no commands."""
-
-    def show(self, reading: Reading[Scan]) -> None:
-        """Send a turn, clockwise from straight ahead, in packets of 12 points."""
-        self._station.send(turn(reading))
+def ld19() -> Talker:
+    """The scanner's end of the line: it sends a turn, clockwise from straight ahead, in packets of 12 points."""
+    return Talker(turn)
 
 
 def turn(reading: Reading[Scan]) -> bytes:

@@ -1,5 +1,6 @@
 """The part that all devices on the desk have in common: a link that comes and goes, and what is sent over it."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from txt1.link.base import Link
@@ -25,6 +26,28 @@ class Station:
         """Send, if somebody is there."""
         if data and self._link is not None and self._link.up:
             self._link.write(data)
+
+
+class Talker:
+    """A device that sends its readings unasked, as `encode` makes bytes of them, and has no commands."""
+
+    def __init__(self, encode: Callable[[Reading[Any]], bytes]) -> None:
+        self._station, self._encode = Station(), encode
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self._station.connected(link)
+
+    def lost(self, reason: str) -> None:
+        """Go on without a host."""
+        self._station.lost(reason)
+
+    def received(self, data: bytes) -> None:
+        """Pass over bytes of the host."""
+
+    def show(self, reading: Reading[Any]) -> None:
+        """Send a reading."""
+        self._station.send(self._encode(reading))
 
 
 class Device(Protocol):

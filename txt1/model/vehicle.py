@@ -10,6 +10,7 @@ from txt1.units import Positive
 
 PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
 SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
+SIDES: Final = 1.0 / 3.0  # counts on either side of a count of steering, where sides run at two speeds
 STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
 
 

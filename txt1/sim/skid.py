@@ -1,14 +1,11 @@
 """The dynamics of a rover whose sides run at two speeds, as `txt1.sim.dynamics` has them for one that steers."""
 
 from math import copysign, exp, inf, log
-from typing import Final
 
 from txt1.model.kinematics import move_along_arc
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX, Geometry
 from txt1.sim.dynamics import Motion
 from txt1.sim.parameters import VehicleParameters
-
-SIDES: Final = 1.0 / 3.0  # counts on either side of a count of steering
 
 Side = tuple[float, float]
 """A side's path in a piece of time, m, and its speed at the end, m/s."""
