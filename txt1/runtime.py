@@ -11,7 +11,7 @@ from typing import Any, Final
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control import roll
-from txt1.control.car import car_of, loops_for
+from txt1.control.car import loops_for
 from txt1.control.limits import Fault, Gate
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
@@ -239,7 +239,7 @@ class Runtime:
         if hal.capabilities.blind:
             loops = OpenLoop(geometry, self.config.control.speed_map)
         else:
-            loops = loops_for(car_of(self.config.car, geometry), steers=geometry.steering != "skid")
+            loops = loops_for(self.config.car, geometry)
         controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops)
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,

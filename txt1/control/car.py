@@ -43,9 +43,8 @@ def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, floa
     """
     if v == 0.0:
         return v, omega
-    told = omega / v * wheelbase
-    root = 1.0 - told * told
-    tangent = told / (1.0 + sqrt(root)) if root > 0.0 else 1.0
+    told = min(max(omega / v * wheelbase, -1.0), 1.0)  # no steering makes more, but noise does
+    tangent = told / (1.0 + sqrt(1.0 - told * told))
     cos_phi = 1.0 / sqrt(1.0 + tangent * tangent)
     return v * cos_phi, omega / cos_phi
 
@@ -101,6 +100,7 @@ class InformedLoops:
         return motor, steering
 
 
-def loops_for(car: Car | None, steers: bool = True) -> VelocityLoops | InformedLoops:
-    """The loops of a car, known or not; `steers` as of `VelocityLoops`."""
-    return VelocityLoops(steers) if car is None else InformedLoops(car)
+def loops_for(known: KnownCar, body: Geometry) -> VelocityLoops | InformedLoops:
+    """The loops of a car, known or not."""
+    car = car_of(known, body)
+    return VelocityLoops(body.steering != "skid") if car is None else InformedLoops(car)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, load
-from txt1.control.car import car_of, loops_for
+from txt1.control.car import loops_for
 from txt1.control.limits import clip
 from txt1.control.pid import at_rest
 from txt1.errors import MissingExtra, NoDirection
@@ -65,7 +65,7 @@ class Car:
     def __init__(self, hal: Hal, config: Config) -> None:
         self.command = (0.0, 0.0)
         self._hal = hal
-        self._loops = loops_for(car_of(config.car, config.geometry))
+        self._loops = loops_for(config.car, config.geometry)
         self._linear, self._schedule = config.control.linear.gains(), config.control.schedule()
         self._motor_max = config.safety.motor_max
         self._wheels = WheelOdometry(config.geometry)
