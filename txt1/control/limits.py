@@ -135,7 +135,7 @@ class RunawayWatch:
         self._apart = self._apart + dt if apart else 0.0
         if self._apart >= self._limits.runaway_time:
             return f"combined odometry says {v_combined:.1f} m/s, the encoders {v:.1f} m/s"
-        against = not self._pivots and right * left < 0 and min(abs(right), abs(left)) > NOISE_COUNTS
+        against = not self._pivots and min(right, left) < -NOISE_COUNTS and max(right, left) > NOISE_COUNTS
         self._against = self._against + dt if against else 0.0
         if self._against >= PERSISTS:
             return "the encoders turn against each other"

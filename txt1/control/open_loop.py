@@ -1,6 +1,7 @@
 """Driving without encoders: the outputs by the speed map that a calibration made, and by the steering's geometry."""
 
-from math import atan
+from bisect import bisect
+from math import copysign
 from typing import Final
 
 from txt1.control.pid import Gains
@@ -19,26 +20,13 @@ def counts_for(v: float, speed_map: SpeedMap) -> float:
     """
     if v == 0.0 or not speed_map:
         return 0.0
-    sign = 1.0 if v > 0.0 else -1.0
-    way = sorted((abs(u), abs(speed)) for u, speed in speed_map if speed * sign > 0.0)
-    if not way:
-        way = sorted((abs(u), abs(speed)) for u, speed in speed_map if speed != 0.0)
+    way = sorted((abs(u), abs(speed)) for u, speed in speed_map if copysign(speed, v) == speed)
+    way = way or sorted((abs(u), abs(speed)) for u, speed in speed_map)
     if len(way) == 1:
-        return sign * way[0][0] * abs(v) / way[0][1]
-    above = next((k for k in range(1, len(way)) if way[k][1] >= abs(v)), len(way) - 1)
+        return way[0][0] * v / way[0][1]
+    above = bisect([speed for _, speed in way], abs(v), 1, len(way) - 1)
     (u0, v0), (u1, v1) = way[above - 1], way[above]
-    return sign * max(0.0, u0 + (u1 - u0) * (abs(v) - v0) / (v1 - v0))
-
-
-def steering_for(v: float, omega: float, geometry: Geometry, speed_map: SpeedMap) -> float:
-    """The steering output for a set-point in m/s and rad/s, PWM counts, left positive: (2.12) solved for the angle."""
-    if geometry.steering == "skid":
-        faster = counts_for(v + 0.5 * omega * geometry.track_width, speed_map)
-        slower = counts_for(v - 0.5 * omega * geometry.track_width, speed_map)
-        return 0.5 * TRACK_COUNTS * (faster - slower)
-    if v == 0.0:
-        return 0.0
-    return STEERING_MAX * atan(geometry.lever * omega / v) / geometry.steering_max
+    return copysign(max(0.0, u0 + (u1 - u0) * (abs(v) - v0) / (v1 - v0)), v)
 
 
 class OpenLoop:
@@ -53,9 +41,13 @@ class OpenLoop:
     def step(
         self, v: float, omega: float, v_now: float, omega_now: float, linear: Gains, angular: Gains, dt: float
     ) -> tuple[float, float]:
-        """Motor and steering output, counts, for a set-point in m/s and rad/s; the rest is as of `VelocityLoops`."""
-        steering = steering_for(v, omega, self._geometry, self._map)
+        """Motor and steering output, counts, for a set-point in m/s and rad/s; the rest is as of `VelocityLoops`.
+
+        Where wheels steer, the output above 0 turns left by (2.12) solved for the angle.
+        """
         if self._geometry.steering == "skid":
             turn = 0.5 * omega * self._geometry.track_width
-            return 0.5 * (counts_for(v + turn, self._map) + counts_for(v - turn, self._map)), steering
-        return counts_for(v, self._map), steering
+            right, left = counts_for(v + turn, self._map), counts_for(v - turn, self._map)
+            return 0.5 * (right + left), 0.5 * TRACK_COUNTS * (right - left)
+        share = self._geometry.steering_share(omega / v) if v != 0.0 else 0.0
+        return counts_for(v, self._map), STEERING_MAX * share

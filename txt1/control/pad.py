@@ -6,7 +6,7 @@ and no device in here: `now` is s on any clock.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import copysign, inf, isfinite
 from typing import Final, NamedTuple
 
 from txt1.units import Positive
@@ -72,7 +72,7 @@ def shaped(value: float) -> float:
     if not isfinite(value):
         return 0.0
     size = min(1.0, max(0.0, (abs(value) - DEAD) / (1.0 - DEAD)))
-    return size if value > 0.0 else -size
+    return copysign(size, value)
 
 
 def velocity(reading: Reading, parameters: PadParameters, radius_min: float) -> tuple[float, float]:
@@ -82,7 +82,7 @@ def velocity(reading: Reading, parameters: PadParameters, radius_min: float) -> 
     if ahead == 0.0:
         ahead = -shaped(axes.get(parameters.ahead, 0.0))
     v = parameters.speed * ahead
-    return v, abs(v) / radius_min * -shaped(axes.get(parameters.steer, 0.0)) + 0.0
+    return v, abs(v) / radius_min * -shaped(axes.get(parameters.steer, 0.0)) + 0.0  # never -0.0, which looks odd
 
 
 @dataclass(eq=False)

@@ -71,6 +71,9 @@ def test_a_command_that_is_not_finite_is_refused_whole(v: float, omega: float) -
     gate = open_gate()
     assert gate.admit_velocity(v, omega) is None
     assert gate.counts[Fault.NOT_FINITE] == 1
+    assert not gate.admit_finite(v, omega)
+    assert gate.admit_pwm(v, omega) is None
+    assert gate.counts[Fault.NOT_FINITE] == 3
 
 
 @pytest.mark.parametrize("spoiled", range(5))
@@ -381,6 +384,7 @@ def test_a_wheel_that_ticks_now_and_then_is_not_silent() -> None:
 def test_noise_of_three_counts_against_each_other_is_none_and_four_are() -> None:
     assert watch((0, 3, -3, 100)) is None
     assert watch((0, -3, 4, 100)) is None
+    assert watch((0, 3, -4, 100)) is None
     assert watch((0, -4, 4, 4)) is None
     assert watch((0, -4, 4, 5)) == "the encoders turn against each other"
     assert watch((0, -4, 4, 4), (0, 1, 0, 1), (0, -4, 4, 4)) is None
@@ -407,6 +411,59 @@ def test_a_speed_or_difference_has_to_last_without_a_break(sign: float) -> None:
     for _ in range(4):
         assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) is None
     assert runaway.check(8000, 40, 40, sign * 2.01, None, DT) == "2.0 m/s is faster than was ever asked for"
+
+
+ROVER = Limits(radius_min=0.0)
+
+
+def test_of_a_rover_that_turns_in_place_only_two_silent_wheels_are_a_runaway() -> None:
+    for right, left in ((10, -10), (10, 0), (0, 10)):
+        runaway = RunawayWatch(ROVER)
+        assert all(runaway.check(8000, right, left, 0.1, None, DT) is None for _ in range(100))
+    assert all(runaway.check(2001, 0, 0, 0.0, None, DT) is None for _ in range(14))
+    assert runaway.check(2001, 0, 0, 0.0, None, DT) is not None
+
+
+def test_a_rover_s_yaw_rate_is_limited_by_itself_alone() -> None:
+    assert limit_velocity(0.0, -7.0, ROVER) == (0.0, -6.0)
+    assert limit_velocity(1.5, 5.0, ROVER) == (1.5, 5.0)
+
+
+def guarded(*allowed: tuple[float, float], limits: Limits = LIMITS) -> tuple[float, float]:
+    """What the gate makes of 0.5 m/s and 0.4 rad/s with guards that allow this."""
+    gate = open_gate(limits)
+    assert gate.guarded(0.5, 0.4, 1.0) == (0.5, 0.4), "nobody guards"
+    for answer in allowed:
+        gate.guards.append(lambda v, omega, now, answer=answer: answer)
+    return gate.guarded(0.5, 0.4, 1.0)
+
+
+def test_a_guard_may_leave_the_set_point_or_lower_it_within_the_gate_s_limits() -> None:
+    assert guarded((0.5, 0.4)) == (0.5, 0.4)
+    assert guarded((0.3, -0.1)) == (0.3, -0.1)
+    assert guarded((0.14, 5.0)) == (0.14, 0.14 / 0.56), "the yaw rate is limited as ever"
+    assert guarded((0.0, 0.4)) == (0.0, 0.0), "a car does not turn on the spot"
+    assert guarded((0.0, 0.4), limits=ROVER) == (0.0, 0.4), "and a rover does"
+    assert guarded((0.3, 0.0), (0.2, 0.0)) == (0.2, 0.0)
+    assert guarded((0.3, 0.0), (0.4, 0.0)) == (0.0, 0.0), "each sees what those before it allow"
+
+
+@pytest.mark.parametrize("wild", [(0.501, 0.0), (-0.1, 0.0), (nan, 0.0), (0.3, nan), (0.3, inf), (inf, 0.0)])
+def test_a_guard_that_is_faster_or_turns_it_round_or_says_no_number_stops_it(wild: tuple[float, float]) -> None:
+    assert guarded(wild) == (0.0, 0.0)
+
+
+def test_a_guard_sees_the_set_point_and_the_time() -> None:
+    seen = []
+
+    def guard(v: float, omega: float, now: float) -> tuple[float, float]:
+        seen.append((v, omega, now))
+        return v, omega
+
+    gate = open_gate()
+    gate.guards.append(guard)
+    gate.guarded(-0.5, 0.4, 3.0)
+    assert seen == [(-0.5, 0.4, 3.0)]
 
 
 def test_a_command_from_the_future_is_not_fresh_but_one_that_a_late_tick_sees_is() -> None:

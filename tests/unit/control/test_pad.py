@@ -106,7 +106,8 @@ HELD = Reading(frozenset({"a"}), {"lefty": -1.0})
 
 
 def test_full_deflection_is_the_original_s_speed_and_left_is_left() -> None:
-    assert velocity(HELD, ORIGINAL, R) == (1.5, 0.0)
+    assert repr(velocity(HELD, ORIGINAL, R)) == "(1.5, 0.0)"
+    assert velocity(Reading(axes={"lefty": -1.01, "leftx": -1.01}), ORIGINAL, R) == (1.5, 1.5 / R), "a pad that is off"
     assert velocity(Reading(axes={"lefty": 1.0, "leftx": -1.0}), ORIGINAL, R) == (-1.5, 1.5 / R)
     assert velocity(Reading(axes={"leftx": -1.0}), ORIGINAL, R) == (0.0, 0.0), "a car does not turn on the spot"
     assert velocity(Reading(axes={"lefty": nan, "leftx": inf}), ORIGINAL, R) == (0.0, 0.0)
@@ -129,6 +130,23 @@ def test_a_pad_that_reports_all_the_time_is_gone_when_it_is_silent() -> None:
     assert pad.take(HELD, 0.40, 0.4).velocity is None, "not before the dead-man was up"
     pad.take(Reading(), 0.45, 0.45)
     assert pad.take(HELD, 0.50, 0.5).velocity is not None
+
+
+def test_a_pad_is_silent_only_after_its_time() -> None:
+    pad = Pad(replace(ORIGINAL, silence=0.25), R)
+    pad.take(Reading(), 0.0, 0.0)
+    assert pad.take(HELD, 0.25, 0.0).velocity is not None
+
+
+def test_the_arm_button_arms_once_when_it_was_held_for_half_a_second() -> None:
+    pad, start = Pad(ORIGINAL, R), Reading(frozenset({"start"}))
+    assert [pad.take(start, now, now).arm for now in (1.0, 1.25, 1.484375, 1.5, 1.75, 3.0)] == [
+        *[False] * 3,
+        True,
+        *[False] * 2,
+    ]
+    pad.take(Reading(), 3.0, 3.0)
+    assert [pad.take(start, now, now).arm for now in (4.0, 4.25, 4.5)] == [False, False, True]
 
 
 def test_a_pad_that_waits_takes_over_only_when_it_is_pressed_anew() -> None:

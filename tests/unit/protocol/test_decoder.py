@@ -361,6 +361,6 @@ def test_a_switch_that_there_is_not_is_told_with_its_place_in_the_stream() -> No
     frame[-2:] = checksum(frame[3:-2]).to_bytes(2, "big")
     decoder = Decoder(Role.BOARD)
     decoder.feed(b"noise")
-    (fault,) = decoder.feed(bytes(frame))
-    assert fault == FrameFault(Reason.BAD_VALUE, 5, bytes(frame[:8]))
-    assert decoder.offsets == [5]
+    _, fault = decoder.feed(ONE + bytes(frame))
+    assert fault == FrameFault(Reason.BAD_VALUE, 15, bytes(frame[:8]))
+    assert decoder.offsets == [5, 15]

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.protocol.layout import LAYOUTS, Role, declare, from_numbers, numbers
+from txt1.errors import EncodeError
+from txt1.protocol.layout import LAYOUTS, Role, declare, encode, from_numbers, numbers
 from txt1.protocol.messages import BoardMessage, HostMessage, Message, PowerControl, Switch, Velocity
 
 
@@ -48,6 +49,21 @@ def test_a_command_and_length_that_the_receiver_knows_are_refused_and_those_of_t
     declare(Another, 0x50, "h", 2)
     declare(Answer, 0x67, "h", 2)
     declare(Velocity, 0x67, "h", 2)
+
+
+def test_a_message_that_is_declared_is_encoded_decoded_and_recorded_by_its_fields(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("txt1.protocol.layout.LAYOUTS", layouts := LAYOUTS.copy())
+    declare(Another, 0x50, "h", 2)
+    declare(Answer, 0x51, "h", 2, values=lambda each: [("sum", each.one + each.two)] * 2, make=lambda *_: Answer(7, 8))
+    assert layouts[Another].receiver is Role.BOARD
+    assert encode(Another(0.5, -0.001)) == bytes.fromhex("FA FB 04 50 01 F4 FF FF 45 FF")
+    assert from_numbers("Another", numbers(Another(0.5, -0.001))) == Another(0.5, -0.001)
+    with pytest.raises(EncodeError, match=r"Another\.two is 33"):
+        encode(Another(0.0, 33.0))
+    assert numbers(Answer(1, 2)) == (3.0, 3.0)
+    assert from_numbers("Answer", (3.0, 3.0)) == Answer(7, 8)
 
 
 def test_the_switches_have_the_numbers_of_the_wire() -> None:
