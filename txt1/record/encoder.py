@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, chain, groupby, repeat
 from math import nan
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -220,8 +221,13 @@ def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
     template, times = _template(channel, layout)
     numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
     make: Callable[[Any], Any] = topic.make
-    fill, count, told = _packer(template, [*times, *numbers]), len(times), len(numbers)
-    return lambda value, when: fill((*when[:count], *make(value)[:told]))
+    count, told = len(times), len(numbers)
+    fill = _packer(template, [*times, *sorted(numbers)])
+    order = sorted(range(told), key=numbers.__getitem__)
+    if order == list(range(told)):
+        return lambda value, when: fill((*when[:count], *make(value)[:told]))
+    in_order = itemgetter(*order)  # the paths stand in another order than the fields
+    return lambda value, when: fill((*when[:count], *in_order(make(value))))
 
 
 def _fields_maker(topic: Topic[Any], channel: int) -> _Make:

@@ -13,6 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import txt1.learning.task
 import txt1.robot
 import txt1.sensors.light  # noqa: F401  # all of them declare topics
+from txt1.estimation.task import FILTERED, Estimate
+from txt1.record.encoder import Encoder
 from txt1.record.layout import Layout, encode
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import TOPICS
@@ -83,3 +85,10 @@ def test_nested_sequences_and_bytes_come_back(ros: Any, statuses: list[Any], dat
 def test_an_array_takes_as_many_values_as_it_has() -> None:
     with pytest.raises(ValueError, match=r"lux takes 4 values, not 3"):
         Layout("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
+
+
+def test_a_message_is_the_same_alone_as_in_a_cycle_in_whatever_order_its_topic_names_the_fields() -> None:
+    estimate = Estimate(1.0, 2.0, 0.5, 0.3, 0.1, tuple(float(number) for number in range(25)), 0.0, 0.0, True)
+    alone = Encoder(0.0).block([], [(0, 2.5, FILTERED, estimate)])
+    cycle = Encoder(0.0).block([(2.5, (FILTERED,), [estimate])], [])
+    assert [data for _, _, data in alone.messages()] == [data for _, _, data in cycle.messages()]
