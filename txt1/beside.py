@@ -5,9 +5,9 @@ process, ``python -m txt1.beside``, sends ``{"time": ..., "received": ...}`` aga
 "request" and further fields when it wants something. Their "time" is the origin's, in ns of the monotonic clock.
 
 Nothing that process does delays the robot: while the tasks run in real time it is read behind them and never wakes the
-loop, and of a flood a few messages at a time (the rest is dropped and counted, but for an emergency stop). A message
-too long or a heartbeat too late ends it, its memory is limited, and when it is silent its commands go stale by the
-ordinary rule.
+loop, or, where it is `prompt`, as it writes, but not just before a tick; and of a flood a few messages at a time (the
+rest is dropped and counted, but for an emergency stop). A message too long or a heartbeat too late ends it, its memory
+is limited, and when it is silent its commands go stale by the ordinary rule.
 """
 
 import asyncio
@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
+from math import inf
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, Literal, NamedTuple, Self
@@ -45,6 +46,7 @@ MESSAGES: Final = 20  # messages taken at once; the newest count
 REFILL: Final = 8  # messages that a tick adds to those that may be taken
 LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
 PERIOD: Final = 0.02  # s between two ticks: the controller's, behind it
+HELD: Final = 0.001  # s before a tick in which nothing is read: as long as it takes to obey `MESSAGES`
 PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and the user's
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
@@ -84,6 +86,7 @@ class Beside:
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
     niceness: int = NICENESS  # of the process; 0: it has as large a share of the processor as any program
+    prompt: bool = False  # what it asks for is read at once, up to `HELD` s before a tick; else in the ticks
     on_terminal: bool = False  # stays in the terminal's session; else it has its own, and a share of the processor
     silence: float | None = None  # s without a heartbeat after which it is ended as hung; None: never
     tell: Callable[[str], None] = lambda text: None  # told in words when it fails, falls silent or is started again
@@ -97,6 +100,7 @@ class Beside:
         self._allowance = MESSAGES
         self._ticking = False
         self._polled = False  # read in the ticks alone
+        self._due = 0.0  # time of the loop at the next tick
         self._child: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
 
@@ -128,11 +132,14 @@ class Beside:
     async def serve(self, ticks: Ticks) -> None:
         """The task that sends telemetry and reads, of the lowest priority: both wait for the controller."""
         self._ticking = True
+        loop = asyncio.get_running_loop()
         # a process that writes whenever it likes does so just when the controller is due, too; in virtual time nobody
         # is late, and to look at a socket 50 times a second of it would cost a tenth of the speed
-        self._poll(not isinstance(asyncio.get_running_loop(), VirtualTimeLoop))
+        real = not isinstance(loop, VirtualTimeLoop)
+        self._poll(real and not self.prompt)
         try:
-            async for _ in ticks:
+            async for now in ticks:
+                self._due = loop.time() + PERIOD - now % PERIOD if real else inf
                 self._turn()
         finally:
             self._poll(False)
@@ -172,17 +179,25 @@ class Beside:
 
     def _readable(self) -> None:
         """Take a few messages; in a flood the rest waits for the next turn."""
+        if self._ticking and not self._polled and self._loop.time() > self._due - HELD:
+            self._pause()  # for the controller's tick
+            return
         try:
             fault = self._take()
             if fault is not None:
                 self._gone(fault)
-            elif self._allowance <= 0 and self._socket is not None and not self._polled:
-                self._loop.remove_reader(self._socket)
-                self._paused = True
+            elif self._allowance <= 0 and not self._polled:
+                self._pause()
             if not self._ticking:
                 self._loop.call_later(PERIOD, self._turn) if self._paused else self._turn()
         except Exception as error:
             self._drop(error)
+
+    def _pause(self) -> None:
+        """Read on in the next turn."""
+        if self._socket is not None:
+            self._loop.remove_reader(self._socket)
+            self._paused = True
 
     def _turn(self) -> None:
         """Read on, and look after the process."""
@@ -195,7 +210,6 @@ class Beside:
             self._paused = False
             self._loop.add_reader(self._socket, self._readable)
             self._readable()
-            return
         self._tend()
 
     def _tend(self) -> None:

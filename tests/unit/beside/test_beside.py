@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from txt1.beside import MESSAGES, PERIOD, Beside, Request, Restart
+from txt1.beside import HELD, MESSAGES, PERIOD, Beside, Request, Restart
 
 
 class Owner:
@@ -126,13 +126,44 @@ async def serve(beside: Beside) -> None:
     await beside.serve(RealTicks())  # type: ignore[arg-type]
 
 
-async def test_a_flood_is_read_a_few_messages_at_a_time_and_the_rest_is_counted() -> None:
+class Given:
+    """Ticks at times of the test's choice."""
+
+    def __init__(self) -> None:
+        self.times: asyncio.Queue[float] = asyncio.Queue()
+
+    def __aiter__(self) -> Given:
+        return self
+
+    async def __anext__(self) -> float:
+        return await self.times.get()
+
+
+async def test_a_prompt_one_is_read_as_it_writes_but_not_just_before_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.beside.PERIOD", 10.0)
+    owner, ticks = Owner(), Given()
+    async with owner.beside("drive", prompt=True) as beside:
+        serving = asyncio.ensure_future(beside.serve(ticks))  # type: ignore[arg-type]
+        ticks.times.put_nowait(0.0)
+        await until(lambda: len(owner.requests) > 2)
+        ticks.times.put_nowait(10.0 - 0.5 * HELD)
+        await asyncio.sleep(0.1)
+        read = len(owner.requests)
+        await asyncio.sleep(0.2)
+        assert len(owner.requests) == read
+        ticks.times.put_nowait(10.0)
+        await until(lambda: len(owner.requests) > read + 2)
+        serving.cancel()
+
+
+@pytest.mark.parametrize("prompt", [False, True])
+async def test_a_flood_is_read_a_few_messages_at_a_time_and_the_rest_is_counted(prompt: bool) -> None:
     owner = Owner()
-    async with owner.beside("flood") as beside:
+    async with owner.beside("flood", prompt=prompt) as beside:
         serving = asyncio.ensure_future(serve(beside))
         await until(lambda: beside.counts["dropped"])
         taken, began = beside.counts["taken"], asyncio.get_running_loop().time()
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(0.3)
         turns = (asyncio.get_running_loop().time() - began) / PERIOD + 2
         serving.cancel()
     assert beside.counts["taken"] - taken <= turns * MESSAGES

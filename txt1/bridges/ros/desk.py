@@ -85,7 +85,7 @@ async def node_beside(
     beside = Beside(
         target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
         tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
-        niceness=0,
+        niceness=0, prompt=True,
     )  # fmt: skip
     try:
         async with beside:
