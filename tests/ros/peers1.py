@@ -59,7 +59,7 @@ def surface():
     time.sleep(2.0)
     told["after"] = odoms[-1][1].twist.twist.linear.x
     told["battery"] = [batteries[-1][1].batt1, batteries[-1][1].batt2, batteries[-1][1].expected_time.to_sec()]
-    told["batteries"] = len(batteries) / (time.monotonic() - batteries[0][0])
+    told["batteries"] = (len(batteries) - 1) / (batteries[-1][0] - batteries[0][0])
     told["parameters"] = sorted(rospy.get_param("/txt1_node"))
     told["md5"] = {kind._type: kind._md5sum for kind in (Battery, Pwm, PidLoad, PwmTest, SwitchedPwr, Shutdown)}
     return told
