@@ -109,7 +109,8 @@ class Runtime:
         self._counted_at = 0.0
         self._open = False
         self._failed = False
-        self.watch = standstill.Watch(self.state, hal, self.gate, self._switch) if hal.capabilities.halt else None
+        watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
+        self.watch = watch() if hal.capabilities.halt else None
         """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
         self._offer()
         self._offer_to_snapshots()

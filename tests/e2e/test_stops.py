@@ -15,6 +15,7 @@ from txt1.board import Board, BoardEvent
 from txt1.cli import execute
 from txt1.control.standstill import Stop
 from txt1.errors import NotArmed, StopNotVerified
+from txt1.hal.base import Inputs
 from txt1.protocol.messages import PowerControl, Switch
 from txt1.robot import Robot
 from txt1.tasks.mode import MODE
@@ -222,6 +223,43 @@ async def test_a_blocked_wheel_disarms_with_its_causes() -> None:
         vehicle.dynamics = (*vehicle.dynamics[:3], 0.0, *vehicle.dynamics[4:])  # no speed for any motor output
         with pytest.raises(NotArmed, match="wheel blocked"):
             await robot.drive(0.3, 0.0, 5.0)
+
+
+# -- encoders that lie to an original board, which does not notice -------------------------------------------------
+
+
+async def test_an_encoder_that_falls_silent_on_the_board_is_noticed_by_the_host() -> None:
+    async with robot_and_board() as (robot, board):
+        await drive(robot, 0.6, 2.0)
+        board.vehicle.faults = replace(board.vehicle.faults, right_encoder=True)
+        with pytest.raises(NotArmed, match="the right encoder is silent"):
+            await robot.drive(0.6, 0.0, 5.0)
+        await stands_within(board, 3.0)
+
+
+async def test_an_encoder_that_counts_backwards_is_noticed_and_costs_the_esc_as_its_loops_run_away() -> None:
+    with pytest.raises(StopNotVerified, match="ESC off"):
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 2.0)
+            hal = board.runtime.hal
+            read = hal.read
+
+            def reversed_left(now: float) -> Inputs:
+                inputs = read(now)
+                return inputs if inputs.ticks is None else inputs._replace(ticks=(inputs.ticks[0], -inputs.ticks[1]))
+
+            hal.read = reversed_left  # type: ignore[method-assign]
+            with pytest.raises(NotArmed, match="against each other"):
+                await robot.drive(0.6, 0.0, 5.0)
+            await stands_within(board, 4.0)
+            assert not board.vehicle.esc_on
+
+
+async def test_slow_curves_in_which_the_inner_wheel_reads_0_are_no_runaway() -> None:
+    async with robot_and_board() as (robot, _):
+        for v in (0.05, 0.08, 0.11, -0.05, -0.1):
+            await robot.drive(v, abs(v) / 0.56, 3.0)
+        assert robot.armed
 
 
 # -- restarts --------------------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ PERIOD: Final = 0.02
 COMBINED_TIMEOUT: Final = 0.1  # age in seconds at which combined odometry is not used any more
 ODOMETRY_TIMEOUT: Final = 0.5  # age in seconds at which odometry is lost
 STEP_MAX: Final = 0.1  # longest s from one reading of the odometry to the next that a step of the loops may bridge
+READ: Final = 0.1  # m/s of the faster wheel from which boards read the slower one, too: originals read 0 below 0.045
 SETPOINT: Final = declare(Topic(
     "/setpoint", Control, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.CYCLE,
     "the set-point in force behind the safety gate", {"header": {"frame_id": "base_footprint"}},
@@ -86,7 +87,8 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             source = RECKONED
         elif not has_ticks:
             dt, read_at = min(state.odometry_time - read_at, STEP_MAX), state.odometry_time
-            if closes_loops and dt > 0.0:
+            wheel = abs(state.odometry.v) + 0.5 * geometry.track_width * abs(state.odometry.omega)
+            if dt > 0.0 and (closes_loops or wheel >= READ):
                 right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
         if right is not None and left is not None:
             gate.watch(right, left, state.odometry.v, v_now if source is COMBINED else None, dt)

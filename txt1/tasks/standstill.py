@@ -39,8 +39,11 @@ _TOLD: Final = {
 class Watch:
     """Sees to it that a stop is one, with what the hardware layer can do; `switch` is told what is to be switched."""
 
-    def __init__(self, state: State, hal: Hal, gate: Gate, switch: Callable[[Switch, bool, float], None]) -> None:
+    def __init__(
+        self, state: State, hal: Hal, gate: Gate, track_width: float, switch: Callable[[Switch, bool, float], None]
+    ) -> None:
         self.state, self.hal, self.gate = state, hal, gate
+        self._track_width = track_width
         self.standstill = Standstill()
         self._switch = switch
         self._halt_due = 0.0
@@ -53,9 +56,11 @@ class Watch:
         before = watch.stop
         known = state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
         v = state.odometry.v if known else None
+        # of the faster wheel: with an encoder that counts backwards the odometry of a fast car is of one that turns
+        wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
         connected = state.board is None or state.board.connected
         commanded = bool(outputs.motor or outputs.v or outputs.omega)
-        stop = watch.step(now, v, commanded=commanded, armed=self.gate.armed, connected=connected)
+        stop = watch.step(now, wheel, commanded=commanded, armed=self.gate.armed, connected=connected)
         if stop is not before:
             self._enter(stop, before, now, blind=v is None)
         if stop in (*UNOBEYED, Stop.UNASKED) and now >= self._halt_due - 1e-9:
