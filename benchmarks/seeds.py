@@ -1,0 +1,37 @@
+"""Runs of many seeds that may be ended and gone on with: every result is kept in a file as soon as it is there."""
+
+import json
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+
+
+def arguments(parser: ArgumentParser, kept: str, seeds: int) -> None:
+    """Add the arguments that all of them have; `kept` is the usual file."""
+    parser.add_argument("--seeds", type=int, default=seeds, help="how many; default: %(default)s")
+    parser.add_argument("--kept", type=Path, default=Path(kept), help="results so far; default: %(default)s")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="time after which no new run is begun")
+
+
+def results(kept: Path, cases: Iterable[str], run: Callable[[str], Any], minutes: float) -> dict[str, Any]:
+    """The results of all cases by name, those in the file taken from there; without those that time was too short for.
+
+    A result is of JSON's types. The file is of the code that made it: delete it when that has changed.
+    """
+    began = stopwatch_ns()
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    done: dict[str, Any] = dict(json.loads(line) for line in lines)
+    wanted = list(cases)
+    with kept.open("a") as file:
+        for case in wanted:
+            if case in done:
+                continue
+            if stopwatch_ns() - began > minutes * 60 * NS_PER_S:
+                break
+            done[case] = run(case)
+            print(json.dumps((case, done[case])), file=file, flush=True)
+    return {case: done[case] for case in wanted if case in done}
