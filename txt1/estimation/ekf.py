@@ -5,14 +5,21 @@ and Navigation* (Wiley, 2001):
 
     x' = f(x, u),  P' = F P F^T + Q                                  BLK 10.3.2
     S = H P H^T + R,  K = P H^T S^-1,  x' = x + K (z - h(x))         BLK 10.3.2
-    P' = (I - K H) P (I - K H)^T + K R K^T                           Joseph's form, BLK (5.2.3-18)
+    P' = P - K S K^T                                                 BLK (5.2.3-13)
 
-The last holds for any K and keeps P symmetric and positive, which P' = (I - K H) P does not where numbers are rounded.
+Both are taken by the root of S: with S = L L^T, W = P H^T L^-T and the misses y = L^-1 (z - h(x)), which are
+independent and of variance 1,
+
+    x' = x + W y,  P' = P - W W^T,  NIS = y^T y
+
+W W^T is symmetric whatever is rounded, the root has half the digits of S to lose, and a step takes seven products.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, inf, sin, sqrt
-from typing import Any, Final, NamedTuple
+from operator import mul
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,15 +93,20 @@ def predict(belief: Belief, dt: float, density: Array, bend: float = 0.0) -> Bel
     f[THETA, OMEGA] = dt
     if bend:
         f[OMEGA, ROLLED], f[OMEGA, SLIP] = grip * bend, -rolled * bend
-    return Belief(after, f.dot(covariance).dot(f.T) + density * dt)
+    grown = f.dot(covariance).dot(f.T)
+    return Belief(after, 0.5 * (grown + grown.T) + density * dt)  # rounding leaves it a little askew
 
 
-def update(belief: Belief, residual: Array, h: Array, r: Array, gate: float = inf) -> tuple[Belief, float, Array]:
-    """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and S, shape (m, m).
+def update(
+    belief: Belief, residual: Array | Sequence[float], h: Array, r: Array, gate: float = inf
+) -> tuple[Belief, float, Sequence[float]]:
+    """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
+
+    The misses are the residual's parts in standard deviations, each less what those before it already say.
 
     Args:
         belief: before.
-        residual: measurement less expectation, z - h(x), shape (m,).
+        residual: measurement less expectation, z - h(x), m numbers, m at most 3.
         h: Jacobian of the expectation, shape (m, 7).
         r: covariance of the measurement, shape (m, m).
         gate: largest NIS that is believed; beyond it the belief comes back as it was.
@@ -102,34 +114,35 @@ def update(belief: Belief, residual: Array, h: Array, r: Array, gate: float = in
     """
     mean, covariance = belief
     cross = covariance.dot(h.T)
-    s = h.dot(cross) + r
-    inverse = inverted(s)
-    nis = float(residual.dot(inverse).dot(residual))
+    root = whitener((h.dot(cross) + r).tolist())
+    misses = [sum(map(mul, row, residual)) for row in root]
+    nis = sum(map(mul, misses, misses))
     if not nis <= gate:  # also when it is not a number
-        return belief, nis, s
-    gain = cross.dot(inverse)
-    rest = IDENTITY - gain.dot(h)
-    after = Belief(mean + gain.dot(residual), rest.dot(covariance).dot(rest.T) + gain.dot(r).dot(gain.T))
-    return after, nis, s
+        return belief, nis, misses
+    w = cross.dot(np.array(root).T)
+    return Belief(mean + w.dot(misses), covariance - w.dot(w.T)), nis, misses
 
 
-def inverted(s: Any) -> Any:
-    """The inverse of a covariance; up to three numbers' are written out, which takes a third of numpy's time."""
+def whitener(s: list[list[float]]) -> Sequence[Sequence[float]]:
+    """The inverse of the lower root L of a covariance S = L L^T of up to three numbers; numpy takes longer.
+
+    It makes numbers of that covariance independent and of variance 1.
+    """
+    a = 1.0 / sqrt(s[0][0])
     if len(s) == 1:
-        return 1.0 / s
+        return ((a,),)
+    b = s[1][0] * a
+    c = 1.0 / sqrt(s[1][1] - b * b)
     if len(s) == 2:
-        (a, b), (_, d) = s.tolist()
-        return np.array(((d, -b), (-b, a))) / (a * d - b * b)
-    if len(s) == 3:
-        (a, b, c), (_, d, e), (_, _, f) = s.tolist()
-        p, q, u = d * f - e * e, c * e - b * f, b * e - c * d  # of the first row, by cofactors
-        v, w, z = a * f - c * c, b * c - a * e, a * d - b * b
-        return np.array(((p, q, u), (q, v, w), (u, w, z))) / (a * p + b * q + c * u)
-    return np.linalg.inv(s)
+        return (a, 0.0), (-a * b * c, c)
+    d = s[2][0] * a
+    e = (s[2][1] - d * b) * c
+    f = 1.0 / sqrt(s[2][2] - d * d - e * e)
+    return (a, 0.0, 0.0), (-a * b * c, c, 0.0), ((b * e * c - d) * a * f, -e * c * f, f)
 
 
-def encoders(mean: Array, wheelbase: float) -> tuple[Array, Array]:
-    """Speed and yaw rate that the encoders tell in a state, and the Jacobian: shapes (2,) and (2, 7).
+def encoders(mean: Array, wheelbase: float) -> tuple[tuple[float, float], Array]:
+    """Speed and yaw rate that the encoders tell in a state, and the Jacobian, shape (2, 7).
 
     They sit on the steered front wheels, at the angle phi with tan(phi) = L omega / (2 v), (2.12): these roll
     1 / cos(phi) of the centre's path, and tell cos(phi) of the turn.
@@ -147,26 +160,27 @@ def encoders(mean: Array, wheelbase: float) -> tuple[Array, Array]:
     h[0, OMEGA] = 0.5 * wheelbase * tangent / (grip * stretch)
     h[1, OMEGA], h[1, SLIP] = (1.0 - share) / (grip * stretch), turning * (1.0 - share) / grip
     h[1, ROLLED] = turning * share / rolled if share else 0.0
-    return np.array((rolled * stretch, turning)), h
+    return (rolled * stretch, turning), h
 
 
-def velocities(mean: Array) -> tuple[Array, Array]:
-    """Speed and yaw rate, and the Jacobian: shapes (2,) and (2, 7)."""
-    rolled, grip = float(mean[ROLLED]), 1.0 - float(mean[SLIP])
+def velocities(mean: Array) -> tuple[tuple[float, float], Array]:
+    """Speed and yaw rate, and the Jacobian, shape (2, 7)."""
+    _, _, _, rolled, omega, _, slip = mean.tolist()
+    grip = 1.0 - slip
     h = np.zeros((2, SIZE))
     h[0, ROLLED], h[0, SLIP], h[1, OMEGA] = grip, -rolled, 1.0
-    return np.array((rolled * grip, float(mean[OMEGA]))), h
+    return (rolled * grip, omega), h
 
 
-def antenna(mean: Array, at: tuple[float, float]) -> tuple[Array, Array]:
-    """Where a receiver at a place on the robot (x forward, y left, m) is, and the Jacobian: shapes (2,) and (2, 7)."""
+def antenna(mean: Array, at: tuple[float, float]) -> tuple[tuple[float, float], Array]:
+    """Where a receiver at a place on the robot (x forward, y left, m) is, and the Jacobian, shape (2, 7)."""
     x, y, theta = mean[:3].tolist()
     c, s = cos(theta), sin(theta)
     dx, dy = at[0] * c - at[1] * s, at[0] * s + at[1] * c
     h = np.zeros((2, SIZE))
     h[0, X] = h[1, Y] = 1.0
     h[0, THETA], h[1, THETA] = -dy, dx
-    return np.array((x + dx, y + dy)), h
+    return (x + dx, y + dy), h
 
 
 def picked(*places: int) -> Array:

@@ -8,11 +8,11 @@ fitted for a while. On losing belief its readings of the last `HORIZON` are take
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from math import atan2, cos, isfinite, sin, sqrt
-from operator import attrgetter
+from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -67,6 +67,7 @@ PAIRS_MAX: Final = 600  # positions that are kept to find it
 
 _TOLD: Final = picked(X, Y, THETA, ROLLED, OMEGA)
 _GYRO: Final = picked(OMEGA) + picked(BIAS)
+_POSE: Final = picked(X, Y, THETA)
 
 
 class Kind(Enum):
@@ -197,7 +198,6 @@ class Fusion:
         self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
-        self._rows: dict[tuple[int, ...], Array] = {}
         self._noises: dict[tuple[float, ...], Array] = {}
         self._located = not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
@@ -345,9 +345,9 @@ class Fusion:
             if measurement.sensor == without or not entry.used:
                 continue
             residual, h = self._expect(belief.mean, measurement)
-            belief, _, s = update(belief, residual, h, self._noise(measurement.sigmas))
+            belief, _, misses = update(belief, residual, h, self._noise(measurement.sigmas))
             name = measurement.sensor
-            sums[name] = sums.get(name, 0.0) + residual / np.sqrt(s.diagonal())
+            sums[name] = sums.get(name, 0.0) + np.array(misses)
             counts[name] = counts.get(name, 0) + 1
         return float(sum(np.sum(total**2) / counts[name] for name, total in sums.items()))
 
@@ -376,42 +376,35 @@ class Fusion:
             entry.new = False
             judge.used += 1
             return self._locate(belief, measurement)
-        after, nis, s = update(belief, residual, h, noise, gate if judge.believed else -1.0)
+        after, nis, misses = update(belief, residual, h, noise, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
-        self._judge(judge, measurement, belief, nis, residual, s, gate)
+        self._judge(judge, measurement, belief, nis, misses)
         return after
 
-    def _expect(self, mean: Array, measurement: Measurement) -> tuple[Array, Array]:
+    def _expect(self, mean: Array, measurement: Measurement) -> tuple[Sequence[float], Array]:
         """The measurement less its expectation, and the Jacobian."""
-        kind, rows = measurement.kind, measurement.rows
+        kind, rows, values = measurement.kind, measurement.rows, measurement.values
+        expected: Sequence[float]
+        if kind is Kind.GYRO:
+            _, _, _, _, omega, bias, _ = mean.tolist()
+            return (values[0] - omega - bias,), _GYRO
         if kind is Kind.ENCODERS:
             expected, h = encoders(mean, self._wheelbase)
             if self._alone:
                 h[:, SLIP] = 0.0  # what looks like slip then is none
-            if len(rows) < 2:
-                return np.array(measurement.values) - expected[list(rows)], h[list(rows)]
-            return measurement.values - expected, h
-        if kind is Kind.VELOCITY:
+        elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
-            return np.array(measurement.values) - expected[list(rows)], h[list(rows)]
-        if kind is Kind.POSE and measurement.at != (0.0, 0.0):
-            position, at = antenna(mean, measurement.at)
-            expected, h = np.array((*position, mean[THETA])), np.vstack((at, picked(THETA)))
-            residual = np.array(measurement.values) - expected[list(rows)]
-            h = h[list(rows)]
+        elif measurement.at == (0.0, 0.0):
+            expected, h = mean.tolist()[:3], _POSE
         else:
-            h = _GYRO if kind is Kind.GYRO else self._jacobian(rows)
-            residual = measurement.values - h.dot(mean)
+            position, at = antenna(mean, measurement.at)
+            expected, h = (*position, float(mean[THETA])), np.vstack((at, _POSE[2]))
+        if len(values) < len(h):
+            expected, h = [expected[row] for row in rows], h[list(rows)]
+        residual = list(map(sub, values, expected))
         if kind is Kind.POSE and rows[-1] == 2:
-            residual[-1] = wrap_angle(float(residual[-1]))
+            residual[-1] = wrap_angle(residual[-1])
         return residual, h
-
-    def _jacobian(self, rows: tuple[int, ...]) -> Array:
-        """The Jacobian of these of x, y and theta."""
-        known = self._rows.get(rows)
-        if known is None:
-            known = self._rows[rows] = picked(*((X, Y, THETA)[row] for row in rows))
-        return known
 
     def _noise(self, sigmas: tuple[float, ...]) -> Array:
         known = self._noises.get(sigmas)
@@ -424,18 +417,11 @@ class Fusion:
     # -- belief ----------------------------------------------------------------------------------------------------
 
     def _judge(
-        self,
-        judge: _Judge,
-        measurement: Measurement,
-        belief: Belief,
-        nis: float,
-        residual: Array,
-        s: Array,
-        gate: float,
+        self, judge: _Judge, measurement: Measurement, belief: Belief, nis: float, misses: Sequence[float]
     ) -> None:
-        """Weigh a new reading: its NIS, its residual and that one's covariance."""
-        count = len(measurement.values)
-        fits = nis <= gate
+        """Weigh a new reading by its NIS and its misses."""
+        count = len(misses)
+        fits = nis <= judge.settings.gate**2
         judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
         same = measurement.values == judge.last
         judge.same = judge.same + 1 if same else 0
@@ -447,11 +433,10 @@ class Fusion:
             frozen = judge.same >= SAME_MAX and bool(moving)
         time = measurement.time
         means, one_sided = judge.misses, 0.0
-        for place, (miss, variance) in enumerate(zip(residual.tolist(), s.diagonal().tolist(), strict=True)):
-            sized = miss / sqrt(variance)
-            if not -LARGE <= sized <= LARGE:
-                sized = LARGE if sized > 0.0 else -LARGE
-            means[place] = mean = means[place] + (sized - means[place]) / MEMORY
+        for place, miss in enumerate(misses):
+            if not -LARGE <= miss <= LARGE:
+                miss = LARGE if miss > 0.0 else -LARGE
+            means[place] = mean = means[place] + (miss - means[place]) / MEMORY
             one_sided = max(one_sided, mean, -mean)
         if not judge.believed:
             judge.rejected += 1

@@ -46,23 +46,25 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
 
         return turning if "omega" in wanted else lambda reading: []
 
-    parts = [
-        (what, [(row, quantity) for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted])
-        for what in (Kind.POSE, Kind.VELOCITY)
-    ]
+    parts = []
+    for what in (Kind.POSE, Kind.VELOCITY):
+        rows = tuple(row for row, quantity in enumerate(QUANTITIES[what]) if quantity in wanted)
+        quantities = [QUANTITIES[what][row] for row in rows]
+        usual = tuple(given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities)
+        own = [f"sigma_{quantity}" if quantity not in given else "" for quantity in quantities]
+        if rows:
+            parts.append((what, rows, quantities, usual, own if any(hasattr(kind, name) for name in own) else []))
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
-        value, time = reading.value, reading.time - delay
-        made = []
-        for what, quantities in parts:
-            told = [(row, quantity, getattr(value, quantity)) for row, quantity in quantities]
-            told = [each for each in told if each[2] is not None]
-            if told:
-                sigmas = tuple(
-                    given.get(quantity) or getattr(value, f"sigma_{quantity}", None) or assumed.get(quantity, 0.1)
-                    for _, quantity, _ in told
-                )
-                rows, values = tuple(each[0] for each in told), tuple(each[2] for each in told)
+        value, time, made = reading.value, reading.time - delay, []
+        for what, rows, quantities, usual, own in parts:
+            values = tuple([getattr(value, quantity) for quantity in quantities])
+            sigmas = tuple(getattr(value, own[k], None) or usual[k] for k in range(len(own))) or usual
+            if None in values:
+                known = [place for place, each in enumerate(values) if each is not None]
+                values, sigmas = tuple(values[place] for place in known), tuple(sigmas[place] for place in known)
+                rows = tuple(rows[place] for place in known)
+            if values:
                 made.append(Measurement(time, name, what, rows, values, sigmas, value.mount[:2]))
         return made
 
