@@ -45,7 +45,7 @@ def drive(seed: int, height: float, speed: float, guarded: bool) -> Slalom:
     body, given = Geometry(), RollGuard()
     ground = Ground(Roughness(height=height), body, seed)
     rng = np.random.default_rng([seed, 1])
-    p, loops = dynamics(VehicleParameters(), body), VelocityLoops()
+    p, loops = dynamics(VehicleParameters(), body), VelocityLoops(steers=True)
     edge = tipping(body.track_width, given.gravity_height)
     measured = (0.0, 0.0)
     guard = Guard(given, body.track_width, body.radius_min, lambda _: measured)

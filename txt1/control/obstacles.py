@@ -1,6 +1,6 @@
 """How far a vehicle may drive along an arc before its body touches something, and how fast it may be for that."""
 
-from math import inf, pi, sqrt
+from math import copysign, hypot, inf, pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -58,16 +58,12 @@ def _along(points: Floats, curvature: float, front: float, side: float) -> float
             on = (np.abs(at_x) <= front + 1e-9) & (np.abs(at_y) <= side + 1e-9)  # NaN where it does not meet
             if on.any():
                 angle = np.arctan2(at_y[on] - radius, at_x[on])
-                gone = (turn[on] - angle if radius > 0.0 else angle - turn[on]) % TURN
+                gone = (copysign(1.0, radius) * (turn[on] - angle)) % TURN
                 least = min(least, float(gone.min()) * abs(radius))
     return least
 
 
 def stopping_speed(distance: float, reaction: float, deceleration: float) -> float:
     """The speed (m/s) from which one stands within a distance (m): v reaction + v^2 / (2 deceleration) = distance."""
-    if distance <= 0.0:
-        return 0.0
-    if distance == inf:
-        return inf
     t = deceleration * reaction
-    return sqrt(t * t + 2.0 * deceleration * distance) - t
+    return hypot(t, sqrt(2.0 * deceleration * max(distance, 0.0))) - t

@@ -61,7 +61,7 @@ class VelocityLoops:
     `steers`: wheels that are turned make the yaw rate, so that it changes its sign in reverse; not sides at two speeds.
     """
 
-    def __init__(self, steers: bool = True) -> None:
+    def __init__(self, steers: bool) -> None:
         self._steers = steers
         self._linear = self._angular = CLEAR
 

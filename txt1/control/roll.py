@@ -9,7 +9,7 @@ Roll is positive with the left side up, and a left turn leans the car likewise, 
 """
 
 from collections.abc import Callable
-from math import atan, exp, inf, sqrt, tan
+from math import atan, exp, sqrt, tan
 from typing import Final
 
 from txt1.control.parameters import RollGuard
@@ -53,8 +53,6 @@ class Guard:
         measured: Callable[[float], tuple[float, float] | None],
     ) -> None:
         self.parameters = parameters
-        self.slowed = 0
-        """Cycles in which it has lowered the speed."""
         self._largest = atan(parameters.share * tan(tipping(track_width, parameters.gravity_height)))
         self._radius_min = radius_min
         self._measured = measured
@@ -71,14 +69,10 @@ class Guard:
             return v, omega
         roll, sideways = measured
         self._roll = max(self._roll, abs(roll))
-        if v == 0.0:
-            return v, omega
         allowed = sideways_max(self._largest, self._roll)
         # what it does now counts, too: the wheels take a while to turn
         wanted = max(abs(v * omega), min(abs(sideways), abs(v) * yaw_rate_max(v, self._radius_min)))
-        limit = abs(v) * sqrt(allowed / wanted) if wanted > 0.0 else inf
-        if limit >= abs(v):
+        if wanted <= allowed:
             return v, omega
-        self.slowed += 1
-        share = max(limit, min(CRAWL, abs(v))) / abs(v)
+        share = min(max(sqrt(allowed / wanted), CRAWL / abs(v)), 1.0)
         return v * share, omega * share

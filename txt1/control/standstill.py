@@ -67,8 +67,8 @@ class Standstill:
         self.failed = Stop.NONE
         self.blind = False
         self.drove = False
-        self._since = 0.0  # s of the run, of the present means
-        self._v0 = SPEED_MAX  # speed then, m/s
+        self._since: float  # s of the run, of the present means, once there is one
+        self._v0: float  # speed then, m/s
         self._still_since: float | None = None
         self._moving_since: float | None = None
 

@@ -141,5 +141,6 @@ def test_loops_know_a_car_that_is_known_and_steers_both_axles() -> None:
 
 def test_backwards_a_car_steers_the_other_way_and_a_rover_does_not() -> None:
     gains = Gains(), Gains(1.0, 0.0, 0.0)
-    for body, way in ((BODY, -1.0), (Geometry(steering="skid"), 1.0)):
-        assert loops_for(KnownCar(), body).step(-0.5, 0.3, -0.5, 0.0, *gains, DT)[1] == pytest.approx(way * 300.0)
+    for body, backwards in ((BODY, -300.0), (Geometry(steering="skid"), 300.0)):
+        for v, steering in ((0.5, 300.0), (0.0, 300.0), (-0.5, backwards)):
+            assert loops_for(KnownCar(), body).step(v, 0.3, v, 0.0, *gains, DT)[1] == pytest.approx(steering)

@@ -104,7 +104,7 @@ LOOPS = Gains(1.0, 50.0, 0.0), Gains(2.0, 25.0, 0.0)
 
 
 def test_the_loops_begin_clear_and_are_so_again_when_cleared() -> None:
-    loops = VelocityLoops()
+    loops = VelocityLoops(steers=True)
     first = loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT)
     assert first == pytest.approx((100.0 * (1.0 + 50.0 * DT), 100.0 * (2.0 + 25.0 * DT)))
     assert loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT) != first
@@ -113,7 +113,7 @@ def test_the_loops_begin_clear_and_are_so_again_when_cleared() -> None:
 
 
 def test_without_a_new_measurement_the_outputs_are_held() -> None:
-    loops = VelocityLoops()
+    loops = VelocityLoops(steers=True)
     first = loops.step(0.5, 0.2, 0.4, 0.1, *LOOPS, DT)
     assert loops.step(0.9, 0.9, 0.0, 0.0, *LOOPS, 0.0) == first
 

@@ -1,6 +1,6 @@
 """The roll-over guard, the lean it guards against, and the rough ground under it."""
 
-from math import atan, tan
+from math import atan, exp, tan
 
 import pytest
 from hypothesis import given
@@ -48,6 +48,52 @@ def test_a_roll_is_remembered_for_a_while() -> None:
     rolls[0] = 0.0
     assert slow < one(1.5, 1.5 / BODY.radius_min, 2.0)[0] < 1.5
     assert one(1.5, 1.5 / BODY.radius_min, 20.0)[0] == 1.5
+
+
+ALLOWED = atan(0.75 * 0.5 * BODY.track_width / 0.15)  # of the lean: three quarters of the way to lifting wheels
+
+
+def test_the_force_on_a_car_leans_with_its_roll_and_its_turn() -> None:
+    assert lean(0.1, 2.0, 3.0) == pytest.approx(0.1 + atan(6.0 / 9.80665))
+    assert tipping(0.25, 0.15) == pytest.approx(atan(0.25 / 0.3))
+
+
+def test_a_curve_that_is_too_fast_for_the_ground_is_taken_so_that_it_is_not() -> None:
+    one = guard(0.5)
+    for v, omega in ((1.5, 2.0), (-1.5, 2.0), (1.5, -2.0)):
+        slower, turning = one(v, omega, 1.0)
+        assert abs(slower) == pytest.approx(1.5 * (9.80665 * tan(ALLOWED - 0.5) / 3.0) ** 0.5)
+        assert turning / slower == pytest.approx(omega / v)
+    assert one(0.1, 0.1, 1.0) == (0.1, 0.1)
+
+
+def test_on_ground_that_is_steep_enough_by_itself_it_crawls() -> None:
+    steep = guard(1.2)
+    assert steep(0.5, 0.5, 1.0) == pytest.approx((0.1, 0.1))
+    assert steep(-0.5, 0.5, 1.0) == pytest.approx((-0.1, 0.1))
+    assert steep(0.05, 0.05, 1.0) == (0.05, 0.05), "and what is slower stays so"
+    assert steep(0.0, 0.0, 1.0) == (0.0, 0.0)
+    assert steep(0.5, 0.0, 1.0) == (0.5, 0.0), "straight on nothing adds to the roll"
+
+
+def test_a_turn_that_it_still_makes_counts_as_far_as_the_steering_can_make_it() -> None:
+    turning = 1.5 / BODY.radius_min
+    expected = guard(0.5)(1.5, turning, 1.0)[0]
+    for sideways in (9.0, -9.0):
+        assert guard(0.5, sideways)(1.5, 0.0, 1.0) == pytest.approx((expected, 0.0)), "no further than to its stop"
+    assert guard(0.5, 3.0)(1.5, 0.0, 1.0)[0] == pytest.approx(guard(0.5)(1.5, 2.0, 1.0)[0])
+    assert guard(0.5, 3.0)(1.5, turning, 1.0)[0] == pytest.approx(expected), "what is asked for, where it is more"
+
+
+def test_a_roll_fades_in_three_seconds() -> None:
+    rolls = [0.6]
+    one = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (rolls[0], 0.0))
+    one(1.5, 2.0, 10.0)
+    rolls[0] = 0.0
+    for now in (10.2, 10.4, 10.6):
+        slower = one(1.5, 2.0, now)[0]
+        assert slower == pytest.approx(guard(0.6 * exp(-(now - 10.0) / 3.0))(1.5, 2.0, 1.0)[0])
+    assert slower < 1.5
 
 
 def test_nobody_who_measures_limits_nothing() -> None:

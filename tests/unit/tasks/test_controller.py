@@ -51,7 +51,7 @@ class Desk:
         self.gate = Gate(Limits(), on_close=lambda reason: None)
         self.gate.arm(0.0)
         self.ticks = Ticks(TICK)
-        self._task = controller(self.ticks, self.state, hal, self.gate, Geometry(), VelocityLoops())
+        self._task = controller(self.ticks, self.state, hal, self.gate, Geometry(), VelocityLoops(steers=True))
         self._task.send(None)
         self.now = 0.0
 
