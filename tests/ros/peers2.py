@@ -5,7 +5,6 @@ import sys
 import time
 from collections import Counter
 from importlib import import_module
-from itertools import pairwise
 
 import rclpy
 from rclpy.node import Node
@@ -306,11 +305,11 @@ def two():
     return {"alone": alone, "both": dict(counts)}
 
 
-def clock():
+def clock(peer=None):
     """Virtual time, as a node with use_sim_time sees it."""
     from rclpy.parameter import Parameter
 
-    peer = Peer()
+    peer = peer or Peer()
     peer.set_parameters([Parameter("use_sim_time", value=True)])
     peer.hear("odom", "nav_msgs/Odometry")
     peer.hear("/clock", "rosgraph_msgs/Clock", SENSOR)
@@ -326,79 +325,46 @@ def clock():
     }
 
 
-def relay():
-    """Hand on every message: what ROS itself costs."""
-    node = Node("relay")
-    publisher = node.create_publisher(kind("nav_msgs/Odometry"), "pong", 10)
-    node.create_subscription(kind("nav_msgs/Odometry"), "ping", publisher.publish, 10)
-    rclpy.spin(node)
-
-
-def latency(seconds="20"):
-    """Of odometry since it was read, of commands until the set-point tells them, and of a relay; ms and Hz."""
-    import random
-
+def replayed():
+    """A recording that is published again, at twice its speed."""
     peer = Peer()
-    got = {name: [] for name in ("encoder to odom", "cmd_vel to set-point", "relay")}
-    arrivals = {}
-    waiting = {}
+    frames = {}
 
-    def odometry(told):
-        got["encoder to odom"].append(time.time() - told.header.stamp.sec - 1e-9 * told.header.stamp.nanosec)
+    def take(message):
+        frames.update({each.child_frame_id: each.header.frame_id for each in message.transforms})
 
-    def setpoint(told):
-        sent = waiting.pop(round(told.twist.linear.x, 6), None)
-        if sent is not None:
-            got["cmd_vel to set-point"].append(time.monotonic() - sent)
+    peer.create_subscription(kind("tf2_msgs/TFMessage"), "tf", take, 100)
+    peer.create_subscription(kind("tf2_msgs/TFMessage"), "tf_static", take, LATCHED)
+    peer.hear("joint_states", "sensor_msgs/JointState")
+    peer.hear("scan", "sensor_msgs/LaserScan", SENSOR)
+    peer.hear("robot_description", "std_msgs/String", LATCHED)
+    peer.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
+    told = clock(peer)
+    twist = peer.last["odom"].twist.twist
+    return told | {
+        "odom": [twist.linear.x, twist.angular.z], "mode": peer.last["/txt1/mode"].mode, "frames": frames,
+        "wheel": peer.last["joint_states"].position[0], "scan": len(peer.last["scan"].ranges),
+        "description": peer.last["robot_description"].data,
+    }  # fmt: skip
 
-    def pong(told):
-        got["relay"].append(time.monotonic() - told.pose.pose.position.x)
 
-    def timed(name, take=lambda told: None):
-        def taken(told):
-            arrivals.setdefault(name, []).append(time.monotonic())
-            take(told)
-
-        return taken
-
-    for topic, message, quality, take in (
-        ("odom", "nav_msgs/Odometry", 10, odometry),
-        ("tf", "tf2_msgs/TFMessage", 10, None),
-        ("joint_states", "sensor_msgs/JointState", 10, None),
-        ("imu/data", "sensor_msgs/Imu", SENSOR, None),
-        ("scan", "sensor_msgs/LaserScan", SENSOR, None),
-        ("battery_state", "sensor_msgs/BatteryState", LATCHED, None),
-        ("/txt1/setpoint", "geometry_msgs/TwistStamped", 10, setpoint),
-    ):
-        peer.create_subscription(kind(message), topic, timed(topic, *([take] if take else [])), quality)
-    peer.create_subscription(kind("nav_msgs/Odometry"), "pong", pong, 10)
-    ping = peer.create_publisher(kind("nav_msgs/Odometry"), "ping", 10)
-    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
-    peer.until(lambda: got["encoder to odom"] and publisher.get_subscription_count() and ping.get_subscription_count())
+def board():
+    """A virtual board, driven by the host at its line."""
+    peer = Peer()
+    peer.hear("odom", "nav_msgs/Odometry")
+    peer.hear("/txt1_board/mode", "txt1_msgs/Mode", LATCHED)
+    commands = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(lambda: peer.seen["odom"] and peer.last["odom"].twist.twist.linear.x > 0.25)
+    told = {"v": peer.last["odom"].twist.twist.linear.x, "cmd_vel": commands.get_subscription_count()}
+    told["manual"] = peer.call("std_srvs/SetBool", "/txt1_board/manual", data=True).success
     peer.run(2.0)
-    for each in (*got.values(), *arrivals.values()):
-        each.clear()
-
-    def send():
-        v = round(random.uniform(0.2, 0.6), 6)
-        waiting[v] = time.monotonic()
-        publisher.publish(twist(v, 0.0))
-        message = kind("nav_msgs/Odometry")()
-        message.pose.pose.position.x = time.monotonic()
-        ping.publish(message)
-
-    peer.run(float(seconds), 0.0973, send)
-
-    def share(values, part):
-        return round(1e3 * sorted(values)[min(len(values) - 1, int(part * len(values)))], 2)
-
-    told = {name: [share(each, 0.5), share(each, 0.99), len(each)] for name, each in got.items() if each}
-    for name, each in arrivals.items():
-        gaps = [b - a for a, b in pairwise(each)]
-        if len(gaps) > 1:
-            mean = sum(gaps) / len(gaps)
-            told[f"rate of {name}"] = [round(1.0 / mean, 2), share([abs(gap - mean) for gap in gaps], 0.99)]
-    return told
+    told["mode"] = peer.last["/txt1_board/mode"].mode
+    peer.call("std_srvs/SetBool", "/txt1_board/manual", data=False)
+    told["esc"] = peer.call("std_srvs/SetBool", "/txt1_board/power_esc", data=False).success
+    for name in ("disarm", "stop"):
+        told[name] = peer.call("std_srvs/Trigger", f"/txt1_board/{name}").success
+    peer.run(0.5)
+    return told | {"armed": peer.last["/txt1_board/mode"].armed}
 
 
 if __name__ == "__main__":

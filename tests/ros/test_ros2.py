@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -217,6 +218,56 @@ def test_nodes_of_the_other_distribution_and_another_dds_understand_it(
             )
             assert done.returncode == 0, done.stderr[-2000:]
             assert float(done.stdout.splitlines()[-1]) > 0.2
+
+
+def test_a_recording_is_published_again_with_its_time_and_a_description_of_the_robot(
+    ros: RosPython, domain: dict[str, str], tmp_path: Path
+) -> None:
+    file = tmp_path / "run.mcap"
+    words = ["run", "--headless", "--speed", "max", "--duration", "30", "--seed", "1", "--drive", "0.3,0.4"]
+    sensors = ["--set", "sensors.laser.driver=sim_laser"]
+    subprocess.run(
+        [sys.executable, "-m", "txt1", *words, *sensors, "--log", str(file)], cwd=ROOT, check=True, capture_output=True
+    )
+    play = [sys.executable, "-m", "txt1", "replay", "--ros2", "--loop", "--from", "5", "--speed", "2", str(file)]
+    process = subprocess.Popen(play, cwd=ROOT, env={**os.environ, **domain})
+    try:
+        told = ask(ros, domain, "replayed")
+    finally:
+        process.terminate()
+        process.wait(20)
+    assert told["times real"] == pytest.approx(2.0, rel=0.3)
+    assert abs(told["behind"]) < 0.5 and told["now"] > 5.0
+    assert told["odom"] == pytest.approx([0.3, 0.4], abs=0.15)
+    assert told["mode"], "told long before second 5, and kept"
+    assert told["wheel"] > 1.0 and told["scan"] > 100
+    assert told["frames"]["base_laser_link"] == "base_link" and told["frames"]["odom"] == "room"
+    assert "<robot" in told["description"]
+
+
+def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_takes_no_velocities(
+    ros: RosPython, domain: dict[str, str]
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    words = ["board", "--tcp", str(port), "--ros2", "--set", "safety.missed_ticks_max=100000"]
+    board = subprocess.Popen([sys.executable, "-m", "txt1", *words], cwd=ROOT, env={**os.environ, **domain})
+    host = subprocess.Popen(
+        [sys.executable, "-m", "txt1", "run", "--headless", "--drive", "0.4,0", "--arm",
+         "--hal", "serial", "--set", f"serial.port=socket://127.0.0.1:{port}"],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    try:
+        told = ask(ros, domain, "board")
+    finally:
+        for each in (host, board):
+            each.terminate()
+            each.wait(20)
+    assert told["v"] > 0.25, "its host drives"
+    assert not told["cmd_vel"], "nobody listens"
+    assert told["manual"] and told["mode"] == "manual"
+    assert told["esc"] and told["disarm"] and told["stop"] and not told["armed"]
 
 
 def _is_child(pid: int, parent: int) -> bool:

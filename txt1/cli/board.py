@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import os
 from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
 from functools import partial
 from typing import Final
 
@@ -11,6 +12,7 @@ from txt1.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.cli import options
 from txt1.cli.app import App, conclude, live_view, say, view_of
 from txt1.cli.options import flag, takes
+from txt1.cli.ros import BoardNode, board_node
 from txt1.config import Config, load
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
@@ -40,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
         "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
     })  # fmt: skip
-    options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | {
+    options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | options.ROS2 | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),
         "--as": {
@@ -97,15 +99,19 @@ def main(arguments: argparse.Namespace) -> int:
     given = habits | ({} if arguments.seed is None else {"seed": arguments.seed})
     config = load(arguments.config, [*arguments.set, *faults], os.environ, given).config
     options.warn_of_baud(config)
+    node = board_node(arguments)
     app = App()
-    app.run(_serve(app, arguments, config))
+    app.run(_serve(app, arguments, config, node))
     return conclude(app, arguments.json)
 
 
-async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> None:
+async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: BoardNode | None) -> None:
     view = await live_view(arguments)
     told = {"board": True, "duration": arguments.duration}
-    async with app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board:
+    async with (
+        app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board,
+        AsyncExitStack() as beside,
+    ):
         listener: Listener
         if arguments.pty is not None:
             listener = listen_pty(arguments.pty, board.paced)
@@ -118,6 +124,8 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config) -> Non
         try:
             say(f"a virtual board is at {listener.address}")
             await board.power_up()
+            if node is not None:
+                await beside.enter_async_context(node(board))
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
             events = asyncio.ensure_future(_let_happen(board, arguments.event))

@@ -176,9 +176,11 @@ WEB: Final = {
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
 }  # fmt: skip
-ROS: Final = {
+ROS2: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
+}  # fmt: skip
+ROS: Final = ROS2 | {
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
 }  # fmt: skip

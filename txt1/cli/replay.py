@@ -14,11 +14,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
         "--from": takes("S", "begin at this time of the run", float, dest="start"),
         "--loop": flag("begin anew at the end"),
+        "--ros2": flag("publish it as topics of ROS 2, its time as /clock, instead of showing it on the screens"),
+        "--ros2-namespace": takes("NS", "of those topics; none by default"),
     })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Show a recording on the screens, or run it again and say where it first differs."""
+    """Show a recording on the screens or to ROS 2, or run it again and say where it first differs."""
+    if arguments.ros2:
+        from txt1.bridges.ros.playback import Playback, publish
+        from txt1.cli.app import say
+        from txt1.cli.ros import ros2_python
+
+        python = ros2_python()
+
+        async def play_to_ros() -> None:
+            options = arguments.speed, arguments.start, arguments.loop
+            await publish(
+                Playback(arguments.file, arguments.robot, *options, say), python, arguments.ros2_namespace or ""
+            )
+
+        run(play_to_ros())
+        return OK
     if not arguments.verify:
         from txt1.record.snapshots import Snapshots
         from txt1.ui.replay import play

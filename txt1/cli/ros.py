@@ -5,14 +5,21 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
+from txt1.board import Board
 from txt1.cli.app import say
 from txt1.errors import ConfigError
 from txt1.robot import Robot
 
+if TYPE_CHECKING:
+    from txt1.bridges.ros.python import RosPython
+
+NODE: Final = "txt1.bridges.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
 """Makes a robot a node of ROS as long as the block is at work."""
+BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]
+"""The same of a board."""
 
 
 def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
@@ -21,7 +28,43 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
         if arguments.ros2_namespace or arguments.ros2_stamped:
             raise ConfigError("--ros2-namespace, --ros2-stamped: there is no node; add --ros2")
         return None
-    from txt1.bridges.ros.desk import Ros2Desk, node_beside
+    from txt1.bridges.ros.desk import Ros2Desk
+    from txt1.bridges.ros.node import node_beside
+
+    python = ros2_python()
+
+    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
+        desk = Ros2Desk(robot)
+        options = {
+            "namespace": arguments.ros2_namespace or "", "offers": desk.offers, "stamped": arguments.ros2_stamped,
+            "stale": desk.stale, "virtual": arguments.speed is not None, "parameters": desk.parameters(),
+        }  # fmt: skip
+        return node_beside(robot.runtime, desk, NODE, python.program, python.environment, options)
+
+    return node
+
+
+def board_node(arguments: argparse.Namespace) -> BoardNode | None:
+    """Return what makes a virtual board a node of ROS 2, if it is to be one; raises ConfigError without ROS 2."""
+    if not arguments.ros2:
+        if arguments.ros2_namespace:
+            raise ConfigError("--ros2-namespace: there is no node; add --ros2")
+        return None
+    from txt1.bridges.ros.board import BoardDesk
+    from txt1.bridges.ros.node import node_beside
+
+    python = ros2_python()
+
+    def node(board: Board) -> AbstractAsyncContextManager[Any]:
+        desk = BoardDesk(board)
+        options = {"name": "txt1_board", "namespace": arguments.ros2_namespace or "", "offers": desk.offers}
+        return node_beside(board.runtime, desk, NODE, python.program, python.environment, options)
+
+    return node
+
+
+def ros2_python() -> RosPython:
+    """Return the Python for a node of ROS 2, and say which; raises ConfigError."""
     from txt1.bridges.ros.install import outdated
     from txt1.bridges.ros.python import home, ros2
 
@@ -29,23 +72,14 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     say(f"the node runs under {python.where}")
     if python.ours and outdated(home()):
         raise ConfigError("--ros2: the types were made of other definitions; run 'txt1 ros2 install' again")
-
-    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
-        desk = Ros2Desk(robot)
-        options = {
-            "namespace": arguments.ros2_namespace or "", "stamped": arguments.ros2_stamped, "stale": desk.stale,
-            "virtual": arguments.speed is not None, "parameters": desk.parameters(),
-        }  # fmt: skip
-        return node_beside(robot, desk, "txt1.bridges.ros.ros2:main", python.program, python.environment, options)
-
-    return node
+    return python
 
 
 def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
     """Return what makes the robot the original's node of ROS 1, if it is to be; raises ConfigError without ROS 1."""
     if not arguments.ros1:
         return None
-    from txt1.bridges.ros.desk import node_beside
+    from txt1.bridges.ros.node import node_beside
     from txt1.bridges.ros.original import Ros1Desk
     from txt1.bridges.ros.python import ros1
 
@@ -55,6 +89,6 @@ def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
         desk = Ros1Desk(robot)
         given = options | {"parameters": desk.parameters()}
-        return node_beside(robot, desk, "txt1.bridges.ros.ros1:main", python.program, python.environment, given)
+        return node_beside(robot.runtime, desk, "txt1.bridges.ros.ros1:main", python.program, python.environment, given)
 
     return node

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from base64 import b64decode
+from collections.abc import Collection
 from contextlib import suppress
 from importlib import import_module
 from math import atan2
@@ -39,10 +40,17 @@ QUALITIES: Final = {
 
 
 class Bridge:
-    """The node with everything it serves; `stale` is the age in s at which a command is."""
+    """The node with everything that it `offers`; `stale` is the age in s at which a command is."""
 
     def __init__(
-        self, robot: Connection, node: Node, parameters: dict[str, Any], stamped: bool, stale: float, virtual: bool
+        self,
+        robot: Connection,
+        node: Node,
+        offers: Collection[str],
+        parameters: dict[str, Any],
+        stamped: bool,
+        stale: float,
+        virtual: bool,
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
         self._publishers: dict[int, tuple[Any, str]] = {}
@@ -60,12 +68,14 @@ class Bridge:
         self._commands: Any = None
         self._group = ReentrantCallbackGroup()
         self._driving = MutuallyExclusiveCallbackGroup()
-        self._declare(parameters, stamped)
-        self._subscribe(stamped)
-        self._serve()
-        from diagnostic_msgs.msg import DiagnosticArray
+        self._serve(offers)
+        self._diagnostics: Any = None
+        if "drive" in offers:
+            from diagnostic_msgs.msg import DiagnosticArray
 
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+            self._declare(parameters, stamped)
+            self._subscribe(stamped)
+            self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(SECOND, self._report, callback_group=self._driving)
 
     # -- the robot's messages ----------------------------------------------------------------------------------
@@ -163,7 +173,7 @@ class Bridge:
 
     # -- services ----------------------------------------------------------------------------------------------
 
-    def _serve(self) -> None:
+    def _serve(self, offers: Collection[str]) -> None:
         from std_srvs.srv import SetBool, Trigger
 
         def trigger(name: str) -> Any:
@@ -173,22 +183,21 @@ class Bridge:
             word = "manual" if name == "manual" else "on"
             return lambda request, response: self._answer(response, name, **fields, **{word: request.data})
 
-        for name in ("arm", "disarm", "stop", "load_gains"):
-            self._node.create_service(Trigger, f"~/{name}", trigger(name), callback_group=self._group)
-        self._node.create_service(SetBool, "~/manual", switch("manual"), callback_group=self._group)
-        for which in ("atx", "esc"):
-            self._node.create_service(
-                SetBool, f"~/power_{which}", switch("power", switch=which), callback_group=self._group
-            )
-
+        services = {name: (Trigger, trigger(name)) for name in ("arm", "disarm", "stop", "load_gains")}
+        services |= {f"power_{which}": (SetBool, switch("power", switch=which)) for which in ("atx", "esc")}
+        services["manual"] = SetBool, switch("manual")
         with suppress(ImportError):  # types of our own
             from txt1_msgs.srv import Place
 
             def place(request: Any, response: Any) -> Any:
                 return self._answer(response, "place", x=request.x, y=request.y, theta=request.theta)
 
-            self._node.create_service(Place, "~/place", place, callback_group=self._group)
-            self._serve_goals()
+            services["place"] = Place, place
+            if "drive_to" in offers:
+                self._serve_goals()
+        for name in services.keys() & set(offers):
+            kind, take = services[name]
+            self._node.create_service(kind, f"~/{name}", take, callback_group=self._group)
 
     def _serve_goals(self) -> None:
         """Serve the action that drives to a pose."""
@@ -267,9 +276,13 @@ class Bridge:
     # -- about the node itself ---------------------------------------------------------------------------------
 
     def _report(self) -> None:
+        self._alive = time.monotonic()
+        if self._diagnostics is not None:
+            self._report_commands()
+
+    def _report_commands(self) -> None:
         from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-        self._alive = time.monotonic()
         found = self._node.get_publishers_info_by_topic("cmd_vel")
         names = tuple(sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found))
         if names != self._names:
@@ -295,18 +308,20 @@ class Bridge:
 def main(
     robot: Connection,
     *,
+    name: str = "txt1",
     namespace: str = "",
+    offers: Collection[str] = (),
     stamped: bool = False,
     stale: float = 0.25,
     virtual: bool = False,
-    parameters: dict[str, Any],
+    parameters: dict[str, Any] | None = None,
 ) -> None:
     """Serve until the robot's process ends."""
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    node = Node("txt1", namespace=namespace)
+    node = Node(name, namespace=namespace)
     executor = MultiThreadedExecutor(num_threads=4)
     executor.add_node(node)
-    bridge = Bridge(robot, node, parameters, stamped, stale, virtual)
+    bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
 
     def publish() -> None:
         with suppress(OSError):  # the robot's process has gone

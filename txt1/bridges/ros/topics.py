@@ -6,7 +6,7 @@ below the node's own name, ``~/``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
@@ -14,7 +14,7 @@ from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.readings import DepthImage, FixReading, Image, ImuReading, Scan
 from txt1.tasks.encoder import ROOM
 from txt1.telemetry.messages import define
-from txt1.telemetry.topics import Rule, Topic
+from txt1.telemetry.topics import TOPICS, Rule, Topic
 
 Quality = Literal["default", "sensor", "latched", "clock"]
 """Reliable; best effort, for sensors' data; kept for who comes late; the newest only."""
@@ -190,6 +190,28 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
         beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
         return told, Publication(beside, "sensor", _camera_info(beside))
     return (told,)
+
+
+_RECORDED: Final = {
+    "sensor_msgs/Imu": "imu/data", "sensor_msgs/LaserScan": "scan",
+    "sensor_msgs/CompressedImage": "camera/image_raw/compressed", "sensor_msgs/Image": "camera/depth/image_raw",
+}  # fmt: skip
+"""Where a recorded sensor's messages are looked for, by their type."""
+
+
+def recorded(name: str, message: str, taken: Container[str]) -> tuple[str, Quality] | None:
+    """The name and quality of service of a recorded topic; None for those that are not told.
+
+    The name that programs look for is left to others when it is `taken`.
+    """
+    if name == "/tf_room":
+        return "tf", "default"
+    if name in NOT_TOLD:
+        return None
+    if name.startswith("/sensors/"):
+        place = _RECORDED.get(message, "")
+        return place if place and place not in taken else f"~{name}", "sensor"
+    return of_the_table(TOPICS[name])[:2] if name in TOPICS else (f"~{name}", "default")
 
 
 def of_the_table(topic: Topic[Any]) -> Publication:

@@ -1,0 +1,58 @@
+"""A node of ROS beside a robot or a board, under the Python that has ROS."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Final, Protocol
+
+from txt1.beside import PERIOD, Beside, Request
+from txt1.bridges.registry import RESTART, SILENCE
+from txt1.runtime import Runtime
+
+START: Final = Path(__file__).with_name("start.py")
+PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one
+
+
+class NodeDesk(Protocol):
+    """The near end of a node."""
+
+    def telemetry(self) -> bytes | None:
+        """What is to be sent now."""
+
+    def request(self, request: Request) -> None:
+        """Do what is asked for."""
+
+    def say(self, text: str) -> None:
+        """Add a line about the node to the event log."""
+
+    def lost(self) -> None:
+        """The node has gone."""
+
+
+@asynccontextmanager
+async def node_beside(
+    runtime: Runtime,
+    desk: NodeDesk,
+    target: str,
+    python: Sequence[str],
+    environment: Mapping[str, str],
+    options: Mapping[str, object],
+) -> AsyncIterator[Beside]:
+    """A node at work until the block is left.
+
+    `target` is its function, ``module:function``; `options` are keyword arguments for it.
+    """
+    beside = Beside(
+        target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
+        tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
+        niceness=0, prompt=True,
+    )  # fmt: skip
+    try:
+        async with beside:
+            name = f"bridge {target.rpartition(':')[0].rpartition('.')[2]}"
+            runtime.add_task(name, PRIORITY, PERIOD, beside.serve)
+            yield beside
+    finally:
+        desk.lost()
