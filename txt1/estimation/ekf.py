@@ -1,18 +1,19 @@
 """An extended Kalman filter for a car: pose, velocities, the gyro's bias and the wheels' slip.
 
-Pure functions over arrays. "BLK" is Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking
+Pure functions over numbers. "BLK" is Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking
 and Navigation* (Wiley, 2001):
 
     x' = f(x, u),  P' = F P F^T + Q                                  BLK 10.3.2
     S = H P H^T + R,  K = P H^T S^-1,  x' = x + K (z - h(x))         BLK 10.3.2
     P' = P - K S K^T                                                 BLK (5.2.3-13)
 
-Both are taken by the root of S: with S = L L^T, W = P H^T L^-T and the misses y = L^-1 (z - h(x)), which are
-independent and of variance 1,
+The errors of a measurement's numbers are independent, so they are taken in one after another, which is the same (BLK
+5.2.6) and divides by numbers in place of matrices: with the miss y = (z - h x) / sigma, w = P h / sigma, sigma^2 = S,
 
-    x' = x + W y,  P' = P - W W^T,  NIS = y^T y
+    x' = x + w y,  P' = P - w w^T,  NIS = sum of y^2
 
-W W^T is symmetric whatever is rounded, the root has half the digits of S to lose, and a step takes seven products.
+The misses are independent and of variance 1. P is kept as its upper triangle, so it is symmetric whatever is rounded.
+The products are written out, as an array costs more than all the numbers in it: a step takes a third of numpy's time.
 """
 
 from collections.abc import Sequence
@@ -25,6 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Seven = tuple[float, float, float, float, float, float, float]
+Triangle = tuple[float, ...]
+"""28 numbers: the upper triangle of a covariance, row by row."""
 
 X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP = range(7)
 """Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip.
@@ -34,7 +38,7 @@ car's speed is (1 - slip) of the wheels'. That speed is not in the state itself:
 something of the slip whenever it changes, which alone they cannot.
 """
 SIZE: Final = 7
-IDENTITY: Final = np.eye(SIZE)
+NOTHING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 CRAWL: Final = 0.05  # m/s below which the steering angle is not told from speed and yaw rate
 TAN_MAX: Final = 0.6  # tangent of the steering angle beyond which it is noise: full lock is 0.30
 
@@ -42,8 +46,24 @@ TAN_MAX: Final = 0.6  # tangent of the steering angle beyond which it is noise: 
 class Belief(NamedTuple):
     """A state and its covariance."""
 
-    mean: Array  # shape (7,)
-    covariance: Array  # shape (7, 7)
+    mean: Seven
+    triangle: Triangle  # of the covariance
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance, shape (7, 7)."""
+        matrix = np.empty((SIZE, SIZE))
+        matrix[_UPPER] = matrix.T[_UPPER] = self.triangle
+        return matrix
+
+
+_UPPER: Final = np.triu_indices(SIZE)
+
+
+def belief_of(mean: Sequence[float] | Array, covariance: Array) -> Belief:
+    """The belief of a mean and a covariance, shapes (7,) and (7, 7)."""
+    x, y, theta, rolled, omega, bias, slip = map(float, mean)
+    return Belief((x, y, theta, rolled, omega, bias, slip), tuple(covariance[_UPPER].tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,97 +77,166 @@ class Drift:
     bias: float = 0.0002  # rad/s of the gyro
     slip: float = 0.002  # of the wheels
 
-    def density(self) -> Array:
-        """The covariance of a second, shape (7, 7)."""
-        each = self.position, self.position, self.heading, self.speed, self.yaw_rate, self.bias, self.slip
-        return np.diag(np.square(each))
+    def density(self) -> Seven:
+        """The variances of a second."""
+        position, bias, slip = self.position**2, self.bias**2, self.slip**2
+        return position, position, self.heading**2, self.speed**2, self.yaw_rate**2, bias, slip
 
 
-def predict(belief: Belief, dt: float, density: Array, bend: float = 0.0) -> Belief:
+def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Belief:
     """The belief dt seconds later, on the arc of its speed and yaw rate, thesis (2.2).
 
     Args:
         belief: now.
         dt: s.
-        density: covariance that a second adds, shape (7, 7), of `Drift.density`.
+        density: variances that a second adds, of `Drift.density`.
         bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12).
 
     """
-    mean, covariance = belief
-    _, _, theta, rolled, omega, _, slip = mean.tolist()
+    (x, y, theta, rolled, omega, bias, slip), (
+        xx, xy, xt, xu, xo, xb, xs,
+        yy, yt, yu, yo, yb, ys,
+        tt, tu, to, tb, ts,
+        uu, uo, ub, us,
+        oo, ob, os,
+        bb, bs,
+        ss,
+    ) = belief  # fmt: skip
+    qx, qy, qt, qu, qo, qb, qs = density
     grip = 1.0 - slip
+    v = rolled * grip
     half = 0.5 * omega * dt
     ratio = sin(half) / half if abs(half) > 1e-4 else 1.0  # the chord's length over the arc's
     c, s = dt * ratio * cos(theta + half), dt * ratio * sin(theta + half)
-    v = rolled * grip
-    after = mean.copy()
-    after[X] += v * c
-    after[Y] += v * s
-    after[THETA] = theta + omega * dt
-    after[OMEGA] = omega + v * bend
-    f = IDENTITY.copy()
-    f[X, THETA], f[Y, THETA] = -v * s, v * c
-    f[X, OMEGA], f[Y, OMEGA] = -0.5 * dt * v * s, 0.5 * dt * v * c
-    f[X, ROLLED], f[Y, ROLLED] = grip * c, grip * s
-    f[X, SLIP], f[Y, SLIP] = -rolled * c, -rolled * s
-    f[THETA, OMEGA] = dt
-    if bend:
-        f[OMEGA, ROLLED], f[OMEGA, SLIP] = grip * bend, -rolled * bend
-    grown = f.dot(covariance).dot(f.T)
-    return Belief(after, 0.5 * (grown + grown.T) + density * dt)  # rounding leaves it a little askew
+
+    # F is 1 but for these, by row and column
+    f_xt, f_xu, f_xo, f_xs = -v * s, grip * c, -0.5 * dt * v * s, -rolled * c
+    f_yt, f_yu, f_yo, f_ys = v * c, grip * s, 0.5 * dt * v * c, -rolled * s
+    f_to, f_ou, f_os = dt, grip * bend, -rolled * bend
+
+    # M = F P, where it is needed
+    m_xx = xx + f_xt * xt + f_xu * xu + f_xo * xo + f_xs * xs
+    m_xy = xy + f_xt * yt + f_xu * yu + f_xo * yo + f_xs * ys
+    m_xt = xt + f_xt * tt + f_xu * tu + f_xo * to + f_xs * ts
+    m_xu = xu + f_xt * tu + f_xu * uu + f_xo * uo + f_xs * us
+    m_xo = xo + f_xt * to + f_xu * uo + f_xo * oo + f_xs * os
+    m_xb = xb + f_xt * tb + f_xu * ub + f_xo * ob + f_xs * bs
+    m_xs = xs + f_xt * ts + f_xu * us + f_xo * os + f_xs * ss
+    m_yy = yy + f_yt * yt + f_yu * yu + f_yo * yo + f_ys * ys
+    m_yt = yt + f_yt * tt + f_yu * tu + f_yo * to + f_ys * ts
+    m_yu = yu + f_yt * tu + f_yu * uu + f_yo * uo + f_ys * us
+    m_yo = yo + f_yt * to + f_yu * uo + f_yo * oo + f_ys * os
+    m_yb = yb + f_yt * tb + f_yu * ub + f_yo * ob + f_ys * bs
+    m_ys = ys + f_yt * ts + f_yu * us + f_yo * os + f_ys * ss
+    m_tt, m_tu, m_to, m_tb, m_ts = tt + f_to * to, tu + f_to * uo, to + f_to * oo, tb + f_to * ob, ts + f_to * os
+    m_ou, m_oo = uo + f_ou * uu + f_os * us, oo + f_ou * uo + f_os * os
+    m_ob, m_os = ob + f_ou * ub + f_os * bs, os + f_ou * us + f_os * ss
+
+    # P' = M F^T + Q dt
+    return Belief(
+        (x + v * c, y + v * s, theta + omega * dt, rolled, omega + v * bend, bias, slip),
+        (
+            m_xx + m_xt * f_xt + m_xu * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt,
+            m_xy + m_xt * f_yt + m_xu * f_yu + m_xo * f_yo + m_xs * f_ys,
+            m_xt + m_xo * f_to, m_xu, m_xo + m_xu * f_ou + m_xs * f_os, m_xb, m_xs,
+
+            m_yy + m_yt * f_yt + m_yu * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt,
+            m_yt + m_yo * f_to, m_yu, m_yo + m_yu * f_ou + m_ys * f_os, m_yb, m_ys,
+
+            m_tt + m_to * f_to + qt * dt, m_tu, m_to + m_tu * f_ou + m_ts * f_os, m_tb, m_ts,
+
+            uu + qu * dt, m_ou, ub, us,
+
+            m_oo + m_ou * f_ou + m_os * f_os + qo * dt, m_ob, m_os,
+
+            bb + qb * dt, bs,
+
+            ss + qs * dt,
+        ),
+    )  # fmt: skip
 
 
 def update(
-    belief: Belief, residual: Array | Sequence[float], h: Array, r: Array, gate: float = inf
-) -> tuple[Belief, float, Sequence[float]]:
+    belief: Belief, residual: Sequence[float], h: Sequence[Seven], variances: Sequence[float], gate: float = inf
+) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
     The misses are the residual's parts in standard deviations, each less what those before it already say.
 
     Args:
         belief: before.
-        residual: measurement less expectation, z - h(x), m numbers, m at most 3.
-        h: Jacobian of the expectation, shape (m, 7).
-        r: covariance of the measurement, shape (m, m).
+        residual: measurement less expectation, z - h(x).
+        h: Jacobian of the expectation, by rows.
+        variances: of the measurement's numbers, the diagonal of R.
         gate: largest NIS that is believed; beyond it the belief comes back as it was.
 
     """
-    mean, covariance = belief
-    cross = covariance.dot(h.T)
-    root = whitener((h.dot(cross) + r).tolist())
-    misses = [sum(map(mul, row, residual)) for row in root]
+    change, triangle = NOTHING, belief.triangle
+    misses = []
+    for left, row, variance in zip(residual, h, variances, strict=True):
+        change, triangle, miss = absorbed(change, triangle, left, row, variance)
+        misses.append(miss)
     nis = sum(map(mul, misses, misses))
     if not nis <= gate:  # also when it is not a number
         return belief, nis, misses
-    w = cross.dot(np.array(root).T)
-    return Belief(mean + w.dot(misses), covariance - w.dot(w.T)), nis, misses
+    x, y, t, u, o, b, s = belief.mean
+    dx, dy, dt, du, do, db, ds = change
+    return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds), triangle), nis, misses
 
 
-def whitener(s: list[list[float]]) -> Sequence[Sequence[float]]:
-    """The inverse of the lower root L of a covariance S = L L^T of up to three numbers; numpy takes longer.
+def absorbed(
+    change: Seven, triangle: Triangle, left: float, row: Seven, variance: float
+) -> tuple[Seven, Triangle, float]:
+    """The mean's change and the covariance with a number taken in, and by how many sigma it missed.
 
-    It makes numbers of that covariance independent and of variance 1.
+    `left` is the number's residual before anything changed, `row` that of its Jacobian.
     """
-    a = 1.0 / sqrt(s[0][0])
-    if len(s) == 1:
-        return ((a,),)
-    b = s[1][0] * a
-    c = 1.0 / sqrt(s[1][1] - b * b)
-    if len(s) == 2:
-        return (a, 0.0), (-a * b * c, c)
-    d = s[2][0] * a
-    e = (s[2][1] - d * b) * c
-    f = 1.0 / sqrt(s[2][2] - d * d - e * e)
-    return (a, 0.0, 0.0), (-a * b * c, c, 0.0), ((b * e * c - d) * a * f, -e * c * f, f)
+    x, y, t, u, o, b, s = change
+    hx, hy, ht, hu, ho, hb, hs = row
+    (
+        xx, xy, xt, xu, xo, xb, xs,
+        yy, yt, yu, yo, yb, ys,
+        tt, tu, to, tb, ts,
+        uu, uo, ub, us,
+        oo, ob, os,
+        bb, bs,
+        ss,
+    ) = triangle  # fmt: skip
+
+    cx = xx * hx + xy * hy + xt * ht + xu * hu + xo * ho + xb * hb + xs * hs  # P h
+    cy = xy * hx + yy * hy + yt * ht + yu * hu + yo * ho + yb * hb + ys * hs
+    ct = xt * hx + yt * hy + tt * ht + tu * hu + to * ho + tb * hb + ts * hs
+    cu = xu * hx + yu * hy + tu * ht + uu * hu + uo * ho + ub * hb + us * hs
+    co = xo * hx + yo * hy + to * ht + uo * hu + oo * ho + ob * hb + os * hs
+    cb = xb * hx + yb * hy + tb * ht + ub * hu + ob * ho + bb * hb + bs * hs
+    cs = xs * hx + ys * hy + ts * ht + us * hu + os * ho + bs * hb + ss * hs
+
+    sigma = sqrt(cx * hx + cy * hy + ct * ht + cu * hu + co * ho + cb * hb + cs * hs + variance)
+    miss = (left - (x * hx + y * hy + t * ht + u * hu + o * ho + b * hb + s * hs)) / sigma
+
+    wx, wy, wt, wu, wo, wb, ws = cx / sigma, cy / sigma, ct / sigma, cu / sigma, co / sigma, cb / sigma, cs / sigma
+    after = (
+        x + wx * miss, y + wy * miss, t + wt * miss, u + wu * miss, o + wo * miss, b + wb * miss, s + ws * miss,
+    )  # fmt: skip
+    less = (
+        xx - wx * wx, xy - wx * wy, xt - wx * wt, xu - wx * wu, xo - wx * wo, xb - wx * wb, xs - wx * ws,
+        yy - wy * wy, yt - wy * wt, yu - wy * wu, yo - wy * wo, yb - wy * wb, ys - wy * ws,
+        tt - wt * wt, tu - wt * wu, to - wt * wo, tb - wt * wb, ts - wt * ws,
+        uu - wu * wu, uo - wu * wo, ub - wu * wb, us - wu * ws,
+        oo - wo * wo, ob - wo * wb, os - wo * ws,
+        bb - wb * wb, bs - wb * ws,
+        ss - ws * ws,
+    )  # fmt: skip
+    return after, less, miss
 
 
-def encoders(mean: Array, wheelbase: float) -> tuple[tuple[float, float], Array]:
-    """Speed and yaw rate that the encoders tell in a state, and the Jacobian, shape (2, 7).
+def encoders(mean: Seven, wheelbase: float) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
+    """Speed and yaw rate that the encoders tell in a state, and the rows of their Jacobian.
 
     They sit on the steered front wheels, at the angle phi with tan(phi) = L omega / (2 v), (2.12): these roll
     1 / cos(phi) of the centre's path, and tell cos(phi) of the turn.
     """
-    _, _, _, rolled, omega, _, slip = mean.tolist()
+    _, _, _, rolled, omega, _, slip = mean
     grip = 1.0 - slip
     tangent = 0.5 * wheelbase * omega / (rolled * grip) if abs(rolled) > CRAWL else 0.0
     if abs(tangent) > TAN_MAX:
@@ -155,37 +244,37 @@ def encoders(mean: Array, wheelbase: float) -> tuple[tuple[float, float], Array]
     stretch = sqrt(1.0 + tangent * tangent)
     share = (tangent / stretch) ** 2
     turning = omega / (grip * stretch)
-    h = np.zeros((2, SIZE))
-    h[0, ROLLED], h[0, SLIP] = stretch * (1.0 - share), rolled * stretch * share / grip
-    h[0, OMEGA] = 0.5 * wheelbase * tangent / (grip * stretch)
-    h[1, OMEGA], h[1, SLIP] = (1.0 - share) / (grip * stretch), turning * (1.0 - share) / grip
-    h[1, ROLLED] = turning * share / rolled if share else 0.0
-    return (rolled * stretch, turning), h
+    told_u, told_o, told_s = stretch * (1.0 - share), 0.5 * wheelbase * tangent / (grip * stretch), stretch * share
+    turn_u = turning * share / rolled if share else 0.0
+    turn_o, turn_s = (1.0 - share) / (grip * stretch), turning * (1.0 - share) / grip
+    return (rolled * stretch, turning), (
+        (0.0, 0.0, 0.0, told_u, told_o, 0.0, rolled * told_s / grip),
+        (0.0, 0.0, 0.0, turn_u, turn_o, 0.0, turn_s),
+    )
 
 
-def velocities(mean: Array) -> tuple[tuple[float, float], Array]:
-    """Speed and yaw rate, and the Jacobian, shape (2, 7)."""
-    _, _, _, rolled, omega, _, slip = mean.tolist()
-    grip = 1.0 - slip
-    h = np.zeros((2, SIZE))
-    h[0, ROLLED], h[0, SLIP], h[1, OMEGA] = grip, -rolled, 1.0
-    return (rolled * grip, omega), h
+def velocities(mean: Seven) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
+    """Speed and yaw rate, and the rows of the Jacobian."""
+    _, _, _, rolled, omega, _, slip = mean
+    return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled), TURNING)
 
 
-def antenna(mean: Array, at: tuple[float, float]) -> tuple[tuple[float, float], Array]:
-    """Where a receiver at a place on the robot (x forward, y left, m) is, and the Jacobian, shape (2, 7)."""
-    x, y, theta = mean[:3].tolist()
+def antenna(mean: Seven, at: tuple[float, float]) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
+    """Where a receiver at a place on the robot (x forward, y left, m) is, and the rows of the Jacobian."""
+    x, y, theta = mean[:3]
     c, s = cos(theta), sin(theta)
     dx, dy = at[0] * c - at[1] * s, at[0] * s + at[1] * c
-    h = np.zeros((2, SIZE))
-    h[0, X] = h[1, Y] = 1.0
-    h[0, THETA], h[1, THETA] = -dy, dx
-    return (x + dx, y + dy), h
+    return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0))
 
 
-def picked(*places: int) -> Array:
-    """The Jacobian of a measurement of these parts of the state themselves, shape (m, 7)."""
-    return IDENTITY[list(places)]
+POSE: Final[tuple[Seven, Seven, Seven]] = (
+    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+)  # fmt: skip
+"""The Jacobian of x, y and theta."""
+TURNING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+"""That of the yaw rate, ..."""
+GYRO: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+"""... and of a gyro, which tells its bias, too."""
 
 
 def turned(belief: Belief, turn: float, x: float, y: float, spread: Array) -> Belief:
@@ -193,13 +282,34 @@ def turned(belief: Belief, turn: float, x: float, y: float, spread: Array) -> Be
 
     `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now.
     """
-    mean, covariance = belief
+    px, py, theta, *rest = belief.mean
     c, s = cos(turn), sin(turn)
-    after = mean.copy()
-    after[X], after[Y] = x + c * mean[X] - s * mean[Y], y + s * mean[X] + c * mean[Y]
-    after[THETA] += turn
-    f = IDENTITY.copy()
+    f = np.eye(SIZE)
     f[:2, :2] = (c, -s), (s, c)
-    rotated = f.dot(covariance).dot(f.T)
+    rotated = f @ belief.covariance @ f.T
     rotated[:3, :3] += spread
-    return Belief(after, rotated)
+    return belief_of((x + c * px - s * py, y + s * px + c * py, theta + turn, *rest), rotated)
+
+
+def outside(belief: Belief) -> tuple[float, tuple[float, ...]]:
+    """The car's speed, m/s, and the covariance of x, y, theta, that speed and the yaw rate, row by row."""
+    _, _, _, rolled, _, _, slip = belief.mean
+    (
+        xx, xy, xt, xu, xo, _, xs,
+        yy, yt, yu, yo, _, ys,
+        tt, tu, to, _, ts,
+        uu, uo, _, us,
+        oo, _, os,
+        _, _,
+        ss,
+    ) = belief.triangle  # fmt: skip
+    a, b = 1.0 - slip, -rolled  # by which wheels' speed and slip change it
+    xv, yv, tv, ov = a * xu + b * xs, a * yu + b * ys, a * tu + b * ts, a * uo + b * os
+    vv = a * a * uu + 2.0 * a * b * us + b * b * ss
+    return rolled * a, (
+        xx, xy, xt, xv, xo,
+        xy, yy, yt, yv, yo,
+        xt, yt, tt, tv, to,
+        xv, yv, tv, vv, ov,
+        xo, yo, to, ov, oo,
+    )  # fmt: skip

@@ -18,20 +18,21 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from txt1.estimation.ekf import (
-    BIAS,
+    GYRO,
     OMEGA,
+    POSE,
     ROLLED,
-    SIZE,
-    SLIP,
     THETA,
     Array,
     Belief,
     Drift,
+    Seven,
     X,
     Y,
     antenna,
+    belief_of,
     encoders,
-    picked,
+    outside,
     predict,
     turned,
     update,
@@ -45,6 +46,7 @@ BIASED: Final = 0.02  # rad/s, standard deviation of the gyro's bias at the star
 FIRST: Final = 0.04  # s before the first step from which on readings count
 HORIZON: Final = 0.5  # s that a reading may be late
 STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
+SAME_INSTANT: Final = 1e-6  # s between readings of one instant, to which clocks and sums of times are rounded
 REJECTED_MAX: Final = 2  # readings in a row beyond the gate that cost a sensor its belief
 FITS: Final = 0.5  # s for which readings fit before a sensor is believed again,
 FITTING: Final = 3  # and at least so many of them
@@ -63,11 +65,6 @@ REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot tha
 REST_YAW: Final = 0.001  # rad/s, likewise
 ALIGNED: Final = 0.15  # rad, the standard deviation at which a heading found from positions is good enough
 PAIRS_MAX: Final = 600  # positions that are kept to find it
-
-
-_TOLD: Final = picked(X, Y, THETA, ROLLED, OMEGA)
-_GYRO: Final = picked(OMEGA) + picked(BIAS)
-_POSE: Final = picked(X, Y, THETA)
 
 
 class Kind(Enum):
@@ -195,10 +192,9 @@ class Fusion:
         self._density = drift.density()
         self._judges = {name: _Judge(name, settings) for name, settings in sensors.items()}
         sigmas = np.array([0.0, 0.0, 0.0, SPEED, YAW_RATE, BIASED, slip_sigma])
-        self._base, self._base_time = Belief(np.zeros(SIZE), np.diag(sigmas**2)), -1.0
+        self._base, self._base_time = belief_of(np.zeros(sigmas.size), np.diag(sigmas**2)), -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
-        self._noises: dict[tuple[float, ...], Array] = {}
         self._located = not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
@@ -280,6 +276,8 @@ class Fusion:
             del entries[:old]
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
+        if dt < SAME_INSTANT and bend == 0.0:
+            return belief
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, self._density), dt - STEP_MAX
         return predict(belief, max(dt, 0.0), self._density, bend)
@@ -293,9 +291,7 @@ class Fusion:
             measurement = entry.measurement
             steering = measurement.kind is Kind.STEERING
             bend = measurement.values[0] if steering else 0.0
-            if bend != 0.0 or entry.time > time:
-                belief = self._predicted(belief, entry.time - time, bend)
-            time = entry.time
+            belief, time = self._predicted(belief, entry.time - time, bend), entry.time
             if not steering:
                 new = entry.new
                 belief = self._measure(belief, entry)
@@ -345,7 +341,7 @@ class Fusion:
             if measurement.sensor == without or not entry.used:
                 continue
             residual, h = self._expect(belief.mean, measurement)
-            belief, _, misses = update(belief, residual, h, self._noise(measurement.sigmas))
+            belief, _, misses = update(belief, residual, h, [sigma * sigma for sigma in measurement.sigmas])
             name = measurement.sensor
             sums[name] = sums.get(name, 0.0) + np.array(misses)
             counts[name] = counts.get(name, 0) + 1
@@ -365,54 +361,49 @@ class Fusion:
     def _measure(self, belief: Belief, entry: _Entry) -> Belief:
         measurement = entry.measurement
         judge = self._judges.get(measurement.sensor)
-        residual, h = self._expect(belief.mean, measurement)
-        noise = self._noise(measurement.sigmas)
-        if judge is None:  # a robot at rest
-            return update(belief, residual, h, noise)[0]
-        gate = judge.settings.gate**2
-        if not entry.new:
-            return update(belief, residual, h, noise, gate)[0] if entry.used else belief
-        if judge.settings.tells_pose and not self._located:
+        if judge is not None and not entry.new and not entry.used:
+            return belief
+        if entry.new and judge is not None and judge.settings.tells_pose and not self._located:
             entry.new = False
             judge.used += 1
             return self._locate(belief, measurement)
-        after, nis, misses = update(belief, residual, h, noise, gate if judge.believed else -1.0)
+        residual, h = self._expect(belief.mean, measurement)
+        variances = [sigma * sigma for sigma in measurement.sigmas]
+        if judge is None:  # a robot at rest
+            return update(belief, residual, h, variances)[0]
+        gate = judge.settings.gate**2
+        if not entry.new:
+            return update(belief, residual, h, variances, gate)[0]
+        after, nis, misses = update(belief, residual, h, variances, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
         self._judge(judge, measurement, belief, nis, misses)
         return after
 
-    def _expect(self, mean: Array, measurement: Measurement) -> tuple[Sequence[float], Array]:
-        """The measurement less its expectation, and the Jacobian."""
+    def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Seven]]:
+        """The measurement less its expectation, and the rows of the Jacobian."""
         kind, rows, values = measurement.kind, measurement.rows, measurement.values
         expected: Sequence[float]
+        h: Sequence[Seven]
         if kind is Kind.GYRO:
-            _, _, _, _, omega, bias, _ = mean.tolist()
-            return (values[0] - omega - bias,), _GYRO
+            _, _, _, _, omega, bias, _ = mean
+            return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
             expected, h = encoders(mean, self._wheelbase)
             if self._alone:
-                h[:, SLIP] = 0.0  # what looks like slip then is none
+                h = [(*row[:-1], 0.0) for row in h]  # what looks like slip then is none
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
         elif measurement.at == (0.0, 0.0):
-            expected, h = mean.tolist()[:3], _POSE
+            expected, h = mean[:3], POSE
         else:
             position, at = antenna(mean, measurement.at)
-            expected, h = (*position, float(mean[THETA])), np.vstack((at, _POSE[2]))
+            expected, h = (*position, mean[THETA]), (*at, POSE[THETA])
         if len(values) < len(h):
-            expected, h = [expected[row] for row in rows], h[list(rows)]
+            expected, h = [expected[row] for row in rows], [h[row] for row in rows]
         residual = list(map(sub, values, expected))
-        if kind is Kind.POSE and rows[-1] == 2:
+        if kind is Kind.POSE and rows[-1] == THETA:
             residual[-1] = wrap_angle(residual[-1])
         return residual, h
-
-    def _noise(self, sigmas: tuple[float, ...]) -> Array:
-        known = self._noises.get(sigmas)
-        if known is None:
-            if len(self._noises) > 100:  # a receiver that tells another one each time
-                self._noises.clear()
-            known = self._noises[sigmas] = np.diag(np.square(sigmas))
-        return known
 
     # -- belief ----------------------------------------------------------------------------------------------------
 
@@ -430,7 +421,7 @@ class Fusion:
             frozen = judge.same >= SAME_COUNTS and any(measurement.values)
         else:
             moving = measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
-            frozen = judge.same >= SAME_MAX and bool(moving)
+            frozen = judge.same >= SAME_MAX and moving
         time = measurement.time
         means, one_sided = judge.misses, 0.0
         for place, miss in enumerate(misses):
@@ -480,14 +471,14 @@ class Fusion:
         """Find the pose in the frame of a sensor: at once with a heading, from several positions without one."""
         mean, values, sigmas = belief.mean, measurement.values, measurement.sigmas
         if measurement.rows == (0, 1, 2):
-            turn = values[2] - float(mean[THETA])
+            turn = values[2] - mean[THETA]
             spread = np.diag(np.square(sigmas))
             (px, py), _ = antenna(mean, measurement.at)
             c, s = cos(turn), sin(turn)
             x, y = values[0] - c * px + s * py, values[1] - s * px - c * py
         elif measurement.rows == (0, 1):
             (px, py), _ = antenna(mean, measurement.at)
-            self._pairs.append((float(px), float(py), *values, sigmas[0]))
+            self._pairs.append((px, py, *values, sigmas[0]))
             found = aligned(self._pairs)
             if found is None:
                 return belief
@@ -506,11 +497,8 @@ class Fusion:
     # -- the estimate ----------------------------------------------------------------------------------------------
 
     def _estimate(self, belief: Belief) -> Estimate:
-        x, y, theta, rolled, omega, bias, slip = belief.mean.tolist()
-        j = _TOLD.copy()
-        j[3, ROLLED], j[3, SLIP] = 1.0 - slip, -rolled
-        covariance = tuple(j.dot(belief.covariance).dot(j.T).ravel().tolist())
-        v = rolled * (1.0 - slip)
+        x, y, theta, _, omega, bias, slip = belief.mean
+        v, covariance = outside(belief)
         return Estimate(x, y, wrap_angle(theta), v, omega, covariance, bias, slip, self._located)
 
 
@@ -539,10 +527,10 @@ def aligned(pairs: deque[tuple[float, ...]]) -> tuple[float, float, float, Array
     )
 
 
-def about(spread: Array, mean: Array, turn: float, pairs: deque[tuple[float, ...]]) -> Array:
+def about(spread: Array, mean: Seven, turn: float, pairs: deque[tuple[float, ...]]) -> Array:
     """The covariance of a frame (x, y, turn) at the centre of the pairs, at where the robot is instead."""
     px, py = np.mean([pair[:2] for pair in pairs], axis=0)
-    dx, dy = float(mean[X] - px), float(mean[Y] - py)
+    dx, dy = mean[X] - float(px), mean[Y] - float(py)
     c, s = cos(turn), sin(turn)
     j = np.eye(3)
     j[0, 2], j[1, 2] = -(s * dx + c * dy), c * dx - s * dy

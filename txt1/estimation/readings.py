@@ -53,13 +53,14 @@ def plan(name: str, kind: type, settings: FusedConfig) -> Callable[[Reading[Any]
         usual = tuple(given.get(quantity) or assumed.get(quantity, 0.1) for quantity in quantities)
         own = [f"sigma_{quantity}" if quantity not in given else "" for quantity in quantities]
         if rows:
-            parts.append((what, rows, quantities, usual, own if any(hasattr(kind, name) for name in own) else []))
+            parts.append((what, rows, quantities, usual, own if any(hasattr(kind, name) for name in own) else None))
 
     def moving(reading: Reading[Any]) -> list[Measurement]:
         value, time, made = reading.value, reading.time - delay, []
-        for what, rows, quantities, usual, own in parts:
+        for what, rows, quantities, sigmas, own in parts:
             values = tuple([getattr(value, quantity) for quantity in quantities])
-            sigmas = tuple(getattr(value, own[k], None) or usual[k] for k in range(len(own))) or usual
+            if own is not None:
+                sigmas = tuple([getattr(value, each, None) or usual for each, usual in zip(own, sigmas, strict=True)])
             if None in values:
                 known = [place for place, each in enumerate(values) if each is not None]
                 values, sigmas = tuple(values[place] for place in known), tuple(sigmas[place] for place in known)
