@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
+import struct
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from time import monotonic, time
 from typing import Any
@@ -31,9 +33,17 @@ def token(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def car(token: Path) -> Iterator[Live]:
-    """A simulated robot, and its page behind a token."""
-    with live(folder=token.parent, token=str(token)) as here:
+    """A simulated robot, and its page behind a token; whatever is done to it, the terminal is the operator's."""
+    said, terminal = token.with_name("said"), os.dup(2)
+    with said.open("w") as file, ExitStack() as stack:
+        os.dup2(file.fileno(), 2)  # the server is born with it
+        try:
+            here = stack.enter_context(live(folder=token.parent, token=str(token)))
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
         yield here
+    assert said.read_text() == ""
 
 
 class Browser:
@@ -379,8 +389,8 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
     assert sum(len(file.body) for file in page_files().values()) < 100_000
 
 
-def upgraded(car: Live) -> socket.socket:
-    """A page's socket, which answers nothing."""
+def asking(car: Live) -> socket.socket:
+    """A page that has asked for its socket."""
     door = Door(TOKEN, "http", car.port)
     signed = door.sign_in(TOKEN, time())
     assert signed is not None
@@ -391,8 +401,20 @@ def upgraded(car: Live) -> socket.socket:
         f"Cookie: {door.cookie}={signed[1]}\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
     )
+    return raw
+
+
+def upgraded(car: Live) -> socket.socket:
+    """A page's socket, which answers nothing."""
+    raw = asking(car)
     assert raw.recv(12) == b"HTTP/1.1 101"
     return raw
+
+
+def test_who_asks_and_hangs_up_before_the_answer_leaves_no_word_in_the_terminal(car: Live) -> None:
+    for _ in range(20):
+        with asking(car) as raw:
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # at once, by a reset
 
 
 @pytest.mark.long

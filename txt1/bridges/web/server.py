@@ -142,7 +142,7 @@ class Server:
             response = await handler(request)
         except web.HTTPException as answer:
             response = answer
-        except TimeoutError:
+        except (TimeoutError, ConnectionError):  # it says nothing, or is gone before it is answered
             response = web.Response(status=408)
         if not response.prepared:
             response.headers.update(HEADERS)
