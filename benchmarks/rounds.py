@@ -7,6 +7,7 @@ hits all of them alike, and what is quoted is the median over the rounds with th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from statistics import median
 from typing import TypeVar
 
@@ -39,3 +40,14 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> N
     for row in (header, ["-" * width for width in widths], *rows):
         first, *others = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         print("  ".join(("", row[0].ljust(len(first)), *others)).rstrip(), flush=True)
+
+
+def write(page: Path, name: str, header: Sequence[str], rows: Sequence[Sequence[str]], text: str) -> None:
+    """Put a table and a text into a page, between the marks that it has for this benchmark."""
+    begins, ends = f"<!-- {name}: written by python -m benchmarks.{name} --page -->", f"<!-- end of {name} -->"
+    before, mark, rest = page.read_text().partition(begins)
+    if not mark:
+        raise ValueError(f"{page} has no place for '{name}': it needs the line {begins}")
+    lines = [header, ["---", *("--:" for _ in header[1:])], *rows]
+    drawn = "\n".join(f"| {' | '.join(each)} |" for each in lines)
+    page.write_text(f"{before}{begins}\n\n{drawn}\n\n{text}\n\n{ends}{rest.partition(ends)[2]}")

@@ -3,6 +3,8 @@
 In interleaved rounds a robot runs with its page's server alone, and with 50 pages that watch, one that drives and one
 that sends 10 000 messages a second, all in a process of their own. What counts: the 99th percentile of the controller's
 lateness within the spread of the rounds without pages; and the time from a page's input to the robot's set-point.
+12 rounds of each kind take ten minutes; they are kept in out/web_load.jsonl, so that a command that was ended goes on
+where it was.
 """
 
 from __future__ import annotations
@@ -10,20 +12,26 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
+from statistics import median
 from time import monotonic, sleep
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import aiohttp
 
-from benchmarks.rounds import interleave, spread, table, verdict
-from tests.browser.live import live
+from benchmarks.rounds import spread, table, verdict, write
+from benchmarks.web_car import car
 
-ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 FLOOD: Final = 10_000  # messages a second
+WATCHING: Final = 50  # pages
+KEPT: Final = Path("out/web_load.jsonl")
 
 
 # -- the pages, in a process of their own ------------------------------------------------------------------------
@@ -75,14 +83,14 @@ async def flooding(url: str) -> None:
         await asyncio.sleep(0.05)
 
 
-async def clients(url: str, duration: float, watching: int) -> None:
+async def clients(url: str, duration: float) -> None:
     """All of them for a while; what the driver sent goes to standard output."""
     sent: list[tuple[float, float]] = []
     with suppress(TimeoutError):
         async with asyncio.timeout(duration), asyncio.TaskGroup() as group:
             group.create_task(page(url, partial(drive, sent=sent)))
             await asyncio.sleep(0.5)
-            for _ in range(watching):
+            for _ in range(WATCHING):
                 group.create_task(page(url))
             group.create_task(flooding(url))
     print(json.dumps(sent))
@@ -91,61 +99,105 @@ async def clients(url: str, duration: float, watching: int) -> None:
 # -- the rounds --------------------------------------------------------------------------------------------------
 
 
-class Round(NamedTuple):
-    """What came of one: cycles missed, p99 of the controller's lateness in s, and s from input to set-point."""
+@dataclass(frozen=True)
+class Round:
+    """What came of one."""
 
+    pages: bool
+    cycles: int  # of the controller
     misses: int
-    p99: float
-    latencies: list[float]
+    p99: float  # s, of the controller's lateness
+    latencies: list[float]  # s, from a page's input to the set-point
+    load: float  # of the machine, before it
+    realtime: bool
 
 
-def one(duration: float, watching: int | None) -> Round:
-    """A round; None for no page at all."""
-    with live(ENDLESS) as car:
-        before = car.misses()
+def one(pages: bool, duration: float, realtime: bool) -> Round:
+    """Make a round."""
+    load = os.getloadavg()[0]
+    with car(realtime=realtime) as robot:
+        before = robot.look()
         latencies = []
-        if watching is None:
-            sleep(duration)
-        else:
-            command = [sys.executable, "-m", "benchmarks.web_load", "--clients", car.url, "--duration", str(duration),
-                       "--watching", str(watching)]  # fmt: skip
+        if pages:
+            command = [sys.executable, "-m", "benchmarks.web_load", "--clients", robot.url, "--duration", str(duration)]
             out = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-            seen: dict[float, float] = {}
-            for each in car.samples:
-                seen.setdefault(each.v, each.time)
-            latencies = [seen[v] - time for v, time in json.loads(out)[:1000] if v in seen]
-        p99 = car.call(lambda robot: robot.runtime.statistics()["controller"].lateness.percentiles().p99)
-        return Round(car.misses() - before, p99, latencies)
+            sent = json.loads(out)[:1000]
+        else:
+            sent = []
+            sleep(duration)
+        found = robot.look()
+        seen: dict[float, float] = {}
+        for each in found.samples:
+            seen.setdefault(each.v, each.time)
+        latencies = [seen[v] - time for v, time in sent if v in seen]
+        cycles, misses = found.cycles - before.cycles, found.misses - before.misses
+        return Round(pages, cycles, misses, found.lateness, latencies, load, realtime)
+
+
+def kept(path: Path) -> list[Round]:
+    """Return the rounds made so far."""
+    return [Round(**json.loads(line)) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def collect(wanted: int, duration: float, minutes: float, realtime: bool, path: Path) -> None:
+    """Make the rounds that are missing, one without pages and one with them in turn, and keep each pair at once."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ends = monotonic() + 60.0 * minutes
+    while len(kept(path)) < 2 * wanted and monotonic() < ends:
+        pair = [one(pages, duration, realtime) for pages in (False, True)]
+        print(*(f"p99 {1e3 * each.p99:.2f} ms, {each.misses} cycles missed" for each in pair), sep="; ", flush=True)
+        with path.open("a") as file:
+            file.writelines(json.dumps(asdict(each)) + "\n" for each in pair)
+
+
+def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
+    """Return the rows of the table, and the verdict in words."""
+    without, beside = ([each for each in found if each.pages is pages] for pages in (False, True))
+    rows = [
+        (name, str(len(some)), spread([1e3 * each.p99 for each in some], 3),
+         f"{sum(each.misses for each in some)} of {sum(each.cycles for each in some)}")
+        for name, some in (("no page", without), (f"{WATCHING} watch, one drives, one floods", beside))
+    ]  # fmt: skip
+    middle, most = median(each.p99 for each in beside), max(each.p99 for each in without)
+    latencies = sorted(1e3 * each for one in beside for each in one.latencies) or [0.0]
+    p50, p99 = (latencies[int(share * (len(latencies) - 1))] for share in (0.5, 0.99))
+    loads = sorted(each.load for each in found)
+    text = (
+        f"The median p99 beside the pages is within the spread of the rounds without: {verdict(middle <= most)}. "
+        f"From a page's input to the robot's set-point: {p50:.0f} ms (p50), {p99:.0f} ms (p99), of {len(latencies)} "
+        f"inputs. The load of this machine of {os.cpu_count()} processors, these rounds' own included, was "
+        f"{loads[0]:.1f} to {loads[-1]:.1f}; in {sum(each.realtime for each in found)} of {len(found)} rounds the "
+        "robot ran with `--realtime`."
+    )
+    return rows, text
+
+
+HEAD: Final = ("pages", "rounds", "p99 of the controller's lateness, ms", "cycles missed")
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="benchmarks.web_load", description=__doc__)
-    parser.add_argument("--rounds", type=int, default=12)
+    parser.add_argument("--rounds", type=int, default=12, help="of each kind; 0: show those there are")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="of a round")
-    parser.add_argument("--watching", type=int, default=50)
+    parser.add_argument("--minutes", type=float, default=60.0, help="begin nothing more after so many")
+    parser.add_argument("--realtime", action="store_true", help="the robot goes before other programs (--realtime)")
+    parser.add_argument("--kept", type=Path, default=KEPT, help="where the rounds are kept")
+    parser.add_argument("--page", action="store_true", help="write the table to docs/web.md")
     parser.add_argument("--clients", metavar="URL", help="be the pages")
     arguments = parser.parse_args()
     if arguments.clients is not None:
-        asyncio.run(clients(arguments.clients, arguments.duration, arguments.watching))
+        asyncio.run(clients(arguments.clients, arguments.duration))
         return
-    results = interleave(arguments.rounds, {
-        "no page": lambda: one(arguments.duration, None),
-        f"{arguments.watching} watch, one drives, one floods": lambda: one(arguments.duration, arguments.watching),
-    })  # fmt: skip
-    table(
-        f"lateness of the controller, {arguments.rounds} rounds of {arguments.duration:g} s",
-        ("pages", "cycles missed", "p99, µs"),
-        [(name, str(sum(r.misses for r in rounds)), spread([1e6 * r.p99 for r in rounds], 0))
-         for name, rounds in results.items()],
-    )  # fmt: skip
-    without, beside = results.values()
-    latencies = sorted(1e3 * each for round in beside for each in round.latencies)
-    median = sorted(r.p99 for r in beside)[len(beside) // 2]
-    print(f"\nmedian p99 within the spread of the rounds without: {verdict(median <= max(r.p99 for r in without))}")
-    if latencies:
-        p50, p99 = (latencies[int(share * (len(latencies) - 1))] for share in (0.5, 0.99))
-        print(f"from input to set-point: p50 {p50:.1f} ms, p99 {p99:.1f} ms, of {len(latencies)} inputs")
+    collect(arguments.rounds, arguments.duration, arguments.minutes, arguments.realtime, arguments.kept)
+    found = kept(arguments.kept)
+    if not found:
+        return
+    rows, text = show(found)
+    table("how late the controller's cycles start: median (least .. most)", HEAD, rows)
+    print(f"\n{text}")
+    if arguments.page:
+        write(Path("docs/web.md"), "web_load", HEAD, rows, text)
 
 
 if __name__ == "__main__":

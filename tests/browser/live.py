@@ -8,13 +8,14 @@ import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, NamedTuple, TypeVar
 
 from txt1.bridges.registry import bridge
+from txt1.cli.app import real_time
 from txt1.cli.errands import Errands
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -91,13 +92,17 @@ def live(
     hal: str = "sim",
     folder: Path = Path("out/recordings"),
     speed: float = 0.5,
+    realtime: bool = False,
     **options: Any,
 ) -> Iterator[Live]:
-    """A robot, armed, its gains loaded, and its page; `options` are the server's."""
+    """A robot, armed, its gains loaded, and its page; `options` are the server's.
+
+    With `realtime` it asks to go before all other programs, as `txt1 run --realtime` does.
+    """
     port = free_port()
     started: Future[Live] = Future()
     given = {"port": port, "folder": str(folder), "speed": speed, **options}
-    main = partial(_main, started, hal, settings, given, folder)
+    main = partial(_main, started, hal, settings, given, folder, realtime)
     thread = threading.Thread(target=run, args=(main(),), name="robot")
     thread.start()
     try:
@@ -109,9 +114,13 @@ def live(
         thread.join(30.0)
 
 
-async def _main(started: Future[Live], hal: str, settings: Sequence[str], given: dict[str, Any], folder: Path) -> None:
+async def _main(
+    started: Future[Live], hal: str, settings: Sequence[str], given: dict[str, Any], folder: Path, realtime: bool
+) -> None:
     try:
-        async with Robot.open(hal=hal, seed=1, settings=(*PATIENT, *settings)) as robot:
+        async with Robot.open(hal=hal, seed=1, settings=(*PATIENT, *settings)) as robot, AsyncExitStack() as rights:
+            if realtime:
+                rights.enter_context(real_time(robot))
             await robot.load_gains()
             if not robot.armed:
                 robot.arm()
