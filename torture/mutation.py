@@ -298,7 +298,9 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def _one(name: str, tests: Sequence[str]) -> int:
-    mutant = next(each for each in all_mutants() if each.name == name)
+    mutant = next((each for each in all_mutants() if each.name == name), None)
+    if mutant is None:
+        return 3  # the source has been changed meanwhile
     for module in [each for each in sys.modules if each.startswith("txt1")]:
         del sys.modules[module]
     sys.meta_path.insert(0, _Finder(mutant))
