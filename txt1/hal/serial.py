@@ -200,7 +200,7 @@ class SerialHal:
         self._origin = inf  # loop time of the run's start
         self._closed = True
         # what the board said
-        self._pose: EncoderOdometry | None = None  # as it was sent
+        self._pose: EncoderOdometry  # as it was sent, once it was
         self._odometry: Odometry | None = None
         self._heard = -inf  # loop time of the last odometry
         self._heard_since = inf  # ... and of the first since the board was lost
@@ -208,21 +208,24 @@ class SerialHal:
         self._batteries_heard = -inf
         self._levels: tuple[float, float] | None = None  # the last since the board was found
         # what it is told
-        self._outputs = Outputs()
-        self._due = self._combined_due = self._pid_due = self._repeat_due = -inf  # run times
+        self._outputs: Outputs
+        self._due: float  # run time, as those that follow
+        self._combined_due: float
+        self._pid_due: float
+        self._repeat_due: float
         self._lossy_until = -inf  # loop time
         self._pid_set: bytes | None = None
         self._asked = False  # sent, and not answered yet
-        self._rejections = 0
+        self._rejections: int
         self._heal_due = inf  # loop time
         self._gains_missing = False  # sent to a board that was found again, and not acknowledged yet
-        self._answered: Callable[[bool], None] = lambda accepted: None
+        self._answered: Callable[[bool], None]
         self._servos: PwmCommand | None = None
         self._esc_off = False  # asked for, so it is asked for again and again
         self._esc_on_since = -inf  # run time since when the ESC is on its way to being switched on
         # what happened
         self._text = f"connecting to {port.address}"
-        self._pause = BACKOFF_MIN
+        self._pause: float  # s before the line is opened again
         self._overflows = 0  # of links that are gone
         self._losses = 0
         self._reason = ""
@@ -288,7 +291,6 @@ class SerialHal:
         """A fresh line: nothing of what came before counts."""
         self.link = link
         self._connections += 1
-        self.receiver.close()
         self._pid_due = self._due = self._repeat_due = -inf
         self._tell(f"connected to {link.address}, waiting for odometry")
 
@@ -327,7 +329,7 @@ class SerialHal:
     def _take_odometry(self, pose: EncoderOdometry) -> None:
         time = self._time()
         since = time - self._heard
-        if self._heard_since < inf and self._pose is not None:
+        if self._heard_since < inf:
             if since > LOST:
                 self._down(f"link lost: no odometry for {since:.2f} s")
             elif jumped(self._pose, pose, since):
@@ -340,7 +342,7 @@ class SerialHal:
             self._report = None
         if self._heard_since == inf:
             self._heard_since = time
-            self._pose = self._odometry = None
+            self._pose, self._odometry = pose, None
             self._pid_due = self._repeat_due = -inf  # it may have forgotten everything
             self._heal_due, self._rejections = inf, 0
             self._gains_missing = self._pid_set is not None
@@ -439,7 +441,7 @@ class SerialHal:
         if frame == self._pid_set and self._pid_due < inf:
             return  # under way
         # the answer to other gains that are under way must not pass for the answer to these: they wait for their turn
-        self._pid_due = self._pid_due if self._asked and self._pid_due < inf else -inf
+        self._pid_due = -inf if self._pid_due == inf else self._pid_due
         self._pid_set, self._asked, self._rejections = frame, False, 0
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
@@ -542,7 +544,7 @@ def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
     What a line held back arrives in a bunch, so the time between two arrivals may be half a second too short. A board
     that restarts begins at exactly 0, 0, 0, and at rest: what comes there by driving was near it, or had the speed.
     """
-    if at_origin(after) and not at_origin(before):
+    if at_origin(after):
         near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + NEAR
         straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + NEAR
         return not (near and straight)
@@ -566,12 +568,12 @@ def started_again(before: tuple[float, float], after: tuple[float, float]) -> bo
     return bool(fitted) and all(low * old < new < high * old for old, new in fitted)
 
 
-def follow(odometry: Odometry | None, before: EncoderOdometry | None, after: EncoderOdometry, scale: float) -> Odometry:
+def follow(odometry: Odometry | None, before: EncoderOdometry, after: EncoderOdometry, scale: float) -> Odometry:
     """The odometry after a board's pose has changed, with the board's lengths and angles multiplied by `scale`.
 
     Its wheels' speeds are off by one factor, so are its distances and its heading; the path is made anew from both.
     """
-    if scale == 1.0 or odometry is None or before is None:
+    if scale == 1.0 or odometry is None:
         return Odometry(after.x, after.y, wrap_angle(after.theta), scale * after.v, scale * after.omega)
     turned = wrap_angle(after.theta - before.theta)
     # the step as the board saw it, from its own mean heading to ours

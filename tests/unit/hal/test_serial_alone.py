@@ -187,15 +187,15 @@ def test_what_it_cannot_do_is_refused_by_name(make: Callable[..., Desk]) -> None
 def test_what_the_board_said_comes_with_the_times_at_which_it_came(make: Callable[..., Desk]) -> None:
     desk = make()
     desk.says = None
-    before = desk.runs(0.1).inputs
+    before = desk.runs(0.1, held_up=True).runs(0.02).inputs
     assert (before.odometry, before.odometry_time, before.batteries, before.battery_time) == (None, 0.0, None, 0.0)
     desk.tells(BatteryLevels(12.0, 11.0))
     desk.runs(0.03)
     desk.tells(EncoderOdometry(1.0, 2.0, 6.0, 0.5, -0.25))
     after = desk.runs(0.05).inputs
-    assert (after.batteries, after.battery_time) == ((12.0, 11.0), 0.1)
+    assert (after.batteries, after.battery_time) == ((12.0, 11.0), 0.12)
     assert after.odometry == Odometry(1.0, 2.0, pytest.approx(6.0 - 6.283185307), 0.5, -0.25)
-    assert after.odometry_time == 0.13
+    assert after.odometry_time == 0.15
 
 
 def test_the_state_of_the_line_is_told_from_its_first_instant(make: Callable[..., Desk]) -> None:
@@ -249,6 +249,11 @@ def test_velocity_goes_out_20_times_a_second_from_the_first_tick(make: Callable[
 def test_after_a_pause_of_the_host_nothing_is_made_up_for(desk: Desk) -> None:
     desk.runs(0.3, held_up=True).runs(0.2)
     assert desk.times(Velocity, since=2.0) == pytest.approx([2.3, 2.36, 2.4, 2.46])
+
+
+def test_a_message_that_a_late_tick_missed_follows_it(make: Callable[..., Desk]) -> None:
+    desk = make().runs(0.02).runs(0.08, held_up=True).runs(0.2)
+    assert desk.times(Velocity) == [0.0, 0.1, 0.12, 0.16, 0.2, 0.26]
 
 
 def test_no_set_point_goes_out_before_the_board_has_been_heard_for_1_2_s(make: Callable[..., Desk]) -> None:
@@ -448,6 +453,23 @@ def test_an_answer_to_what_nobody_sent_says_nothing(desk: Desk) -> None:
     assert (answers, desk.runs(0.1).times(PidSet)) == ([], [2.0])
 
 
+def test_an_answer_before_anything_was_ever_asked_says_nothing(desk: Desk) -> None:
+    desk.tells(PidResponse(True))
+    assert desk.runs(11.0).times(PidSet) == []
+
+
+def test_a_board_that_is_found_for_the_first_time_gets_its_gains_before_any_set_point(
+    make: Callable[..., Desk],
+) -> None:
+    desk = make()
+    loads(desk)
+    desk.runs(2.1, DRIVE)
+    assert not desk.link.gains
+    assert {message for _, message in desk.heard(Velocity)} == {ZERO}
+    desk.tells(PidResponse(True))
+    assert desk.runs(0.1, DRIVE).sent[-1][1] == HALF
+
+
 def test_gains_that_are_rejected_three_times_are_sent_no_more(desk: Desk) -> None:
     answers = loads(desk)
     for rejections in (1, 2, 3):
@@ -498,10 +520,15 @@ def test_other_gains_wait_for_the_turn_of_those_that_are_under_way(desk: Desk) -
     assert desk.heard(PidSet) == [(2.0, GAINS), (3.0, OTHERS)]
     desk.tells(PidResponse(True))
     assert (first, second) == ([], [True])
+    desk.runs(0.1)
     third = loads(desk)
-    assert desk.runs(0.1).heard(PidSet)[-1] == (3.1, GAINS), "at once where nothing is under way"
+    assert desk.runs(0.1).heard(PidSet)[-1] == (3.2, GAINS), "at once where nothing is under way"
+    loads(desk, OTHERS)
+    loads(desk)
+    desk.runs(0.8)
+    assert len(desk.heard(PidSet)) == 3, "however often they change"
     desk.tells(PidResponse(True))
-    assert third == [True]
+    assert third == []
 
 
 def test_acknowledged_gains_are_sent_again_after_10_s_while_the_robot_is_not_to_move(desk: Desk) -> None:
@@ -512,12 +539,13 @@ def test_acknowledged_gains_are_sent_again_after_10_s_while_the_robot_is_not_to_
     assert desk.times(PidSet) == [2.0]
     desk.runs(1.0, DRIVE)
     assert desk.times(PidSet) == [2.0]
-    desk.runs(9.98)
+    desk.runs(0.02)
+    desk.tells(PidResponse(False))
+    desk.tells(PidResponse(False))
+    desk.runs(9.96)
     assert desk.times(PidSet) == [2.0, 13.0]
     desk.runs(0.1)
     assert desk.times(PidSet) == [2.0, 13.0, 23.0]
-    desk.tells(PidResponse(False))
-    desk.tells(PidResponse(False))
     desk.tells(PidResponse(False))
     assert desk.runs(30.0).times(PidSet) == [2.0, 13.0, 23.0], "a board that now rejects them is left alone"
 
@@ -528,10 +556,12 @@ def test_a_board_that_was_found_again_gets_its_gains_first_and_stands_until_it_h
 ) -> None:
     answers = loads(desk)
     desk.runs(0.1)
+    desk.tells(PidResponse(False))
+    desk.tells(PidResponse(False))
     if answered:
         desk.tells(PidResponse(True))
     desk.says = None
-    desk.runs(1.02)
+    desk.runs(12.02)
     desk.says = STANDING
     assert not desk.link.gains
     found = desk.now
@@ -541,6 +571,7 @@ def test_a_board_that_was_found_again_gets_its_gains_first_and_stands_until_it_h
     assert [later - earlier for earlier, later in pairwise(times)] == pytest.approx([1.0, 1.0])
     assert desk.link.ready and not desk.link.gains
     assert {message for _, message in desk.heard(Velocity, since=found)} == {ZERO}
+    desk.tells(PidResponse(False))
     desk.tells(PidResponse(False))
     assert not desk.link.gains
     desk.tells(PidResponse(True))
@@ -763,6 +794,26 @@ def test_a_host_that_closes_the_loops_leaves_the_servos_where_they_are(make: Cal
     desk = make(control="host").runs(2.0, Outputs(1000, 1, -1, 30, 40))
     desk.do(desk.hal.close())
     assert [message for _, message in desk.heard(PwmTest)[-3:]] == [PwmTest(0, 0, 0, 30, 40)] * 3
+
+
+INSIDE = b"\xfa\xfb\x14\x68" + encode(BatteryLevels(12.0, 11.0))  # whole, in what may be half of a longer frame
+
+
+def test_of_a_line_that_is_gone_nothing_is_heard_any_more(desk: Desk) -> None:
+    desk.do(lambda: desk.hal.received(INSIDE))
+    desk.do(lambda: desk.hal.lost("cut"))
+    desk.says = None
+    assert desk.runs(0.5).inputs.batteries is None
+    desk.loop.call_later(0.14, desk.hal.received, INSIDE)  # between the last stop and the end
+    desk.do(desk.hal.close())
+    assert desk.runs(0.5).inputs.batteries is None
+
+
+def test_closed_before_it_was_opened_there_is_nothing_to_do() -> None:
+    desk = Desk()
+    desk.do(desk.hal.close())
+    assert (desk.ports_closed, desk.sent) == (0, [])
+    desk.loop.close()
 
 
 def test_closed_it_looks_for_the_line_no_more(desk: Desk) -> None:
