@@ -329,13 +329,12 @@ class SerialHal:
     def _take_odometry(self, pose: EncoderOdometry) -> None:
         time = self._time()
         since = time - self._heard
-        if self._heard_since < inf:
-            if since > LOST:
-                self._down(f"link lost: no odometry for {since:.2f} s")
-            elif jumped(self._pose, pose, since):
-                self._down("the board restarted: its odometry jumped")
-            elif since >= PAUSE and at_origin(pose):
-                self._down(f"the board paused for {since:.2f} s, and may have restarted")
+        if since > LOST:
+            self._down(f"link lost: no odometry for {since:.2f} s")
+        elif jumped(self._pose, pose, since):
+            self._down("the board restarted: its odometry jumped")
+        elif since >= PAUSE and at_origin(pose):
+            self._down(f"the board paused for {since:.2f} s, and may have restarted")
         if LATE < since <= LOST:
             self._lost_frames += round(since / SEND_PERIOD) - 1
             self._lossy_until = time + LOSSY
@@ -363,7 +362,7 @@ class SerialHal:
             self._answered(accepted)
 
     def _down(self, reason: str) -> None:
-        """The board is lost, if it was there."""
+        """The board is lost, if it was there; else this only is what happened last."""
         if self._heard_since < inf:
             self._losses += 1
             self._reason = reason

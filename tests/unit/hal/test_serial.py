@@ -130,6 +130,11 @@ def test_a_board_that_comes_to_stand_at_exactly_0_0_0_was_near_it_or_had_the_spe
     assert jumped(before, pose(), PERIOD) is so
 
 
+def test_what_motion_just_explains_is_no_restart() -> None:
+    assert not jumped(pose(1.0, 1.0, v=0.2), pose(1.5, 1.0), 0.5)
+    assert not jumped(pose(1.0, 1.0, omega=0.4), pose(1.0, 1.0, 1.7), 0.0)
+
+
 def test_only_a_pose_of_zeros_at_rest_is_that_of_power_up() -> None:
     assert at_origin(pose())
     for field in ("x", "y", "theta", "v", "omega"):

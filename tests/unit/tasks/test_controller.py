@@ -16,7 +16,7 @@ from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import Geometry
-from txt1.tasks.controller import controller
+from txt1.tasks.controller import GAINS, PWM, SETPOINT, controller
 from txt1.tasks.fields import (
     CombinedSample,
     Command,
@@ -98,6 +98,21 @@ def test_a_set_point_of_zero_at_rest_hums_nothing_and_one_while_it_rolls_brakes(
     assert desk.step(0.0, 0.0, AT_REST).motor == 0
     assert desk.step(0.0, 0.0, ROLLING).motor == -1000
     assert desk.step(0.5, 0.0, AT_REST).motor > 0
+
+
+def test_at_rest_a_set_point_of_zero_forgets_what_was_wound_up_and_a_turn_does_not() -> None:
+    desk = Desk()
+    desk.state.gains = desk.state.gains._replace(linear=Gains(0.0, 10.0, 0.0))
+    assert desk.step(0.5, 0.0, ROLLING).motor == 80
+    assert desk.step(0.0, 0.4, AT_REST)[:3] == (80, -400, 400)
+    assert desk.step(0.0, 0.0, AT_REST)[:3] == (0, 0, 0)
+
+
+def test_a_guard_of_the_gate_has_its_say_before_the_loops() -> None:
+    desk = Desk()
+    desk.gate.guards.append(lambda v, omega, now: (0.5 * v, 0.5 * omega))
+    assert desk.step(0.5, 0.2, ROLLING)[:3] == (1500, -100, 100)
+    assert (desk.state.control.v, desk.state.control.omega) == (0.25, 0.1)
 
 
 def test_in_the_tick_in_which_the_mode_changes_it_is_neutral() -> None:
@@ -191,10 +206,21 @@ def test_where_there_are_no_encoders_the_odometry_s_speeds_are_watched_as_ticks(
     assert desk.gate.counts[Fault.RUNAWAY] == 1
 
 
+def test_wheels_that_turn_against_each_other_are_noticed_by_odometry_of_every_other_tick() -> None:
+    desk = Desk(ticks=False)
+    for _ in range(10):
+        desk.step(0.5, 0.0, Odometry(omega=5.0))
+        desk.step()
+    assert "against each other" in desk.gate.reason
+
+
 def test_a_hardware_layer_with_loops_of_its_own_gets_set_points_and_is_not_watched_by_ticks_it_has_not() -> None:
     desk = Desk(ticks=False, pwm=False)
     for _ in range(30):
         out = desk.step(0.5, 0.2, AT_REST)
+    assert desk.gate.armed
+    for _ in range(30):
+        desk.step(0.5, 0.2, Odometry(omega=5.0))
     assert desk.gate.armed
     assert out == (0, 0, 0, 0, 0, 0.5, 0.2)
     assert desk.state.control.gains == Gains()
@@ -212,3 +238,30 @@ def test_a_set_point_that_changes_without_an_output_is_told() -> None:
     for v, omega in ((0.5, 0.0), (0.5, 0.1), (0.4, 0.1)):
         desk.step(v, omega, ROLLING)
         assert (desk.state.control.v, desk.state.control.omega) == (v, omega)
+
+
+def test_where_nothing_is_measured_the_velocities_are_said_to_be_reckoned() -> None:
+    desk = Desk(ticks=False, odometry=False)
+    desk.step(0.5, 0.0, AT_REST)
+    assert desk.state.control.source is Source.RECKONED
+    assert desk.state.control.v == 0.5
+
+
+def test_what_the_controller_tells_beside_the_set_point_is_not_said_again_in_snapshots() -> None:
+    control = Control(Outputs(1, 2, 3, 4, 5, 0.5, 0.25), 0.5, 0.25, Source.ENCODER, Gains())
+    assert (SETPOINT.make(control), PWM.make(control)) == ((0.5, 0.25), (1, 2, 3, 4, 5))
+    assert GAINS.make((Gains(1.0, 2.0, 3.0), Gains(4.0, 5.0, 6.0))) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert len(GAINS.paths) == 6
+    assert [topic.in_snapshots for topic in (SETPOINT, PWM, GAINS)] == [True, False, False]
+
+
+def test_at_rest_nothing_is_told_anew_but_where_the_velocities_come_from() -> None:
+    desk = Desk()
+    desk.step(None, 0.0, AT_REST)
+    first = desk.state.control
+    desk.step(None, 0.0, AT_REST)
+    assert desk.state.control is first
+    desk.state.link = LinkState(alive=True, combined=True)
+    desk.state.combined = CombinedSample(0.0, 0.0, desk.now)
+    desk.step(None, 0.0, AT_REST)
+    assert desk.state.control == first._replace(source=Source.COMBINED)

@@ -30,6 +30,7 @@ def test_a_board_that_is_lost_in_the_instant_of_the_mode_task_is_named_as_the_ca
     task.send(2.0)
     task.close()
     assert (gate.armed, gate.reason, gate.closed_by) == (False, told, Fault.LINK)
+    assert [(event.time, event.text) for event in state.events] == [(2.0, "link lost")]
 
 
 @pytest.mark.parametrize("velocities, combined", [(1, 2), (2, 3)])
@@ -55,5 +56,6 @@ def test_the_modes_message_says_what_is_known() -> None:
         "armed": True, "stopped": False, "mode": "manual", "link_alive": True, "combined": True, "atx": "on",
         "esc": "off", "screen": 3, "reason": "x",
     }  # fmt: skip
+    assert MODE.make(Mode(panel=Panel(manual=False)))["mode"] == "controller"
     told = MODE.make(Mode(power=Power(None, True, False), panel=Panel(manual=None)))
     assert (told["atx"], told["esc"], told["mode"]) == ("", "on (asked)", "")
