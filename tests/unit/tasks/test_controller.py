@@ -219,11 +219,20 @@ def test_a_hardware_layer_with_loops_of_its_own_gets_set_points_and_is_not_watch
     for _ in range(30):
         out = desk.step(0.5, 0.2, AT_REST)
     assert desk.gate.armed
-    for _ in range(30):
-        desk.step(0.5, 0.2, Odometry(omega=5.0))
-    assert desk.gate.armed
     assert out == (0, 0, 0, 0, 0, 0.5, 0.2)
     assert desk.state.control.gains == Gains()
+
+
+@pytest.mark.parametrize("v, omega", [(0.05, 0.4), (-0.05, 0.4), (0.05, -0.4)])
+def test_a_board_s_wheels_are_watched_from_a_tenth_of_a_metre_a_second_of_the_faster_one(
+    v: float, omega: float
+) -> None:
+    for share, armed in ((0.999, True), (1.0, False)):
+        desk = Desk(ticks=False, pwm=False)
+        for _ in range(60):
+            desk.step(0.5, 0.2, Odometry(v=share * v, omega=share * omega))
+        assert desk.gate.armed is armed
+        assert armed or "encoder is silent" in desk.gate.reason
 
 
 def test_one_encoder_alone_is_not_watched() -> None:
