@@ -235,6 +235,23 @@ def alive():
     return True
 
 
+def drive_on():
+    """Drive until it is killed; the speed when there is one."""
+    peer = Peer()
+    peer.hear("odom", "nav_msgs/Odometry")
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+
+    def drives():
+        publisher.publish(twist(-0.4, 0.0))
+        peer.run(0.1)
+        return peer.seen["odom"] and peer.last["odom"].twist.twist.linear.x < -0.25
+
+    peer.until(drives)
+    print(-peer.last["odom"].twist.twist.linear.x, flush=True)
+    while True:
+        drives()
+
+
 def _counts(peer):
     """What the node says of cmd_vel."""
     found = {}

@@ -9,13 +9,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.bridges.ros.install import outdated
 from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.errors import ConfigError
@@ -45,9 +46,9 @@ def domain(worker_id: str) -> dict[str, str]:
 
 
 @contextmanager
-def robot(domain: dict[str, str], *words: str) -> Iterator[subprocess.Popen[str]]:
+def robot(domain: dict[str, str], *words: str, place: Sequence[str] = ()) -> Iterator[subprocess.Popen[str]]:
     """`txt1 run --ros2`, patient with a busy computer; its output is read when it has ended."""
-    command = [sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros2", *words]
+    command = [*place, sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros2", *words]
     patient = ["--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=20", "--set", "sim.room.width=20"]
     process = subprocess.Popen(
         [*command, *patient], env={**os.environ, **domain, "PYTHONPATH": str(ROOT)}, text=True, cwd=ROOT,
@@ -61,9 +62,16 @@ def robot(domain: dict[str, str], *words: str) -> Iterator[subprocess.Popen[str]
         print(said)
 
 
-def ask(ros: RosPython, domain: dict[str, str], scenario: str, *words: str, limit: float = 90.0) -> Any:
+def ask(
+    ros: RosPython,
+    domain: dict[str, str],
+    scenario: str,
+    *words: str,
+    limit: float = 90.0,
+    place: Sequence[str] = (),
+) -> Any:
     """What a peer saw."""
-    command = [*ros.program, str(HERE / "peers2.py"), scenario, *words]
+    command = [*place, *ros.program, str(HERE / "peers2.py"), scenario, *words]
     done = subprocess.run(command, env={**ros.environment, **domain}, capture_output=True, text=True, timeout=limit)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout.splitlines()[-1])
@@ -160,18 +168,26 @@ def test_the_death_of_who_drives_is_neutral_in_a_quarter_of_a_second_and_a_tick(
         died = subprocess.run(command, env={**ros.environment, **domain}, capture_output=True, text=True, timeout=90)
         time.sleep(1.5)
     assert died.returncode == -signal.SIGKILL and float(died.stdout) > 0.3
+    assert neutral_after(file) <= 0.25 + 0.02 + 1e-3
+
+
+def neutral_after(file: Path, way: int = 1) -> float:
+    """How long after the last command forwards (1) or backwards (-1) the set-point is zero, s."""
     words = ["log", "cat", str(file), "--topic", "/input", "--topic", "/setpoint"]
     said = subprocess.run([sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True).stdout
     lines = [json.loads(line) for line in said.splitlines()]
     given = [
         line["message"]["given"] for line in lines
-        if line["topic"] == "/input" and line["message"]["kind"] == "Velocity" and line["message"]["values"][0]
+        if line["topic"] == "/input" and line["message"]["kind"] == "Velocity"
+        and way * line["message"]["values"][0] > 0.0
     ]  # fmt: skip
     moving = [
-        i for i, line in enumerate(lines) if line["topic"] == "/setpoint" and line["message"]["twist"]["linear"]["x"]
+        i
+        for i, line in enumerate(lines)
+        if line["topic"] == "/setpoint" and way * line["message"]["twist"]["linear"]["x"] > 0.0
     ]
     neutral = next(line["time"] for line in lines[moving[-1] + 1 :] if line["topic"] == "/setpoint")
-    assert neutral - max(given) <= 0.25 + 0.02 + 1e-3
+    return float(neutral - max(given))
 
 
 @pytest.mark.parametrize("what", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
@@ -188,6 +204,30 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(
         assert ask(ros, domain, "alive", limit=120.0)
         print(f"back within {time.monotonic() - began:.1f} s")
         assert process.poll() is None
+
+
+def test_without_its_network_interface_it_stops_and_with_a_new_one_the_node_is_back_by_itself(
+    ros: RosPython, tmp_path: Path
+) -> None:
+    file = tmp_path / "run.mcap"
+    wire = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}  # two computers have no memory in common
+    domain = {"ROS_DOMAIN_ID": "3", "ROS_LOG_DIR": "/tmp/txt1-ros"} | wire
+    with two_computers(), robot(domain, "--log", str(file), place=within(HOST)) as process:
+        assert ask(ros, domain, "alive", place=within(GUEST))
+        words = [*within(GUEST), *ros.program, str(HERE / "peers2.py"), "drive_on"]
+        driving = subprocess.Popen(words, env={**ros.environment, **domain}, stdout=subprocess.PIPE, text=True)
+        assert driving.stdout is not None
+        assert float(driving.stdout.readline()) > 0.25
+        pull_out()
+        time.sleep(2.0)
+        driving.kill()
+        driving.communicate()
+        plug_in()
+        began = time.monotonic()
+        assert ask(ros, domain, "alive", place=within(GUEST))
+        print(f"back within {time.monotonic() - began:.1f} s")
+        assert process.poll() is None
+    assert neutral_after(file, -1) <= 0.25 + 0.02 + 1e-3
 
 
 def test_virtual_time_is_ros_s_time_for_who_asks_for_it(ros: RosPython, domain: dict[str, str]) -> None:

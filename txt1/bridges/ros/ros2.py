@@ -3,8 +3,11 @@
 The main thread serves subscriptions, services and parameters; another one publishes what the robot sends.
 """
 
+import fcntl
 import json
 import signal
+import socket
+import struct
 import threading
 import time
 from base64 import b64decode
@@ -28,6 +31,9 @@ from txt1.bridges.ros.stamps import Publishers, Stamps
 LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
 SECOND: Final = 1.0  # s between two reports about the node itself
 DEAF: Final = 0.1  # s in which what came meanwhile is thrown away, once this process has stood still
+SIOCGIFFLAGS: Final = 0x8913  # Linux's request for an interface's flags
+SIOCGIFADDR: Final = 0x8915  # ... and for its address
+IFF_RUNNING: Final = 0x40  # the flag that it is at work
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
@@ -53,6 +59,9 @@ class Bridge:
         virtual: bool,
     ) -> None:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
+        self.over = False
+        """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
+        self._network = addresses()
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
         self._clock: Any = None
@@ -85,6 +94,8 @@ class Bridge:
         self._robot.request("begin")
         for telemetry in self._robot:
             self._robot.request("")  # received: the next may come
+            if self.over:
+                return
             if time.monotonic() - self._alive > HUNG:
                 return  # the main thread hangs, and so does this heartbeat
             now = time.monotonic()
@@ -277,6 +288,10 @@ class Bridge:
 
     def _report(self) -> None:
         self._alive = time.monotonic()
+        if not (network := addresses()) <= self._network:
+            self.over = True
+            self._robot.request("tell", text="the network has changed, and the node begins anew")
+        self._network = network
         if self._diagnostics is not None:
             self._report_commands()
 
@@ -317,23 +332,43 @@ def main(
     parameters: dict[str, Any] | None = None,
 ) -> None:
     """Serve until the robot's process ends."""
-    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    node = Node(name, namespace=namespace)
-    executor = MultiThreadedExecutor(num_threads=4)
-    executor.add_node(node)
-    bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
+    ends = threading.Event()
+    while not ends.is_set():
+        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = Node(name, namespace=namespace)
+        executor = MultiThreadedExecutor(num_threads=4)
+        executor.add_node(node)
+        bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
+        publishing = threading.Thread(target=_publish, args=(bridge, ends), daemon=True, name="publishing")
+        publishing.start()
+        try:
+            while not bridge.over:
+                executor.spin_once()
+        except ExternalShutdownException:
+            ends.set()
+        finally:
+            executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+            rclpy.try_shutdown()
+        publishing.join()
 
-    def publish() -> None:
-        with suppress(OSError):  # the robot's process has gone
-            bridge.publish()
+
+def _publish(bridge: Bridge, ends: threading.Event) -> None:
+    """Publish, and end the process when the robot's has ended or the main thread hangs."""
+    with suppress(OSError):  # the robot's process has gone
+        bridge.publish()
+    if not bridge.over:
+        ends.set()
         signal.raise_signal(signal.SIGTERM)
 
-    threading.Thread(target=publish, daemon=True, name="publishing").start()
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
-    finally:
-        executor.shutdown(timeout_sec=0.2)
-        node.destroy_node()
-        rclpy.try_shutdown()
+
+def addresses() -> frozenset[tuple[int, str]]:
+    """The network's interfaces at work, by number, and their IPv4 addresses."""
+    found = set()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        for number, name in socket.if_nameindex():
+            given = struct.pack("256s", name.encode()[:15])
+            with suppress(OSError):  # it has no address
+                if fcntl.ioctl(asking, SIOCGIFFLAGS, given)[16] & IFF_RUNNING:
+                    found.add((number, socket.inet_ntoa(fcntl.ioctl(asking, SIOCGIFADDR, given)[20:24])))
+    return frozenset(found)
