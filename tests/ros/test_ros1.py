@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,6 +19,8 @@ from typing import Any
 
 import pytest
 
+from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
+from tests.ros.processes import child
 from txt1.bridges.ros.python import SYSTEM, clean, ros1
 from txt1.bridges.ros.txt_driver import write_package
 from txt1.errors import ConfigError
@@ -60,23 +63,25 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Ros:
-    """A ROS master, and what runs beside it."""
+    """A ROS master, and what runs beside it; on two computers, where the robot and the master are on the first."""
 
-    def __init__(self, package: Path) -> None:
+    def __init__(self, package: Path, *, two: bool = False) -> None:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
-        self.uri = {"ROS_MASTER_URI": f"http://127.0.0.1:{self.port}", "ROS_HOSTNAME": "127.0.0.1"}
+        self.place, self.peers_place = (within(HOST), within(GUEST)) if two else ([], [])
+        here, there = (ADDRESSES[HOST], ADDRESSES[GUEST]) if two else ("127.0.0.1", "127.0.0.1")
+        self.uri = {"ROS_MASTER_URI": f"http://{here}:{self.port}", "ROS_HOSTNAME": here}
         self.environment = {
             **clean(os.environ), **self.uri, "PYTHONPATH": str(package / "python"), "PYTHONUNBUFFERED": "1",
-            "ROS_PACKAGE_PATH": f"{package / 'src'}:/usr/share",
+            "ROS_PACKAGE_PATH": f"{package / 'src'}:/usr/share", "ROS_HOSTNAME": there,
         }  # fmt: skip
         self.start()
 
     def start(self) -> None:
-        words = ["rosmaster", "--core", "-p", str(self.port)]
+        words = [*self.place, "rosmaster", "--core", "-p", str(self.port)]
         self.master = subprocess.Popen(
-            words, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            words, env=self.environment | self.uri, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
 
     def stop(self) -> None:
@@ -84,6 +89,7 @@ class Ros:
         self.master.wait(10)
 
     def ask(self, *words: str, limit: float = 90.0) -> str:
+        words = (*self.peers_place, *words)
         done = subprocess.run(words, env=self.environment, capture_output=True, text=True, timeout=limit)
         assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
         return done.stdout
@@ -105,7 +111,7 @@ def robot(ros: Ros, *words: str, path: str = "") -> Iterator[subprocess.Popen[st
     patient = ["--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=40", "--set", "sim.room.width=40"]
     environment = {**os.environ, **ros.uri, "PYTHONPATH": str(ROOT), "PATH": f"{path}:{os.environ['PATH']}"}
     process = subprocess.Popen(
-        [sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros1", *patient, *words],
+        [*ros.place, sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros1", *patient, *words],
         env=environment, text=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
     try:
@@ -147,6 +153,32 @@ def test_a_master_that_was_restarted_finds_the_node_again(ros: Ros) -> None:
         time.sleep(1.5)
         ros.start()
         assert ros.peer("alive") is True
+
+
+def test_a_network_interface_that_was_away_delays_the_robot_and_its_programs_no_longer_than_it_was(
+    package: Path,
+) -> None:
+    with two_computers():
+        ros = Ros(package, two=True)
+        try:
+            with robot(ros) as process:
+                assert ros.peer("alive") is True
+                pull_out()
+                time.sleep(2.0)
+                plug_in()
+                assert ros.peer("alive") is True
+                assert process.poll() is None
+        finally:
+            ros.stop()
+
+
+@pytest.mark.parametrize("what", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(ros: Ros, what: signal.Signals) -> None:
+    with robot(ros) as process:
+        assert ros.peer("alive") is True
+        os.kill(child(process.pid, b"ros1:main"), what)
+        assert ros.peer("alive") is True
+        assert process.poll() is None
 
 
 def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
+from tests.ros.processes import child
 from txt1.bridges.ros.install import outdated
 from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.errors import ConfigError
@@ -196,10 +197,7 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(
 ) -> None:
     with robot(domain) as process:
         assert ask(ros, domain, "alive")
-        running = (int(each.name) for each in Path("/proc").iterdir() if each.name.isdigit())
-        nodes = (each for each in running if _is_child(each, process.pid))
-        node = next(each for each in nodes if b"ros2:main" in Path(f"/proc/{each}/cmdline").read_bytes())
-        os.kill(node, what)
+        os.kill(child(process.pid, b"ros2:main"), what)
         began = time.monotonic()
         assert ask(ros, domain, "alive", limit=120.0)
         print(f"back within {time.monotonic() - began:.1f} s")
@@ -308,10 +306,3 @@ def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_tak
     assert not told["cmd_vel"], "nobody listens"
     assert told["manual"] and told["mode"] == "manual"
     assert told["esc"] and told["disarm"] and told["stop"] and not told["armed"]
-
-
-def _is_child(pid: int, parent: int) -> bool:
-    try:
-        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1]) == parent
-    except (OSError, IndexError):
-        return False
