@@ -9,6 +9,7 @@ import tempfile
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -18,6 +19,7 @@ from torture import page
 from torture.desk import ENDLESS
 from txt1.config import load
 from txt1.errors import NotArmed
+from txt1.kernel.clock import seconds, stopwatch_ns
 from txt1.kernel.loop import run
 from txt1.record.session import recording
 from txt1.robot import Robot
@@ -46,18 +48,19 @@ def sample(hour: float) -> Sample:
     return Sample(hour, memory, len(os.listdir("/proc/self/fd")), threading.active_count(), objects)
 
 
-async def soak(hours: float, folder: Path) -> list[Sample]:
-    """Drive for so many hours of the robot's time; raises when it is disarmed for good."""
+async def soak(hours: float, folder: Path, minutes: float | None = None) -> list[Sample]:
+    """Drive for so many hours of the robot's time, or so many real minutes; what was seen on the way."""
     settings = [*ENDLESS, "serial.port=virtual", "sim.battery.used_1=null", "serial.fault.drop=0.01"]
     config = load(None, settings, {}, {"hal": "serial", "seed": 1}).config
     samples = []
+    until = inf if minutes is None else seconds(stopwatch_ns()) + 60.0 * minutes
     async with (
         recording(folder / "soak.mcap", config, "max", {}, lambda text: None) as attach,
         Robot.open(config=config, arm=True, attach=attach) as robot,
     ):
         await robot.load_gains()
         ends, due = 3600.0 * hours, 0.0
-        while (now := robot.now) < ends:
+        while (now := robot.now) < ends and seconds(stopwatch_ns()) < until:
             if now >= due:
                 samples.append(await asyncio.to_thread(sample, now / 3600.0))
                 print(samples[-1], file=sys.stderr, flush=True)
@@ -83,13 +86,15 @@ def main(words: Sequence[str] | None = None) -> int:
     """Soak; 1 if something grows."""
     parser = argparse.ArgumentParser(prog="python -m torture soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=24.0, help="of the robot's time")
+    parser.add_argument("--minutes", type=float, help="end after so many real ones; what was done until then counts")
     parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
     options = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as folder:
-        samples = run(soak(options.hours, Path(folder)), speed="max")
+        samples = run(soak(options.hours, Path(folder), options.minutes), speed="max")
     warm = samples[int(WARM * len(samples)) :]
     lines = [
-        f"{options.hours:g} hours of the robot's time, {len(samples)} samples; growth of the last four fifths.", "",
+        f"{samples[-1].hour:.1f} hours of the robot's time, {len(samples)} samples; growth of the last four fifths.",
+        "",
         "| | after a fifth | at the end | growth an hour |", "|---|--:|--:|--:|",
     ]  # fmt: skip
     slopes = {}

@@ -60,7 +60,11 @@ class McapFile:
         self._compression = compression
         self._schemas: dict[str, mcap.Schema] = {}
         self._channels: dict[int, mcap.Channel] = {}
-        self._chunks: list[mcap.ChunkIndex] = []
+        self._chunks = (
+            bytearray()
+        )  # their index, as it goes to the end of the file: objects would take several times that
+        self._chunk_count = 0
+        self._span: tuple[int, int] | None = None  # of all messages, ns
         self._metadata: list[mcap.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._write(MCAP0_MAGIC + _bytes(mcap.Header("ros2", f"txt1 {__version__}")))
@@ -106,12 +110,15 @@ class McapFile:
         self._write(declarations + chunk + index)
         self._schemas |= schemas
         self._channels |= channels
-        self._chunks.append(
+        self._chunks += _bytes(
             mcap.ChunkIndex(
                 chunk_length=len(chunk), chunk_start_offset=start, compressed_size=len(compressed),
                 message_index_length=len(index), message_index_offsets=offsets, **about,
             )
         )  # fmt: skip
+        self._chunk_count += 1
+        first, last = self._span or (block.first, block.last)
+        self._span = min(first, block.first), max(last, block.last)
         self._counts.update({channel: len(entries) for channel, entries in block.index.items()})
 
     def _declared(self, block: Block) -> tuple[dict[str, mcap.Schema], dict[int, mcap.Channel]]:
@@ -152,26 +159,26 @@ class McapFile:
 
     def _summary(self, start: int) -> bytes:
         """The summary section that begins at byte `start`, the footer and the closing magic."""
+        first, last = self._span or (0, 0)
         statistics = mcap.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=self._counts.total(),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=first,
+            message_end_time=last,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
         summary, offsets = b"", []
-        for opcode, records in (
-            (Opcode.SCHEMA, self._schemas.values()),
-            (Opcode.CHANNEL, self._channels.values()),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
+        for opcode, group in (
+            (Opcode.SCHEMA, _bytes(*self._schemas.values())),
+            (Opcode.CHANNEL, _bytes(*self._channels.values())),
+            (Opcode.STATISTICS, _bytes(statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunks)),
+            (Opcode.METADATA_INDEX, _bytes(*self._metadata)),
         ):
-            group = _bytes(*records)
             if group:
                 offsets.append(
                     mcap.SummaryOffset(group_length=len(group), group_opcode=opcode, group_start=start + len(summary))
