@@ -116,7 +116,8 @@ class Robot:
             ConfigError: a setting is wrong.
             HalError: the hardware cannot be opened, or the board does not answer.
             TaskFault: a task raised an exception; the cause is chained.
-            StopNotVerified: when the block is left, a stop took more than zeros, or the robot was not seen to stand.
+            StopNotVerified: when the block is left, a stop took more than zeros, or the robot was not seen to stand; an
+                error that ended the block, or the TaskFault, is its cause.
 
         """
         given = {"hal": hal if isinstance(hal, str) else None, "name": name, "seed": seed}
@@ -146,26 +147,31 @@ class Robot:
                 body.cancel()
 
         try:
-            await runtime.start()
-            runtime.scheduler.ended.add_done_callback(interrupt)
-            runtime.add_task("driver", 3, REFRESH, robot._drive_messages)
-            if patience > 0.0:
-                await robot.linked(patience)
-                if robot.arms_by_itself if arm is None else arm:
-                    robot.arm()
-            yield robot
-        except asyncio.CancelledError:
-            if not failed:
-                raise
-            body.uncancel()
-        finally:
-            await runtime.stop()
-            for _, queue in robot._streams:
-                _put(queue, None)
-            if runtime.watch is not None and runtime.watch.trouble:
-                raise StopNotVerified(runtime.watch.trouble)
-        if failed:
-            await runtime.scheduler.ended  # raises the TaskFault
+            try:
+                await runtime.start()
+                runtime.scheduler.ended.add_done_callback(interrupt)
+                runtime.add_task("driver", 3, REFRESH, robot._drive_messages)
+                if patience > 0.0:
+                    await robot.linked(patience)
+                    if robot.arms_by_itself if arm is None else arm:
+                        robot.arm()
+                yield robot
+            except asyncio.CancelledError:
+                if not failed:
+                    raise
+                body.uncancel()
+            finally:
+                await runtime.stop()
+                for _, queue in robot._streams:
+                    _put(queue, None)
+            if failed:
+                await runtime.scheduler.ended  # raises the TaskFault
+        except BaseException as first:
+            if robot.trouble:
+                raise StopNotVerified(robot.trouble) from first
+            raise
+        if robot.trouble:
+            raise StopNotVerified(robot.trouble)
 
     async def linked(self, timeout: float = inf) -> None:
         """Wait for the link (the host is heard; behind a line, the board answers); HalError if not in `timeout` s."""
@@ -232,6 +238,11 @@ class Robot:
     def stop_state(self) -> Stop | None:
         """How the last stop is going, where it has to be verified; None for a simulation, whose outputs are obeyed."""
         return None if self.runtime.watch is None else self.runtime.watch.standstill.stop
+
+    @property
+    def trouble(self) -> str:
+        """Why a stop of this run was none, or nobody saw the robot stand; "" when zeros were enough each time."""
+        return "" if self.runtime.watch is None else self.runtime.watch.trouble
 
     @property
     def faults(self) -> dict[str, int]:

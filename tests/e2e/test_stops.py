@@ -14,8 +14,9 @@ from tests.e2e.conftest import ENDLESS
 from txt1.board import Board, BoardEvent
 from txt1.cli import execute
 from txt1.control.standstill import Stop
-from txt1.errors import NotArmed, StopNotVerified
+from txt1.errors import HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Inputs
+from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PowerControl, Switch
 from txt1.robot import Robot
 from txt1.tasks.mode import MODE
@@ -125,6 +126,49 @@ def test_exit_code_4_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     out, err = capsys.readouterr()
     assert "did not stop when told to" in err
     assert json.loads(out)["topics"]["/stop"] == "none", "the report is of the run, the stop came at its end"
+
+
+async def test_an_error_on_the_way_is_the_cause_of_a_stop_that_was_none() -> None:
+    with pytest.raises(StopNotVerified) as caught:
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 1.0)
+            board.happen(BoardEvent("centre"))
+            await asyncio.sleep(0.15)
+            robot.command(0.6, 0.0)
+            raise KeyError("of the program")
+    assert isinstance(caught.value.__cause__, KeyError)
+
+
+async def test_a_task_that_raised_is_the_cause_too() -> None:
+    async def clumsy(ticks: Ticks) -> None:
+        async for _ in ticks:
+            raise ZeroDivisionError
+
+    with pytest.raises(StopNotVerified) as caught:
+        async with robot_and_board() as (robot, board):
+            await drive(robot, 0.6, 1.0)
+            board.happen(BoardEvent("centre"))
+            await asyncio.sleep(0.15)
+            robot.add_task("clumsy", 1.0, clumsy)
+            await drive(robot, 0.6, 5.0)
+    assert isinstance(caught.value.__cause__, TaskFault)
+
+
+@pytest.mark.parametrize("cause", [HalError("the first cause"), KeyError("the first cause")])
+def test_the_first_cause_is_told_first_and_the_exit_code_is_that_of_the_stop(
+    cause: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(arguments: object) -> int:
+        try:
+            raise cause
+        except Exception as first:
+            raise StopNotVerified("the robot did not stop") from first
+
+    monkeypatch.setattr("txt1.cli.board.main", fails)
+    assert execute(["board", "--tcp", ":0"]) == 4
+    err = capsys.readouterr().err
+    assert 0 < err.index("the first cause") < err.index("txt1: the robot did not stop")
+    assert ("Traceback" in err) is isinstance(cause, KeyError)
 
 
 # -- what is no fault ------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -109,6 +110,11 @@ def _perform(words: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except (Txt1Error, OSError) as error:
+        first = error.__cause__ if isinstance(error, StopNotVerified) else None
+        if isinstance(first, Txt1Error | OSError):
+            print(f"txt1: {first}", file=sys.stderr)
+        elif isinstance(first, Exception):
+            traceback.print_exception(first)
         print(f"txt1: {error}", file=sys.stderr)
         codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE}
         return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)

@@ -135,7 +135,7 @@ class App:
                 yield robot
                 through = True
         except StopNotVerified as error:
-            if not through and not isinstance(error.__context__, asyncio.CancelledError):
+            if not through and not isinstance(error.__cause__, asyncio.CancelledError):
                 raise
             self.code, self.reason = UNSTOPPED, str(error)
 
