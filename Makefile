@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 BENCH := .venv-bench
 ROS2 := $(CURDIR)/.venv-ros2
+KILTED ?= $(CURDIR)/.venv-ros2-kilted
+CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
@@ -28,9 +30,11 @@ test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, in
 	$(BIN)/python -m pytest -m browser -rs tests/browser $(AGAIN)
 
 test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from wheels, ROS 1 from Debian, installed where possible
-	@command -v rosmaster >/dev/null || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true
-	TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m txt1 ros2 install || true
-	TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m pytest -m long -rs tests/ros
+	@command -v rosmaster >/dev/null && test -e /usr/include/ros/ros.h || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true
+	@TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m txt1 ros2 install || true
+	@test -z "$(KILTED)" || TXT1_ROS2_HOME=$(KILTED) $(BIN)/python -m txt1 ros2 install --distribution kilted || true
+	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
+	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros $(AGAIN)
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
@@ -57,7 +61,7 @@ docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link check
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import time
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-HOST, GUEST = "txt1-here", "txt1-there"
+HOST, GUEST = f"txt1-here-{os.getpid()}", f"txt1-there-{os.getpid()}"
 ADDRESSES = {HOST: "10.77.0.1", GUEST: "10.77.0.2"}
 
 

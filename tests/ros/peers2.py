@@ -90,6 +90,16 @@ def circle():
     peer.hear("joint_states", "sensor_msgs/JointState")
     peer.hear("imu/data", "sensor_msgs/Imu", SENSOR)
     peer.hear("scan", "sensor_msgs/LaserScan", SENSOR)
+    peer.hear("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR)
+    peer.hear("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR)
+    peer.hear("fix", "sensor_msgs/NavSatFix", SENSOR)
+    peer.hear("odometry/filtered", "nav_msgs/Odometry")
+    seen = Counter()
+    for name, message in (("camera_info", "sensor_msgs/CameraInfo"), ("image_raw", "sensor_msgs/Image")):
+        peer.create_subscription(
+            kind(message), f"camera/depth/{name}",
+            lambda told: seen.update([(told.header.stamp.sec, told.header.stamp.nanosec)]), SENSOR,
+        )  # fmt: skip
     peer.hear("battery_state", "sensor_msgs/BatteryState", LATCHED)
     peer.hear("robot_description", "std_msgs/String", LATCHED)
     peer.hear("/diagnostics", "diagnostic_msgs/DiagnosticArray")
@@ -102,7 +112,8 @@ def circle():
     peer.run(2.0, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
     moving = peer.last["/txt1/setpoint"].twist
     joints = peer.last["joint_states"].name, peer.last["joint_states"].position
-    base = transforms["base_footprint"].transform
+    base, depth = transforms["base_footprint"].transform, peer.last["camera/depth/camera_info"]
+    picture, fix = peer.last["camera/camera_info"], peer.last["fix"]
     told = {
         "setpoint": (moving.linear.x, moving.angular.z),
         "odom": [
@@ -115,6 +126,10 @@ def circle():
         "joints": dict(zip(*joints, strict=True)),
         "gyro": peer.last["imu/data"].angular_velocity.z, "imu_frame": peer.last["imu/data"].header.frame_id,
         "scan": len(peer.last["scan"].ranges), "scan_frame": peer.last["scan"].header.frame_id,
+        "depth": (depth.width, depth.height, depth.k[0], depth.k[2], depth.k[5], depth.header.frame_id),
+        "pairs": sum(count == 2 for count in seen.values()),
+        "picture": (picture.width, picture.height, picture.k[0]), "fix": (fix.latitude, fix.longitude),
+        "filtered": [(t := peer.last["odometry/filtered"].twist.twist).linear.x, t.angular.z],
         "battery": peer.last["battery_state"].voltage,
         "pwm": (peer.last["/txt1/pwm"].motor, peer.last["/txt1/pwm"].front, peer.last["/txt1/pwm"].rear),
         "description": peer.last["robot_description"].data,

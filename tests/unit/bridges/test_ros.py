@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from math import tau
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +14,7 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
 from txt1.bridges.ros.stamps import Publishers, Stamps
-from txt1.bridges.ros.topics import JOINTS, turned
+from txt1.bridges.ros.topics import JOINTS, OPTICAL, TO_OPTICAL, turned
 from txt1.bridges.ros.urdf import MOUNTS, links_of, robot_description
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import Layout
@@ -98,12 +100,25 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
     for link, place in MOUNTS.items():
         joint = robot.joint_map[f"{link}_joint"]
         assert (joint.parent, joint.type) == ("base_link", "fixed") and tuple(joint.origin.xyz) == place
+    optical = robot.joint_map[f"{OPTICAL}_joint"]
+    assert optical.parent == "base_camera_link" and optical.origin.rpy == pytest.approx([-tau / 4, 0.0, -tau / 4])
     moving = {joint.name for joint in robot.joints if joint.type == "revolute"}
     assert len(moving) == {"both": 4, "front": 2, "skid": 0}[steering]
     height = (
         robot.joint_map["base_link_joint"].origin.xyz[2] + robot.joint_map["rear_left_steering_joint"].origin.xyz[2]
     )
     assert height == pytest.approx(robot.link_map["rear_left_wheel"].visual.geometry.radius, abs=1e-5), "on the floor"
+
+
+def test_a_camera_s_optical_frame_has_z_ahead_and_x_to_the_right() -> None:
+    x, y, z, w = (TO_OPTICAL[axis] for axis in "xyzw")
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    assert turn @ (0.0, 0.0, 1.0) == pytest.approx([1.0, 0.0, 0.0]), "z ahead"
+    assert turn @ (1.0, 0.0, 0.0) == pytest.approx([0.0, -1.0, 0.0]), "x to the right"
 
 
 def test_a_left_turn_turns_the_front_wheels_left() -> None:

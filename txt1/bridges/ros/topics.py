@@ -7,6 +7,7 @@ below the node's own name, ``~/``.
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from dataclasses import replace
 from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
@@ -63,6 +64,10 @@ define(
 define("rosgraph_msgs/Clock", "builtin_interfaces/Time clock")
 
 
+OPTICAL: Final = "base_camera_optical_link"
+"""The camera's frame as those who read its pictures have it (REP 103): z ahead, x to the right."""
+TO_OPTICAL: Final = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
+
 # -- frames ------------------------------------------------------------------------------------------------------
 
 _FORWARD: Final = tuple(
@@ -83,7 +88,9 @@ def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
     transforms = [
         {
             "header": {"frame_id": above}, "child_frame_id": name,
-            "transform": {"translation": {"x": x, "y": y, "z": z}, "rotation": {"w": 1.0}},
+            "transform": {
+                "translation": {"x": x, "y": y, "z": z}, "rotation": TO_OPTICAL if name == OPTICAL else {"w": 1.0},
+            },
         }
         for name, (above, x, y, z) in links.items()
     ]  # fmt: skip
@@ -153,7 +160,7 @@ def _info(image: Image | DepthImage) -> dict[str, Any]:
     found = {"height": image.height, "width": image.width, "distortion_model": "plumb_bob"}
     if isinstance(image, Image):
         return found
-    f, x, y = image.focal, 0.5 * image.width, 0.5 * image.height
+    f, x, y = image.focal, 0.5 * (image.width - 1), 0.5 * (image.height - 1)
     return found | {
         "d": (0.0,) * 5, "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0), "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         "p": (f, 0.0, x, 0.0, 0.0, f, y, 0.0, 0.0, 0.0, 1.0, 0.0),
@@ -163,7 +170,7 @@ def _info(image: Image | DepthImage) -> dict[str, Any]:
 def _camera_info(name: str) -> Topic[Any]:
     return Topic(
         f"/{name}", object, "pixels", "sensor_msgs/CameraInfo", Rule.EVENT, "how a camera sees",
-        {"header": {"frame_id": "base_camera_link"}}, make=_info,
+        {"header": {"frame_id": OPTICAL}}, make=_info,
     )  # fmt: skip
 
 
@@ -185,11 +192,12 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
     if topic.type is FixReading:
         own = Topic("/fix", FixReading, FIX.units, FIX.message, FIX.rule, FIX.about, FIX.constants, (), FIX.make)
         return Publication(f"{place}fix", "sensor", own), Publication(f"~{topic.name}", "sensor", topic)
-    told = Publication(f"{place}{known}", "sensor", topic)
     if topic.type in (Image, DepthImage):
+        seen = replace(topic, constants={**topic.constants, "header": {"frame_id": OPTICAL}})
+        told = Publication(f"{place}{known}", "sensor", seen)
         beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
         return told, Publication(beside, "sensor", _camera_info(beside))
-    return (told,)
+    return (Publication(f"{place}{known}", "sensor", topic),)
 
 
 _RECORDED: Final = {

@@ -7,12 +7,12 @@ from math import tau
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring  # nosec: nothing is read
 
-from txt1.bridges.ros.topics import AXLES, WHEELS
+from txt1.bridges.ros.topics import AXLES, OPTICAL, WHEELS
 from txt1.model.vehicle import Geometry
 from txt1.sensors.readings import BASE, DepthImage, FixReading, Image, ImuReading, Scan
 
 Links = dict[str, tuple[str, float, float, float]]
-"""Of links without joints by their names: the one above, and where they are in it, m."""
+"""Of links without joints by their names: the one above, and where they are in it, m; none but `OPTICAL` is turned."""
 
 MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
     "base_laser_link": (0.1905, 0.0, 0.1435),
@@ -37,6 +37,8 @@ def links_of(kinds: Iterable[type]) -> Links:
     """The links of a robot with sensors of these types of readings."""
     wanted = {_LINK[kind] for kind in kinds if kind in _LINK}
     sensors: Links = {name: ("base_link", *place) for name, place in MOUNTS.items() if name in wanted}
+    if "base_camera_link" in sensors:
+        sensors[OPTICAL] = "base_camera_link", 0.0, 0.0, 0.0
     return {"base_link": ("base_footprint", 0.0, 0.0, BASE), **sensors}
 
 
@@ -48,6 +50,10 @@ def robot_description(name: str, geometry: Geometry, links: Links) -> str:
     SubElement(robot, "link", name="base_footprint")
     body = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT)
     for link, (above, x, y, z) in links.items():
+        if link == OPTICAL:
+            SubElement(robot, "link", name=link)
+            _joint(robot, f"{link}_joint", "fixed", above, link, (x, y, z), turned=f"{-tau / 4:.9f} 0 {-tau / 4:.9f}")
+            continue
         size = body if link == "base_link" else _SIZES[link]
         ahead = geometry.centre if link == "base_link" else 0.0
         _link(robot, link, "blue" if link == "base_link" else "grey", box=size, ahead=ahead)
@@ -97,12 +103,13 @@ def _link(
 
 
 def _joint(
-    robot: Element, name: str, kind: str, above: str, below: str, at: tuple[float, float, float], axis: str = ""
-) -> Element:
+    robot: Element, name: str, kind: str, above: str, below: str, at: tuple[float, float, float], axis: str = "",
+    turned: str = "0 0 0",
+) -> Element:  # fmt: skip
     joint = SubElement(robot, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=above)
     SubElement(joint, "child", link=below)
-    SubElement(joint, "origin", xyz=" ".join(f"{each:.6g}" for each in at), rpy="0 0 0")
+    SubElement(joint, "origin", xyz=" ".join(f"{each:.6g}" for each in at), rpy=turned)
     if axis:
         SubElement(joint, "axis", xyz=axis)
     return joint
