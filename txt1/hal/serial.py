@@ -344,7 +344,6 @@ class SerialHal:
             self._pose, self._odometry = pose, None
             self._pid_due = self._repeat_due = -inf  # it may have forgotten everything
             self._heal_due, self._rejections = inf, 0
-            self._gains_missing = self._pid_set is not None
             self._pause = BACKOFF_MIN
             self._tell(f"the board answers on {self.port.address}")
         self._odometry = follow(self._odometry, self._pose, pose, self._scale)

@@ -88,7 +88,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         elif not has_ticks:
             dt, read_at = min(state.odometry_time - read_at, STEP_MAX), state.odometry_time
             wheel = abs(state.odometry.v) + 0.5 * geometry.track_width * abs(state.odometry.omega)
-            if dt > 0.0 and (closes_loops or wheel >= READ):
+            if dt > 0.0 and wheel < inf and (closes_loops or wheel >= READ):
                 right, left = wheel_ticks(state.odometry.v, state.odometry.omega, dt, geometry)
         if right is not None and left is not None:
             gate.watch(right, left, state.odometry.v, v_now if source is COMBINED else None, dt)

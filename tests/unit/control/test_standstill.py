@@ -64,6 +64,7 @@ def test_even_a_slow_vehicle_that_never_stands_is_no_stop() -> None:
     assert kinds(seen) == [Stop.SLOWING, Stop.PWM_ZEROS, Stop.ESC_OFF]
     # half a second after one that coasts has come to 0, which takes 0.15 + 0.6 ln(1 + v0 / 0.1) s
     assert [time for time, _ in seen] == pytest.approx([0.0, 1.05, 2.1])
+    assert stepped(*[0.09] * 21, 0.05)[1][-1] is Stop.SLOWING, "one that stands at that instant may stay so"
 
 
 def test_one_that_a_pwm_test_stops_keeps_its_esc() -> None:

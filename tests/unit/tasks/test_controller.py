@@ -75,6 +75,8 @@ def test_the_loops_step_and_what_they_say_goes_through_the_gate() -> None:
     desk = Desk()
     assert desk.step(0.5, 0.2, ROLLING)[:3] == (4000, -200, 200)
     assert desk.state.control == Control(desk.written[-1], 0.5, 0.2, Source.ENCODER, Gains(1.0, 0.0, 0.0))
+    assert desk.step(0.5, 0.2, Odometry(v=0.2)).motor == 3000
+    assert desk.state.control.outputs == desk.written[-1], "what it tells is what it sent"
 
 
 @pytest.mark.parametrize("field, value", [
@@ -129,9 +131,10 @@ def test_in_the_tick_in_which_the_mode_changes_it_is_neutral() -> None:
 
 @pytest.mark.parametrize("odometry", [Odometry(v=nan), Odometry(v=inf), Odometry(v=-inf), Odometry(omega=inf)])
 def test_a_speed_that_is_not_finite_is_neutral_and_counted(odometry: Odometry) -> None:
-    desk = Desk()
-    assert desk.step(0.5, 0.0, odometry)[:3] == (0, 0, 0)
-    assert desk.gate.counts[Fault.MEASURED] == 1
+    for can in ({}, {"ticks": False}, {"ticks": False, "pwm": False}):
+        desk = Desk(**can)
+        assert desk.step(0.5, 0.0, odometry) == Outputs()
+        assert desk.gate.counts[Fault.MEASURED] == 1
 
 
 def test_odometry_of_half_a_second_ago_is_lost_and_a_little_younger_is_not() -> None:
@@ -156,6 +159,18 @@ def test_combined_odometry_counts_while_it_is_selected_and_a_tenth_of_a_second_o
     assert desk.state.control.source is Source.COMBINED
     assert desk.step(0.5, 0.0, ROLLING).motor == 4000
     assert desk.state.control.source is Source.ENCODER
+
+
+def test_combined_odometry_that_contradicts_the_encoders_disarms_only_while_it_counts() -> None:
+    for selected in (False, True):
+        desk = Desk()
+        desk.state.encoders = Encoders(40, 40)
+        desk.state.link = LinkState(alive=True, combined=selected)
+        for _ in range(20):
+            desk.state.combined = CombinedSample(0.0, 0.0, desk.now)
+            desk.step(0.5, 0.0, Odometry(v=0.7))
+        assert desk.gate.armed is not selected
+        assert desk.gate.armed or "combined odometry says 0.0 m/s" in desk.gate.reason
 
 
 def link(losses: int, reason: str = "") -> BoardLink:
@@ -268,6 +283,7 @@ def test_at_rest_nothing_is_told_anew_but_where_the_velocities_come_from() -> No
     desk = Desk()
     desk.step(None, 0.0, AT_REST)
     first = desk.state.control
+    assert first == Control(Outputs(), 0.0, 0.0, Source.ENCODER, Gains())
     desk.step(None, 0.0, AT_REST)
     assert desk.state.control is first
     desk.state.link = LinkState(alive=True, combined=True)

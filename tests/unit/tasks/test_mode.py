@@ -48,6 +48,20 @@ def test_the_link_is_alive_with_more_than_1_velocity_and_combined_odometry_selec
     task.close()
 
 
+@pytest.mark.parametrize("velocities", [0, 20])
+def test_a_link_that_was_never_there_or_still_is_disarms_nothing(velocities: int) -> None:
+    state, gate = State(), Gate(Limits(), on_close=lambda reason: None)
+    gate.arm(0.0)
+    task = mode(Ticks(1.0), state, gate)
+    task.send(None)
+    for second in (1.0, 2.0, 3.0):
+        state.velocity_count += velocities
+        task.send(second)
+    task.close()
+    assert gate.armed
+    assert not state.events
+
+
 def test_the_modes_message_says_what_is_known() -> None:
     assert Mode() == (False, False, "", LinkState(), Power(), Panel())
     assert MODE.make is not None
