@@ -82,11 +82,12 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
     """The nearest set-point (v, omega) the vehicle may be asked for: speed first, then yaw rate by (2.16)."""
     if not abs(v) <= limits.v_max:
         v = clip(v, limits.v_max)
-    if abs(v) < limits.v_dead_band:
-        v = 0.0
-    omega_max = limits.omega_max
-    if limits.radius_min > 0.0:
-        omega_max = min(omega_max, yaw_rate_max(v, limits.radius_min))
+    speed = abs(v)
+    if speed < limits.v_dead_band:
+        v = speed = 0.0
+    omega_max, radius_min = limits.omega_max, limits.radius_min
+    if radius_min > 0.0 and speed < omega_max * radius_min:
+        omega_max = yaw_rate_max(v, radius_min)
     if not abs(omega) <= omega_max:
         omega = clip(omega, omega_max)
     return v, omega

@@ -38,13 +38,12 @@ class WheelOdometry:
         self._counts, self._time = counts, now
         if before is None:
             return None
-        ticks = right, left = counts[0] - before[0], counts[1] - before[1]
-        still = right == left == 0
-        if not (still and self._still):
+        right, left = counts[0] - before[0], counts[1] - before[1]
+        if right or left or not self._still:
             v, omega = body_velocity(right, left, dt, self._count_length, self._track_width)
             self.odometry = advance(self.odometry, v, omega, dt)
-            self._still = still
-        return ticks
+            self._still = not (right or left)
+        return right, left
 
 
 def wheel_ticks(v: float, omega: float, dt: float, geometry: Geometry) -> tuple[int, int]:

@@ -1,8 +1,15 @@
 """Two LiPo packs behind diodes, and the cut-off circuit (thesis 3.6)."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from txt1.model.battery import pack_voltage
+import numpy as np
+
+from txt1.model.battery import CUT_OFF_V, pack_voltage
+from txt1.sim.parameters import Batteries
+
+SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
+
+NOISE_PERIOD: Final = 1.0  # a voltage reading is good for so many seconds
 
 
 class Packs(NamedTuple):
@@ -37,3 +44,65 @@ def discharge(packs: Packs, full_load_s: float) -> Packs:
     if one is None or two < one:
         return Packs(one, two + minutes)
     return Packs(one + minutes / 2.0, two + minutes / 2.0)
+
+
+class Supply:
+    """The packs of a vehicle as they are drained, and the readings of their voltages.
+
+    Args:
+        batteries: their charge, and the load of the electronics.
+        noise: of a reading, V.
+        seed: repeats it.
+
+    """
+
+    def __init__(self, batteries: Batteries, noise: float, seed: np.random.SeedSequence) -> None:
+        self.batteries = batteries
+        self.packs = Packs(batteries.used_1, batteries.used_2)
+        self.voltages = self.packs.voltages()
+        """Of the two packs, V; 0 where none is fitted."""
+        self.cut_off = False
+        """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
+        self.drawn = 0.0
+        """Seconds of full load since they were settled."""
+        self.settles = 0.0
+        """When to `settle` them next, s."""
+        self.readings = (0.0, 0.0)
+        """Of the two packs' voltages, V, with noise; 0 where no pack is fitted."""
+        self.read_until = 0.0
+        """When to `read` them anew, s."""
+        self._noise, self._rng = noise, np.random.default_rng(seed)
+        self._noise_now = (0.0, 0.0)
+
+    def settle(self, now: float, broken: float | None) -> None:
+        """Take from the packs what was drawn since the last time; they change too slowly to do it more often.
+
+        `broken`: a faulty converter reads this many V; None is none.
+        """
+        self.settles = now + SETTLE_PERIOD
+        self.packs = discharge(self.packs, self.drawn)
+        self.drawn = 0.0
+        self.voltages = self.packs.voltages()
+        self._keep_readings(broken)
+        fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
+        self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
+
+    def read(self, now: float, broken: float | None) -> None:
+        """Take new readings, as often as was due, however seldom somebody looks."""
+        while now >= self.read_until:
+            one, two = self._rng.standard_normal(2).tolist()
+            self._noise_now = one * self._noise, two * self._noise
+            self.read_until += NOISE_PERIOD
+            self._keep_readings(broken)
+
+    def rewind(self, time: float) -> None:
+        """Let the present time be 0, where another run begins."""
+        self.settles -= time
+        self.read_until -= time
+
+    def _keep_readings(self, broken: float | None) -> None:
+        """Keep them: they are looked at 61 times a second and change once, with voltages and noise."""
+        (one, two), (noise_one, noise_two) = self.voltages, self._noise_now
+        if broken is not None:
+            one, two = (broken if one else 0.0), (broken if two else 0.0)
+        self.readings = (one + noise_one if one else 0.0), (two + noise_two if two else 0.0)

@@ -41,8 +41,7 @@ Dynamics = tuple[
 ]  # fmt: skip
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
-DEAD_BAND: Final = 4  # place of the dead band in `Dynamics`
-
+LOCK: Final = float(STEERING_MAX)  # PWM counts at which the steering is at its stop
 RAMP_STEP: Final = 0.005  # longest piece of a motion while a servo turns, s
 
 
@@ -83,13 +82,12 @@ def move(
         coast_friction, servo_rate, scrub, slip, understeer, ramp_step, steered,
     ) = p  # fmt: skip
     # front = -u, rear = +u turns left (spec: plant)
-    lock_pwm = float(STEERING_MAX)
-    if not -lock_pwm <= front <= lock_pwm:
-        front = lock_pwm if front > 0.0 else -lock_pwm
-    if not -lock_pwm <= rear <= lock_pwm:
-        rear = lock_pwm if rear > 0.0 else -lock_pwm
-    target_front = -steering_max * (front / lock_pwm)
-    target_rear = -steering_max * (rear / lock_pwm)
+    if not -LOCK <= front <= LOCK:
+        front = LOCK if front > 0.0 else -LOCK
+    if not -LOCK <= rear <= LOCK:
+        rear = LOCK if rear > 0.0 else -LOCK
+    target_front = -steering_max * (front / LOCK)
+    target_rear = -steering_max * (rear / LOCK)
     coasting = abs(motor) <= dead_band
     if coasting and v == 0.0 and phi_front == target_front and phi_rear == target_rear:
         return state  # at rest
@@ -109,9 +107,10 @@ def move(
         else:
             gap_front, gap_rear = target_front - phi_front, target_rear - phi_rear
             h = remaining if remaining < ramp_step else ramp_step
-            for gap in (gap_front, gap_rear):
-                if gap != 0.0 and abs(gap) < h * servo_rate:
-                    h = abs(gap) / servo_rate
+            if 0.0 < abs(gap_front) < h * servo_rate:
+                h = abs(gap_front) / servo_rate
+            if 0.0 < abs(gap_rear) < h * servo_rate:
+                h = abs(gap_rear) / servo_rate
             travel = servo_rate * h * (1.0 + 1e-12)  # a servo that arrives with this piece has arrived
             next_front, next_rear = target_front, target_rear
             if abs(gap_front) > travel:

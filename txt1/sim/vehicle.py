@@ -8,22 +8,17 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from txt1.model.battery import CUT_OFF_V
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim import skid
-from txt1.sim.battery import Packs, discharge
-from txt1.sim.dynamics import DEAD_BAND, Motion, VehicleState, dynamics, move
+from txt1.sim.battery import Supply
+from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 
 if TYPE_CHECKING:
     from txt1.sim.world import World
 
 NOISE_RATE: Final = 50  # the floor's drag changes so many times a second
-
-SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
-
-BATTERY_NOISE_PERIOD: Final = 1.0  # A voltage reading is good for so many seconds
 
 INSTANT: Final = 1e-9  # what has not moved in longer than this, s, stands
 
@@ -57,12 +52,11 @@ class Vehicle:
     ) -> None:
         self.world = world
         self.dynamics = dynamics(parameters, body)
+        self._dead_band = parameters.dead_band
         self.parameters = parameters
         self.skids = body.steering == "skid"
         """Whether its sides run at two speeds."""
         self.body = body
-        self.packs = Packs(batteries.used_1, batteries.used_2)
-        self.batteries = batteries
         self.noise = noise
         self.name = name
         self.faults = Faults()
@@ -84,7 +78,7 @@ class Vehicle:
         """Whether an obstacle or another vehicle may be in reach wherever it is."""
         drag_seed, battery_seed, phase_seed = np.random.SeedSequence(seed).spawn(3)
         self._drag_rng = np.random.default_rng(drag_seed)
-        self._battery_rng = np.random.default_rng(battery_seed)
+        self.supply = Supply(batteries, noise.battery, battery_seed)
         # The wheels stop anywhere between two edges of the encoder disc.
         phases: list[float] = np.random.default_rng(phase_seed).random(2).tolist()
         self._right_counts, self._left_counts = phases[0], phases[1]
@@ -95,16 +89,7 @@ class Vehicle:
         self._drag_count = 0
         self._outputs = (0.0, 0.0, 0.0)
         self._rest = (0.0, 0.0, 0.0, nan, nan)  # outputs and steering angles with which it stands and nothing moves it
-        self._voltage_noise = (0.0, 0.0)
-        self._readings = (0.0, 0.0)
-        self._voltage_noise_ends = 0.0
-        self._drawn = 0.0  # seconds of full load since the packs were settled
-        self._settle_due = 0.0
-        self.voltages = self.packs.voltages()
-        """Of the two packs, V; 0 where none is fitted."""
-        self.cut_off = False
-        """Whether the cut-off circuit has opened: no pack is left above 9.25 V."""
-        self._settle_batteries()
+        self.supply.settle(0.0, None)
         self.motion: Motion = VehicleState()
         self._put_down(*start)
         world.add(self)
@@ -166,8 +151,7 @@ class Vehicle:
 
     def rewind(self) -> None:
         """Let its time be 0 again, where another run begins."""
-        self._settle_due -= self.time
-        self._voltage_noise_ends -= self.time
+        self.supply.rewind(self.time)
         self._drag_count = 0
         self.time = self.piece_ends = 0.0
 
@@ -176,8 +160,8 @@ class Vehicle:
         while (now := self.time) < time:
             if now >= self.piece_ends:
                 self._draw_drag()
-            if now >= self._settle_due:
-                self._settle_batteries()
+            if now >= self.supply.settles:
+                self.supply.settle(now, self.faults.voltage)
             until = time if time < self.piece_ends else self.piece_ends
             after = self.motion_at(until)
             x_min, x_max, y_min, y_max = self.free
@@ -193,7 +177,7 @@ class Vehicle:
     def motion_at(self, time: float) -> Motion:
         """The motion at an instant before the drag changes, if nothing is in the way."""
         motor, front, rear = self._outputs
-        if self.cut_off or not self.esc_on:
+        if self.supply.cut_off or not self.esc_on:
             motor = 0.0
         before, dt = self.motion, time - self.time
         stands = before[3] == 0.0
@@ -209,30 +193,20 @@ class Vehicle:
 
     def arrive(self, after: Motion, until: float) -> None:
         """Be in a motion at an instant, and count what the encoders saw and the motors drew on the way."""
-        before, dt, powered = self.motion, until - self.time, not self.cut_off
+        supply = self.supply
+        before, dt, powered = self.motion, until - self.time, not supply.cut_off
         self.time, self.motion = until, after
-        # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
-        right, left = after[6] - before[6], after[7] - before[7]
-        if (right or left) and powered and self.atx_on:  # the encoders need the ATX supply's 5 V
+        if after is not before and powered and self.atx_on:  # the encoders need the ATX supply's 5 V
             faults, counts_per_m = self.faults, self._counts_per_m
+            # fields 6 and 7 are the paths rolled by the right and the left encoder wheel
             if not faults.right_encoder:
-                self._right_counts += right * counts_per_m
+                self._right_counts += (after[6] - before[6]) * counts_per_m
             if not faults.left_encoder:
-                self._left_counts += left * counts_per_m
-        if powered and self.esc_on and abs(self._outputs[0]) > self.dynamics[DEAD_BAND]:
-            self._drawn += dt
+                self._left_counts += (after[7] - before[7]) * counts_per_m
+        if powered and self.esc_on and abs(self._outputs[0]) > self._dead_band:
+            supply.drawn += dt
         else:
-            self._drawn += dt * (self.batteries.idle_load if self.atx_on else self.batteries.standby_load)
-
-    def _settle_batteries(self) -> None:
-        """Take from the packs what was drawn since the last time; they change too slowly to do it more often."""
-        self._settle_due = self.time + SETTLE_PERIOD
-        self.packs = discharge(self.packs, self._drawn)
-        self._drawn = 0.0
-        self.voltages = self.packs.voltages()
-        self._read_batteries()
-        fitted = [voltage for voltage in self.voltages if voltage]  # without any, the external supply feeds us
-        self.cut_off = bool(fitted) and max(fitted) <= CUT_OFF_V
+            supply.drawn += dt * (supply.batteries.idle_load if self.atx_on else supply.batteries.standby_load)
 
     def _draw_drag(self) -> None:
         """Take the floor's drag for the next 20 ms."""
@@ -249,7 +223,11 @@ class Vehicle:
     def sense(self, time: float) -> tuple[tuple[int, int], tuple[float, float], bool, tuple[float, float, float]]:
         """All that a HAL reports, at `time`: encoder counts, battery readings (V), whether they are cut off, pose."""
         self.advance_to(time)
-        return self.encoder_counts(), self.battery_readings(), self.cut_off, self.pose
+        supply = self.supply
+        if self.time >= supply.read_until:
+            supply.read(self.time, self.faults.voltage)
+        counts = floor(self._right_counts), floor(self._left_counts)
+        return counts, supply.readings, supply.cut_off, self.motion[:3]
 
     def encoder_counts(self) -> tuple[int, int]:
         """Counts of the right and left encoder since the start, forward positive."""
@@ -257,17 +235,5 @@ class Vehicle:
 
     def battery_readings(self) -> tuple[float, float]:
         """Readings of the two packs' voltages, V, with the converter's noise; 0 where no pack is fitted."""
-        while self.time >= self._voltage_noise_ends:  # one draw per period, however seldom somebody looks
-            one, two = self._battery_rng.standard_normal(2).tolist()
-            self._voltage_noise = one * self.noise.battery, two * self.noise.battery
-            self._voltage_noise_ends += BATTERY_NOISE_PERIOD
-            self._read_batteries()
-        return self._readings
-
-    def _read_batteries(self) -> None:
-        """Keep the readings: they are looked at 61 times a second and change once, with voltages and noise."""
-        (one, two), (noise_one, noise_two) = self.voltages, self._voltage_noise
-        broken = self.faults.voltage
-        if broken is not None:
-            one, two = (broken if one else 0.0), (broken if two else 0.0)
-        self._readings = (one + noise_one if one else 0.0), (two + noise_two if two else 0.0)
+        self.supply.read(self.time, self.faults.voltage)
+        return self.supply.readings

@@ -103,7 +103,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         if not -inf < v_now + omega_now < inf:
             gate.count(Fault.MEASURED)
             passes = False
-        still = isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, v_now)
+        still = v_now == 0.0 and isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, v_now)
         if not (passes and state.link.alive and state.power.esc is not False) or manual is not was_manual or still:
             loops.clear()
             outputs = gate.neutral(state.servos)

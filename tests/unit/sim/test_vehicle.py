@@ -125,7 +125,7 @@ def test_46_minutes_of_driving_follow_the_measured_line() -> None:
         reading, second = sim.battery_readings()
         readings.append(reading - (12.165769 - 0.033691 * minute))
         assert second == 0.0
-        assert not sim.cut_off
+        assert not sim.supply.cut_off
     assert max(map(abs, readings)) < 0.04
     assert abs(sum(readings) / len(readings)) < 0.006
     assert 0.004 < (sum(r * r for r in readings) / len(readings)) ** 0.5 < 0.016
@@ -136,24 +136,24 @@ def test_standing_still_discharges_slower_by_the_configured_share(atx: bool, sha
     sim = simulator(batteries=Batteries(idle_load=0.4, standby_load=0.1))
     sim.atx_on = atx
     run(sim, 601.0, 1.0)
-    assert sim.packs.used_1 == pytest.approx(10.0 * share, rel=0.005)
+    assert sim.supply.packs.used_1 == pytest.approx(10.0 * share, rel=0.005)
     # a motor inside the dead band or behind an open switch draws nothing either
     sim.command(300, 0, 0)
     run(sim, 300.0, 1.0)
     sim.command(4000, 0, 0)
     sim.esc_on = False
     run(sim, 300.0, 1.0)
-    assert sim.packs.used_1 == pytest.approx(20.0 * share, rel=0.005)
+    assert sim.supply.packs.used_1 == pytest.approx(20.0 * share, rel=0.005)
 
 
 def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
     sim = simulator(batteries=Batteries(49.9))
     sim.command(4000, 0, 0)
     run(sim, 4.0)
-    assert not sim.cut_off
+    assert not sim.supply.cut_off
     assert sim.state.v > 1.0
     run(sim, 6.0)
-    assert sim.cut_off
+    assert sim.supply.cut_off
     before = sim.encoder_counts()
     run(sim, 5.0)
     assert sim.state.v == 0.0
@@ -163,7 +163,7 @@ def test_at_50_minutes_the_cut_off_ends_all_motion() -> None:
 
 def test_an_empty_pack_moves_nothing_from_the_start() -> None:
     sim = simulator(batteries=Batteries(60.0))
-    assert sim.cut_off
+    assert sim.supply.cut_off
     sim.command(4000, 0, 0)
     run(sim, 1.0)
     assert sim.state.v == 0.0
@@ -171,11 +171,11 @@ def test_an_empty_pack_moves_nothing_from_the_start() -> None:
 
 def test_one_good_pack_of_two_keeps_the_robot_alive() -> None:
     sim = simulator(batteries=Batteries(60.0, 10.0))
-    assert not sim.cut_off
+    assert not sim.supply.cut_off
     sim.command(4000, 0, 0)
     run(sim, 60.0, 1.0)
-    assert sim.packs.used_1 == 60.0
-    assert sim.packs.used_2 == pytest.approx(11.0, abs=0.02)
+    assert sim.supply.packs.used_1 == 60.0
+    assert sim.supply.packs.used_2 == pytest.approx(11.0, abs=0.02)
 
 
 def test_of_two_packs_the_fuller_one_is_drawn_from_first() -> None:
@@ -191,8 +191,8 @@ def test_two_packs_equally_full_share_the_load_and_last_twice_as_long() -> None:
     sim = simulator(batteries=Batteries(2.0, 0.0))
     sim.command(4000, 0, 0)
     run(sim, 600.0, 1.0)
-    assert sim.packs.used_1 == pytest.approx(6.0, abs=0.03)
-    assert sim.packs.used_2 == pytest.approx(6.0, abs=0.03)
+    assert sim.supply.packs.used_1 == pytest.approx(6.0, abs=0.03)
+    assert sim.supply.packs.used_2 == pytest.approx(6.0, abs=0.03)
 
 
 def test_voltages_follow_from_use_and_are_zero_without_a_pack() -> None:
