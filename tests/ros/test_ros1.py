@@ -38,9 +38,9 @@ def debian() -> None:
     try:
         ros1()
     except ConfigError as error:
-        pytest.skip(str(error))
+        pytest.skip(f"did not run: {error}")
     if shutil.which("rosmaster") is None:
-        pytest.skip("no ROS master here: 'apt install python3-rosmaster'")
+        pytest.skip("did not run: no ROS master here: 'apt install python3-rosmaster'")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("ros1")
     source = write_package(folder / "src")
     if not GENPY.is_dir():
-        pytest.skip("ROS's generators are not here: 'apt install python3-genpy'")
+        pytest.skip("did not run: ROS's generators are not here: 'apt install python3-genpy'")
     where = ["-Itxt_driver:" + str(source / "msg"), "-Istd_msgs:/usr/share/std_msgs/msg"]
     for kind in ("msg", "srv"):
         out = folder / "python" / "txt_driver" / kind
@@ -183,7 +183,7 @@ def test_a_node_that_is_killed_or_stopped_comes_back_by_itself(ros: Ros, what: s
 
 def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp_path: Path) -> None:
     if not GENCPP.exists() or shutil.which("g++") is None or not Path("/usr/include/ros/ros.h").exists():
-        pytest.skip("no roscpp here: 'apt install libroscpp-dev libtf-dev python3-gencpp g++'")
+        pytest.skip("did not run: no roscpp here: 'apt install libroscpp-dev libtf-dev python3-gencpp g++'")
     out = tmp_path / "include" / "txt_driver"
     out.mkdir(parents=True)
     source = package / "src" / "txt_driver"

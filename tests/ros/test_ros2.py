@@ -34,9 +34,9 @@ def ros() -> RosPython:
     try:
         found = ros2()
     except ConfigError as error:
-        pytest.skip(f"no ROS 2: {error}")
+        pytest.skip(f"did not run: no ROS 2: {error}")
     if found.ours and outdated(home()):
-        pytest.skip("the types of ROS 2 here are of other definitions: run 'txt1 ros2 install' again")
+        pytest.skip("did not run: the types of ROS 2 here are of other definitions: run 'txt1 ros2 install' again")
     return found
 
 
@@ -252,7 +252,7 @@ def test_nodes_of_the_other_distribution_understand_it_and_are_understood(
     """Kilted, of wheels in TXT1_ROS2_OTHER: its programs beside our node, and our node there beside our programs."""
     other = os.environ.get("TXT1_ROS2_OTHER", "")
     if not Path(other, "bin", "python").exists() or outdated(Path(other)):
-        pytest.skip("no Kilted here: 'make test-ros' installs it where it can be had")
+        pytest.skip("did not run: no Kilted here: 'make test-ros' installs it where it can be had")
     with robot(domain):
         assert ask(RosPython((f"{other}/bin/python", "-P"), clean(os.environ), other), domain, "alive")
     with robot(domain | {"TXT1_ROS2_HOME": other}):
@@ -263,7 +263,7 @@ def test_another_dds_understands_it_and_drives_it(ros: RosPython, domain: dict[s
     """cyclonedds, in the folder TXT1_CYCLONEDDS."""
     cyclone = os.environ.get("TXT1_CYCLONEDDS", "")
     if not Path(cyclone, "cyclonedds").exists():
-        pytest.skip("no cyclonedds here: 'make test-ros' installs it where it can be had")
+        pytest.skip("did not run: no cyclonedds here: 'make test-ros' installs it where it can be had")
     with robot(domain):
         words = [sys.executable, str(HERE / "cyclone.py"), domain["ROS_DOMAIN_ID"]]
         done = subprocess.run(

@@ -5,6 +5,7 @@ from setuptools import setup
 setup(
     name="txt1_bringup",
     version="0.1.0",
+    packages=[],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/txt1_bringup"]),
         ("share/txt1_bringup", ["package.xml"]),
