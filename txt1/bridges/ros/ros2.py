@@ -8,6 +8,7 @@ import json
 import signal
 import socket
 import struct
+import sys
 import threading
 import time
 from base64 import b64decode
@@ -34,6 +35,7 @@ DEAF: Final = 0.1  # s in which what came meanwhile is thrown away, once this pr
 SIOCGIFFLAGS: Final = 0x8913  # Linux's request for an interface's flags
 SIOCGIFADDR: Final = 0x8915  # ... and for its address
 IFF_RUNNING: Final = 0x40  # the flag that it is at work
+TURN: Final = 5e-4  # s that a thread has before others have theirs: a command does not wait for a camera's picture
 HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
@@ -332,6 +334,7 @@ def main(
     parameters: dict[str, Any] | None = None,
 ) -> None:
     """Serve until the robot's process ends."""
+    sys.setswitchinterval(TURN)
     ends = threading.Event()
     while not ends.is_set():
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
