@@ -10,19 +10,21 @@ another, each the very one that a robot runs.
 
 import argparse
 import asyncio
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from math import hypot, pi
+from math import hypot, inf, pi
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time_ns
 from typing import Any, Final
 
 import numpy as np
 
+from benchmarks import seeds
 from txt1.config.schema import EstimationConfig
 from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
-from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
@@ -110,18 +112,15 @@ def tabulated(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str,
     }  # fmt: skip
 
 
-def show_laps(seeds: int, count: float, file: Path | None, out: Path | None) -> None:
+def show_laps(cases: Sequence[str], count: float, kept: Path, minutes: float, file: Path | None) -> None:
     """Drive, print and draw."""
-    results: list[dict[str, dict[str, float]]] = []
-    for seed in range(1, seeds + 1):
-        found = run(laps(seed, count), speed="max")
-        if not results and file is not None:
-            draw(found, file, count)
-        results.append({name: errors.result() for name, errors in found.items()})
-        if out is not None:  # as far as it has come
-            out.write_text(json.dumps({"table": tabulated(results), "seeds": results}))
-    table = tabulated(results)
-    print(f"{count:g} laps, {seeds} seeds: root mean square over seeds of")
+
+    def case(seed: str) -> dict[str, dict[str, float]]:
+        return {name: errors.result() for name, errors in run(laps(int(seed), count), speed="max").items()}
+
+    results = seeds.results(kept, cases, case, minutes)
+    table = tabulated(list(results.values()))
+    print(f"{count:g} laps, {len(results)} seeds: root mean square over seeds of")
     print(
         "| set-up | rms position m | final position m | largest, of all seeds m | rms heading deg | final heading deg |"
     )
@@ -131,6 +130,8 @@ def show_laps(seeds: int, count: float, file: Path | None, out: Path | None) -> 
             f"| {name} | {row['rms_m']:.4f} | {row['final_m']:.4f} | {row['worst_m']:.4f} "
             f"| {row['rms_rad'] * 180 / pi:.3f} | {row['final_rad'] * 180 / pi:.3f} |"
         )
+    if file is not None:
+        draw(run(laps(int(cases[0]), count), speed="max"), file, count)
 
 
 def draw(found: dict[str, Errors], file: Path, count: float) -> None:
@@ -168,7 +169,7 @@ async def circle(seed: int, settings: Sequence[str]) -> float:
     return float(np.sqrt(c + a * a + b * b))
 
 
-def show_circle(seeds: int) -> None:
+def show_circle(count: int) -> None:
     """Print the radius with the loops by the encoders and by the fused velocities."""
     slips: dict[str, tuple[str, ...]] = {
         "no slip": (),
@@ -180,12 +181,12 @@ def show_circle(seeds: int) -> None:
             "gyro": ("estimation.preset=gyro", "estimation.loops=true"),
             "vicon": ("estimation.preset=vicon", "estimation.loops=true"),
         }.items():
-            radii = [run(circle(seed, (*settings, *given)), speed="max") for seed in range(1, seeds + 1)]
+            radii = [run(circle(seed, (*settings, *given)), speed="max") for seed in range(1, count + 1)]
             print(f"{slip}, loops by {name}: radius {np.mean(radii):.4f} m ({min(radii):.4f} to {max(radii):.4f})")
 
 
 async def cost(delay: float) -> list[float]:
-    """Microseconds of every step of a filter with four sensors at their rates, Vicon's readings so late."""
+    """Microseconds of processor time of every step of a filter with four sensors at their rates, Vicon's so late."""
     names = (ENCODERS, "imu", "gps", "vicon")
     taken: list[float] = []
     settings = (*SLIPPING, *SENSORS, f"sensors.vicon.delay={delay}")
@@ -197,9 +198,9 @@ async def cost(delay: float) -> list[float]:
 
         def take(name: str, reading: Any) -> None:
             nonlocal spent
-            began = stopwatch_ns()
+            began = process_time_ns()
             estimator.take(name, reading)
-            spent += stopwatch_ns() - began
+            spent += process_time_ns() - began
 
         for name in kinds:
             robot.sensors[name].listeners.append(partial(take, name))
@@ -208,9 +209,9 @@ async def cost(delay: float) -> list[float]:
             nonlocal spent
             async for now in ticks:
                 wheels = robot.runtime.wheels()
-                began = stopwatch_ns()
+                began = process_time_ns()
                 estimator.step(now, wheels)
-                taken.append((spent + stopwatch_ns() - began) / NS_PER_S * 1e6)
+                taken.append((spent + process_time_ns() - began) / NS_PER_S * 1e6)
                 spent = 0
 
         robot.add_task("step", PERIOD, step, PRIORITY)
@@ -232,20 +233,21 @@ def show_step() -> None:
 def main(*, quick: bool) -> None:
     """Print the cost of a step, and a short drive's errors."""
     show_step()
-    show_laps(1 if quick else 3, 1.0 if quick else 3.0, None, None)
+    with TemporaryDirectory() as folder:
+        show_laps(["1"] if quick else ["1", "2", "3"], 1.0 if quick else 3.0, Path(folder) / "laps.jsonl", inf, None)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("laps", "circle", "step"))
-    parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--figure", type=Path)
-    parser.add_argument("--out", type=Path)
-    arguments = parser.parse_args()
-    if arguments.what == "laps":
-        show_laps(arguments.seeds, arguments.laps, arguments.figure, arguments.out)
-    elif arguments.what == "circle":
-        show_circle(arguments.seeds)
+    seeds.arguments(parser, "out/laps.jsonl", 100)
+    given = parser.parse_args()
+    if given.what == "laps":
+        wanted = [str(seed) for seed in range(given.first, given.first + given.seeds)]
+        show_laps(wanted, given.laps, given.kept, given.minutes, given.figure)
+    elif given.what == "circle":
+        show_circle(given.seeds)
     else:
         show_step()

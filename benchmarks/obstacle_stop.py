@@ -93,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     seeds.arguments(parser, "out/obstacle-stop.jsonl", 1000)
     given = parser.parse_args()
-    cases = [str(seed) for seed in range(1, given.seeds + 1)]
+    cases = [str(seed) for seed in range(given.first, given.first + given.seeds)]
     found = seeds.results(given.kept, cases, lambda seed: run(drive(int(seed)), speed="max"), given.minutes)
     drives = [Drive(*each) for each in found.values()]
     contacts = [seed for seed, each in zip(found, drives, strict=True) if each.nearest <= 0.0]

@@ -13,6 +13,7 @@ def arguments(parser: ArgumentParser, kept: str, seeds: int) -> None:
     """Add the arguments that all of them have; `kept` is the usual file."""
     parser.add_argument("--seeds", type=int, default=seeds, help="how many; default: %(default)s")
     parser.add_argument("--kept", type=Path, default=Path(kept), help="results so far; default: %(default)s")
+    parser.add_argument("--first", type=int, default=1, help="the first; default: %(default)s")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="time after which no new run is begun")
 
 
