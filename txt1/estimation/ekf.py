@@ -39,6 +39,7 @@ something of the slip whenever it changes, which alone they cannot.
 """
 SIZE: Final = 7
 NOTHING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+STEERING: Final = 0.5  # standard deviation of a turn of the steering within a cycle, as a share of it: servos lag
 CRAWL: Final = 0.05  # m/s below which the steering angle is not told from speed and yaw rate
 TAN_MAX: Final = 0.6  # tangent of the steering angle beyond which it is noise: full lock is 0.30
 
@@ -71,7 +72,7 @@ class Drift:
     """How much the state may change by itself in a second: standard deviations of random walks."""
 
     position: float = 0.002  # m: sideways slip
-    heading: float = 0.001  # rad
+    heading: float = 0.0015  # rad: a gyro's scale and its axis
     speed: float = 0.25  # m/s: the motors and the floor
     yaw_rate: float = 0.35  # rad/s: beyond the steering's own
     bias: float = 0.0002  # rad/s of the gyro
@@ -90,7 +91,8 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
         belief: now.
         dt: s.
         density: variances that a second adds, of `Drift.density`.
-        bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12).
+        bend: change of the steering's curvature meanwhile, 1/m: the yaw rate changes by speed times that, (2.12). How
+            well it follows tells nothing of the speed, as servos lag and filter; so F leaves that out.
 
     """
     (x, y, theta, rolled, omega, bias, slip), (
@@ -112,7 +114,7 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
     # F is 1 but for these, by row and column
     f_xt, f_xu, f_xo, f_xs = -v * s, grip * c, -0.5 * dt * v * s, -rolled * c
     f_yt, f_yu, f_yo, f_ys = v * c, grip * s, 0.5 * dt * v * c, -rolled * s
-    f_to, f_ou, f_os = dt, grip * bend, -rolled * bend
+    f_to = dt
 
     # M = F P, where it is needed
     m_xx = xx + f_xt * xt + f_xu * xu + f_xo * xo + f_xs * xs
@@ -129,8 +131,6 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
     m_yb = yb + f_yt * tb + f_yu * ub + f_yo * ob + f_ys * bs
     m_ys = ys + f_yt * ts + f_yu * us + f_yo * os + f_ys * ss
     m_tt, m_tu, m_to, m_tb, m_ts = tt + f_to * to, tu + f_to * uo, to + f_to * oo, tb + f_to * ob, ts + f_to * os
-    m_ou, m_oo = uo + f_ou * uu + f_os * us, oo + f_ou * uo + f_os * os
-    m_ob, m_os = ob + f_ou * ub + f_os * bs, os + f_ou * us + f_os * ss
 
     # P' = M F^T + Q dt
     return Belief(
@@ -138,16 +138,16 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
         (
             m_xx + m_xt * f_xt + m_xu * f_xu + m_xo * f_xo + m_xs * f_xs + qx * dt,
             m_xy + m_xt * f_yt + m_xu * f_yu + m_xo * f_yo + m_xs * f_ys,
-            m_xt + m_xo * f_to, m_xu, m_xo + m_xu * f_ou + m_xs * f_os, m_xb, m_xs,
+            m_xt + m_xo * f_to, m_xu, m_xo, m_xb, m_xs,
 
             m_yy + m_yt * f_yt + m_yu * f_yu + m_yo * f_yo + m_ys * f_ys + qy * dt,
-            m_yt + m_yo * f_to, m_yu, m_yo + m_yu * f_ou + m_ys * f_os, m_yb, m_ys,
+            m_yt + m_yo * f_to, m_yu, m_yo, m_yb, m_ys,
 
-            m_tt + m_to * f_to + qt * dt, m_tu, m_to + m_tu * f_ou + m_ts * f_os, m_tb, m_ts,
+            m_tt + m_to * f_to + qt * dt, m_tu, m_to, m_tb, m_ts,
 
-            uu + qu * dt, m_ou, ub, us,
+            uu + qu * dt, uo, ub, us,
 
-            m_oo + m_ou * f_ou + m_os * f_os + qo * dt, m_ob, m_os,
+            oo + qo * dt + (STEERING * v * bend) ** 2, ob, os,
 
             bb + qb * dt, bs,
 

@@ -8,10 +8,10 @@ fitted for a while. On losing belief its readings of the last `HORIZON` are take
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from math import atan2, cos, isfinite, sin, sqrt
+from math import atan2, cos, exp, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
@@ -22,6 +22,8 @@ from txt1.estimation.ekf import (
     OMEGA,
     POSE,
     ROLLED,
+    SIZE,
+    SLIP,
     THETA,
     Array,
     Belief,
@@ -59,6 +61,10 @@ STEERING_YAW: Final = 0.05  # rad/s by which the yaw rate may differ from the st
 STEERING_SHARE: Final = 0.1  # ... and the share of it: understeer, and a linkage that nobody has measured
 EXPLAINS: Final = 0.7  # share of the misses that must be gone without a sensor that is to blame for them
 EQUAL: Final = 9.0  # difference of two such sums of squares that is chance
+ONE_SIDED_SO_FAR: Final = 0.28  # the same from which on the pose is told with less confidence: twice its own
+LEVER: Final = 4.0  # how much further the pose may be off than its sensor's mean miss, which follows late
+FORGOTTEN: Final = 30.0  # s in which a contradiction that nobody has settled is forgotten; chosen
+WIDER: Final = 0.1  # standard deviation of the slip that a sensor's misses leave open where nobody is to blame
 LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the average
 DRIFTS: Final = "drifts away from the others"
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
@@ -137,6 +143,7 @@ class _Judge:
     settings: Belonging
     believed: bool = True
     reason: str = ""
+    contradicts: bool = False  # it is believed no longer, though others may be as wrong
     used: int = 0
     rejected: int = 0
     late: int = 0
@@ -146,6 +153,8 @@ class _Judge:
     beyond: int = 0  # readings in a row beyond the gate
     same: int = 0  # readings in a row that were equal
     last: tuple[float, ...] = ()
+    heard: float = 0.0  # the last reading of one that contradicts, s of the run
+    sigmas: tuple[float, ...] = ()  # of the last reading
     misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
     fitting_since: float = 0.0
@@ -200,6 +209,7 @@ class Fusion:
         self._now = 0.0
         self._alone = False  # one sensor only is believed
         self._suspect: _Judge | None = None  # whose readings miss on one side
+        self._dispute = [0.0, 0.0, 0.0]  # m, m, rad from the pose to where those that contradict have it
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -220,6 +230,8 @@ class Fusion:
 
     def step(self, now: float) -> Estimate:
         """The estimate at `now`, s of the run, with all that has arrived since the last step."""
+        fading = exp((self._now - now) / FORGOTTEN)
+        self._dispute = [each * fading for each in self._dispute]
         self._now = now
         if self._base_time < 0.0:  # nothing is known of how it moved before
             self._base_time = max(0.0, now - FIRST)
@@ -305,6 +317,8 @@ class Fusion:
                         if culprit is not None:
                             self._doubt(culprit, DRIFTS)
                             return self._take_out(culprit.name)
+                        if suspect.settings.tells_pose:
+                            belief = entry.belief = self._widened(belief, measurement, suspect.misses)
                     if judge is not None and not judge.believed and entry.used:
                         return self._take_out(judge.name)
             entry.belief = belief
@@ -313,17 +327,34 @@ class Fusion:
     def _culprit(self, last: int) -> _Judge | None:
         """The sensor without which the readings up to an entry fit best; None when they fit no better without anyone.
 
-        Where two contradict one another and nobody takes sides it is the first in the order in which they are given.
+        Where two contradict one another and nobody takes sides it is the first in the order in which they are given,
+        and the pose as the other would have it is remembered.
         """
         believed = [judge for judge in self._judges.values() if judge.believed]
-        scores = [self._misfit(judge.name, last) for judge in believed]
-        least = min(scores, default=0.0)
-        if least > EXPLAINS * self._misfit("", last):
+        tried = [self._without(judge.name, last) for judge in believed]
+        least = min((misfit for misfit, _ in tried), default=0.0)
+        if least > EXPLAINS * self._without("", last)[0]:
             return None
-        return next((judge for judge, score in zip(believed, scores, strict=True) if score <= least + EQUAL), None)
+        likely = [
+            (judge, pose) for judge, (misfit, pose) in zip(believed, tried, strict=True) if misfit <= least + EQUAL
+        ]
+        culprit, ours = likely[0]
+        culprit.contradicts = len(likely) > 1 or (culprit.settings.tells_pose and self._seldom(culprit))
+        if culprit.contradicts and culprit.settings.tells_pose:
+            self._disputed(self._offset(culprit))
+        for _, theirs in likely[1:]:
+            self._disputed(sub(*pair) for pair in zip(theirs, ours, strict=True))
+        return culprit
 
-    def _misfit(self, without: str, last: int) -> float:
-        """How one-sidedly readings up to an entry miss without a sensor: the squares of the means' z scores, summed."""
+    def _seldom(self, judge: _Judge) -> bool:
+        """Whether a sensor's misses are older than the readings that are kept, so these cannot tell who is to blame."""
+        return sum(entry.measurement.sensor == judge.name for entry in self._entries) < MEMORY // 2
+
+    def _without(self, sensor: str, last: int) -> tuple[float, Sequence[float]]:
+        """How one-sidedly readings up to an entry miss without a sensor, and the pose without it.
+
+        The first is the squares of the means' z scores, summed.
+        """
         belief, time = self._began()
         sums: dict[str, Array] = {}
         counts: dict[str, int] = {}
@@ -338,14 +369,15 @@ class Fusion:
                 sums[""] = sums.get("", np.zeros(1)) + miss
                 counts[""] = counts.get("", 0) + 1
                 continue
-            if measurement.sensor == without or not entry.used:
+            if measurement.sensor == sensor or not entry.used:
                 continue
             residual, h = self._expect(belief.mean, measurement)
             belief, _, misses = update(belief, residual, h, [sigma * sigma for sigma in measurement.sigmas])
             name = measurement.sensor
             sums[name] = sums.get(name, 0.0) + np.array(misses)
             counts[name] = counts.get(name, 0) + 1
-        return float(sum(np.sum(total**2) / counts[name] for name, total in sums.items()))
+        misfit = sum(float(np.sum(total**2)) / counts[name] for name, total in sums.items())
+        return misfit, belief.mean[:3]
 
     def _take_out(self, sensor: str) -> int | None:
         """Leave a sensor's readings out; returns the place of the first."""
@@ -369,6 +401,8 @@ class Fusion:
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
         variances = [sigma * sigma for sigma in measurement.sigmas]
+        if judge is not None and judge.contradicts:
+            self._contradict(judge, measurement, belief.mean, residual)
         if judge is None:  # a robot at rest
             return update(belief, residual, h, variances)[0]
         gate = judge.settings.gate**2
@@ -413,6 +447,7 @@ class Fusion:
         """Weigh a new reading by its NIS and its misses."""
         count = len(misses)
         fits = nis <= judge.settings.gate**2
+        judge.sigmas = measurement.sigmas
         judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
         same = measurement.values == judge.last
         judge.same = judge.same + 1 if same else 0
@@ -463,7 +498,51 @@ class Fusion:
 
     def _restore(self, judge: _Judge) -> None:
         judge.believed, judge.reason, judge.fitting, judge.surprise = True, "", 0, 1.0
+        judge.contradicts = False
         self.changes.append(f"'{judge.name}' is believed again")
+
+    # -- contradictions that nobody settles ------------------------------------------------------------------------
+
+    def _disputed(self, further: Iterable[float]) -> None:
+        """Move the pose as those would have it that contradict, by m, m, rad."""
+        self._dispute = [so_far + more for so_far, more in zip(self._dispute, further, strict=True)]
+
+    def _offset(self, judge: _Judge) -> list[float]:
+        """How far off x, y and theta may be by a sensor's mean misses, m, m, rad."""
+        offset = [LEVER * miss * sigma for miss, sigma in zip(judge.misses, judge.sigmas, strict=False)]
+        return [*offset, 0.0][:3]
+
+    def _contradict(self, judge: _Judge, measurement: Measurement, mean: Seven, residual: Sequence[float]) -> None:
+        """Go on as a sensor would that contradicts: its velocities less ours, since its last reading."""
+        before, judge.heard = judge.heard, measurement.time
+        dt = min(max(measurement.time - before, 0.0), STEP_MAX)
+        told = dict(zip(measurement.rows, residual, strict=True))
+        if measurement.kind is Kind.POSE:  # it says by itself where it has the pose
+            self._disputed([(told.get(place, 0.0) - self._dispute[place]) / MEMORY for place in range(3)])
+        elif measurement.kind is Kind.GYRO:
+            self._disputed((0.0, 0.0, told[0] * dt))
+        else:
+            way = told.get(0, 0.0) * dt
+            self._disputed((way * cos(mean[THETA]), way * sin(mean[THETA]), told.get(1, 0.0) * dt))
+
+    def _doubts(self) -> list[float]:
+        """Variances of x, y and theta besides the filter's: of contradictions, and of sensors that miss on one side."""
+        x, y, theta = self._dispute
+        doubts = [x * x + y * y, x * x + y * y, theta * theta]  # in any direction: the sensor may be wrong in any
+        for judge in self._judges.values():
+            if judge.settings.tells_pose and judge.believed:
+                for place, (miss, offset) in enumerate(zip(judge.misses, self._offset(judge), strict=False)):
+                    if abs(miss) > ONE_SIDED_SO_FAR:
+                        doubts[place] += offset * offset
+        return doubts
+
+    def _widened(self, belief: Belief, measurement: Measurement, misses: Sequence[float]) -> Belief:
+        """The belief with a pose and a slip as open as a sensor's mean misses leave them, where nobody is to blame."""
+        spread = np.zeros((SIZE, SIZE))
+        for row, sigma, miss in zip(measurement.rows, measurement.sigmas, misses, strict=False):
+            spread[row, row] = (miss * sigma) ** 2
+        spread[SLIP, SLIP] = WIDER**2
+        return belief_of(belief.mean, belief.covariance + spread)
 
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
@@ -498,8 +577,11 @@ class Fusion:
 
     def _estimate(self, belief: Belief) -> Estimate:
         x, y, theta, _, omega, bias, slip = belief.mean
-        v, covariance = outside(belief)
-        return Estimate(x, y, wrap_angle(theta), v, omega, covariance, bias, slip, self._located)
+        v, told = outside(belief)
+        covariance = list(told)
+        for place, doubt in enumerate(self._doubts()):
+            covariance[6 * place] += doubt
+        return Estimate(x, y, wrap_angle(theta), v, omega, tuple(covariance), bias, slip, self._located)
 
 
 def aligned(pairs: deque[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:

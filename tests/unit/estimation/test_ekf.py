@@ -71,11 +71,9 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
     other = ExtendedKalmanFilter(dim_x=SIZE, dim_z=2)
     for _ in range(200):
         before = ours
-        ours = predict(before, 0.02, DENSITY, bend=0.1)
+        ours = predict(before, 0.02, DENSITY)
         other.x, other.P, other.Q = np.array(before.mean), before.covariance, np.diag(DENSITY) * 0.02
-        other.F = numeric(
-            lambda at: predict(belief_of(at, IDENTITY), 0.02, DENSITY, bend=0.1).mean, np.array(before.mean)
-        )
+        other.F = numeric(lambda at: predict(belief_of(at, IDENTITY), 0.02, DENSITY).mean, np.array(before.mean))
         other.predict()
         assert ours.covariance == pytest.approx(other.P, rel=5e-4, abs=1e-6)  # differences, not derivatives
         other.x, other.P = np.array(ours.mean), ours.covariance

@@ -172,20 +172,53 @@ def test_a_sensor_that_fails_is_found_out_and_believed_again(sensor: str, failur
     assert f"'{sensor}' is believed again" in told
 
 
-def test_a_drift_of_2_cm_a_second_is_found_out_before_it_has_moved_the_pose_by_5_cm() -> None:
+DRIFTS = {"vicon": (0.02, 0.0, 0.0), "imu": (0.05,), "encoders": (0.05, 0.0)}  # m, rad/s, m/s in a second
+
+
+@pytest.mark.parametrize("sensor", DRIFTS)
+def test_a_drift_is_found_out_and_the_pose_stays_within_what_the_estimate_says_of_itself(sensor: str) -> None:
     drive = Drive()
     drive.go(10.0)
     begun = drive.cycle * 0.02
 
     def drifting(m: Measurement) -> Measurement:
-        return m._replace(values=(m.values[0] + 0.02 * (m.time - begun), *m.values[1:])) if m.sensor == "vicon" else m
+        if m.sensor != sensor:
+            return m
+        return m._replace(values=tuple(v + d * (m.time - begun) for v, d in zip(m.values, DRIFTS[sensor], strict=True)))
 
     worst = 0.0
-    for _ in range(200):
+    for _ in range(100):
         drive.go(0.02, drifting)
+        x, y, theta = truth(drive.cycle * 0.02)
+        found = drive.estimate
         worst = max(worst, drive.error()[0])
-    assert drive.trust("vicon")[1] == "drifts away from the others"
+        errors = found.x - x, found.y - y, wrap_angle(found.theta - theta)
+        assert all(abs(error) < 3.5 * found.sigma(place) for place, error in enumerate(errors))
+    assert f"'{sensor}' is not believed any more: drifts away from the others" in drive.fusion.changes
     assert worst < 0.05
+
+
+def test_two_that_contradict_one_another_make_the_estimate_less_sure_of_itself() -> None:
+    drive = Drive(("encoders", "vicon"))
+    drive.go(10.0)
+    sure = drive.estimate.sigma(0)
+    drive.go(1.0, lambda m: m._replace(values=(1.08 * m.values[0], m.values[1])) if m.sensor == "encoders" else m)
+    assert "'encoders' is not believed any more: drifts away from the others" in drive.fusion.changes
+    in_doubt = drive.estimate.sigma(0)
+    assert in_doubt > 10.0 * sure
+    drive.go(40.0)  # it fades
+    assert drive.trust("encoders") == (True, "")
+    assert drive.estimate.sigma(0) < 0.4 * in_doubt
+
+
+def test_without_encoders_the_steering_tells_nothing_of_the_speed() -> None:
+    drive = Drive()
+    drive.go(5.0)
+    for step in range(100):
+        bend = 0.2 if step % 2 else -0.2  # a servo that follows none of it
+        drive.fusion.take(Measurement(5.0 + 0.02 * step, "", Kind.STEERING, (0, 1), (bend, 0.0), (1.0, 1.0)))
+        drive.go(0.02, lambda m: m if m.sensor == "imu" else None)
+    assert abs(drive.estimate.v - V) < 2.0 * drive.estimate.sigma(3)
 
 
 def test_the_heading_goes_round_and_round() -> None:
