@@ -146,6 +146,23 @@ def test_the_original_s_surface_is_there_with_its_types_rates_and_frames(ros: Ro
     assert told["parameters"] == ["angular_pid", "batt1", "batt2", "linear_pid", "port", "pwr_auto"]
 
 
+def test_two_programs_that_drive_are_told_and_what_is_no_number_is_refused(ros: Ros, tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    with robot(ros, "--log", str(file)):
+        assert ros.peer("alive") is True
+        words = ["rostopic", "pub", "-r", "10", "/cmd_vel", "geometry_msgs/Twist", "{linear: {x: .nan}}"]
+        other = subprocess.Popen(words, env=ros.environment, stdout=subprocess.DEVNULL)
+        try:
+            assert ros.peer("alive") is True
+        finally:
+            other.terminate()
+            other.wait(10)
+    words = [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/rosout"]
+    told = subprocess.run(words, capture_output=True, text=True, cwd=ROOT).stdout
+    assert "2 programs publish /cmd_vel: /peer_" in told and "/rostopic_" in told
+    assert "v must be a finite number, not nan" in told
+
+
 def test_a_master_that_was_restarted_finds_the_node_again(ros: Ros) -> None:
     with robot(ros):
         assert ros.peer("alive") is True

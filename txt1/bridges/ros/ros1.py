@@ -26,6 +26,7 @@ from txt1.bridges.ros.txt_driver import MESSAGES, SERVICES
 
 NAME: Final = "txt1_node"
 COMBINED: Final = 0.02  # s between two combined odometries that are handed on
+TOGETHER: Final = 1.0  # s within which two programs drive at the same time
 LOOK: Final = 0.5  # s between two looks at the master
 _HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
@@ -58,6 +59,8 @@ class Original:
         self._robot, self._virtual, self._parameters = robot, virtual, parameters
         self._caller = Caller(robot)
         self._combined_at = 0.0
+        self._drivers: dict[str, float] = {}  # by name when each program sent its last command
+        self._together: list[str] = []  # those that drove at the same time
         self._services: list[Any] = []
         self._odom = rospy.Publisher("/odom", Odometry, queue_size=5)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
@@ -109,6 +112,12 @@ class Original:
 
     def _drive(self, twist: Any) -> None:
         self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z)
+        now = time.monotonic()
+        self._drivers[twist._connection_header["callerid"]] = now  # noqa: SLF001  # rospy has no other way to say it
+        names = sorted(name for name, at in self._drivers.items() if now - at < TOGETHER)
+        if len(names) > 1 and names != self._together:
+            self._robot.request("tell", text=f"{len(names)} programs publish /cmd_vel: {', '.join(names)}")
+        self._together = names
 
     def _combined(self, told: Any) -> None:
         if (now := time.monotonic()) - self._combined_at >= COMBINED:
