@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 from math import tau
 from pathlib import Path
 
@@ -10,17 +12,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 from urdf_parser_py.urdf import URDF
 
 from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
+from txt1.bridges.ros.feed import Feed
 from txt1.bridges.ros.stamps import Publishers, Stamps
-from txt1.bridges.ros.topics import JOINTS, OPTICAL, TO_OPTICAL, turned
+from txt1.bridges.ros.topics import JOINTS, OPTICAL, TO_OPTICAL, recorded, turned
 from txt1.bridges.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.kernel.loop import run
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import Layout
 from txt1.record.rosbag1 import Converter
+from txt1.robot import Robot
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
+from txt1.telemetry.topics import Rule, Topic
 
 STALE = 0.25
 
@@ -73,10 +80,18 @@ def _messages() -> list[str]:
     return sorted(DEFINITIONS)
 
 
+@pytest.fixture(scope="module")
+def generations() -> tuple[Typestore, Converter]:
+    """The other library's types of ROS 2, and the converter to those of ROS 1."""
+    return get_typestore(Stores.ROS2_JAZZY), Converter()
+
+
 @pytest.mark.parametrize("message", _messages())
-def test_every_message_is_read_by_another_library_on_both_generations(message: str) -> None:
+def test_every_message_is_read_by_another_library_on_both_generations(
+    message: str, generations: tuple[Typestore, Converter]
+) -> None:
     kind, text = schema_name(message), schema_text(message)
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store, converter = generations
     found = get_types_from_msg(text, kind)
     for name, fields in found.items():
         if name in store.fielddefs:
@@ -85,7 +100,6 @@ def test_every_message_is_read_by_another_library_on_both_generations(message: s
     data = bytes(Layout(message))
     read = store.deserialize_cdr(data, kind)
     assert bytes(store.serialize_cdr(read, kind)) == data
-    converter = Converter()
     converter.add(kind, text)
     converter.store.deserialize_ros1(converter.convert(kind, data), kind)
 
@@ -133,3 +147,37 @@ def test_the_package_of_our_messages_names_every_file(tmp_path: Path) -> None:
     files = [path for path in package.rglob("*") if path.suffix in (".msg", ".srv", ".action")]
     assert all(f'"{path.relative_to(package)}"' in listed for path in files)
     assert {"Pwm", "Mode", "Driver", *SERVICES, *ACTIONS} <= {path.stem for path in files}
+
+
+BROKEN = Topic(
+    "/broken", str, "", "geometry_msgs/PoseStamped", Rule.EVENT, "", {}, ("pose.position.x",), lambda x: (x,)
+)
+
+
+def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic_its_message() -> None:
+    said: list[str] = []
+    names: set[str] = set()
+
+    async def listen() -> None:
+        async with Robot.open("sim", seed=1) as robot:
+            feed = Feed(robot.runtime, said.append)
+            feed.begin()
+            for _ in range(3):
+                await asyncio.sleep(0.1)
+                robot.runtime.bus.publish(BROKEN, "no number", robot.now)
+                line = json.loads(feed.line({}) or b"")
+                names.update(name for _, name, _, _ in line.get("new", ()))
+                assert len(line["messages"]) > 10
+
+    run(listen(), speed="max")
+    assert {"odom", "tf", "tf_static", "joint_states", "robot_description", "~/setpoint"} <= names
+    assert len(said) == 1 and "/broken" in said[0]
+
+
+def test_a_recording_is_published_under_the_names_of_a_run() -> None:
+    assert recorded("/odom", "nav_msgs/Odometry", ()) == ("odom", "default")
+    assert recorded("/mode", "txt1_msgs/Mode", ()) == ("~/mode", "latched")
+    assert recorded("/tf_room", "tf2_msgs/TFMessage", ()) == ("tf", "default")
+    assert recorded("/input", "txt1_msgs/Input", ()) is None
+    assert recorded("/sensors/front", "sensor_msgs/LaserScan", ()) == ("scan", "sensor")
+    assert recorded("/sensors/rear", "sensor_msgs/LaserScan", {"scan"}) == ("~/sensors/rear", "sensor")
