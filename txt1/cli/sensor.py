@@ -115,7 +115,7 @@ async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen
             host, port = arguments.tcp
             listener = await listen_tcp(host, port, device)
         try:
-            say(f"a {arguments.kind} on the desk is at {listener.address}")
+            say(f"on the desk: {arguments.kind} at {listener.address}")
 
             async def drive(ticks: Ticks) -> None:
                 async for _ in ticks:

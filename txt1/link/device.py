@@ -7,6 +7,7 @@ import stat
 import termios
 from collections.abc import Callable
 from contextlib import suppress
+from re import fullmatch
 from typing import Any, Final
 
 from serial import Serial, SerialException
@@ -144,6 +145,8 @@ def _why_not_open(address: str, error: OSError, behind: str) -> str:
         case errno.ENOENT | errno.ENOTDIR | errno.ELOOP:
             if address.startswith("/dev/") and not address.startswith("/dev/pts/"):
                 return f"{address} does not exist: is the adapter plugged in? {_found()}"
+            if fullmatch(r"[\w.-]+:\d+", address):
+                return f"{address} is no device; for TCP write socket://{address}"
             return f"{address} does not exist: is `{behind} --pty {address}` running? {_found()}"
         case errno.EACCES | errno.EPERM:
             return access_problem(address) or f"no permission to use {address}: {error.strerror}"

@@ -645,6 +645,7 @@ def test_a_missing_virtual_board_is_named_with_the_command_that_starts_it(tmp_pa
     if made:
         path.symlink_to("/dev/pts/99999")
     assert f"{path} does not exist: is `txt1 board --pty {path}` running?" in refusal(str(path))
+    assert refusal("127.0.0.1:2947") == "127.0.0.1:2947 is no device; for TCP write socket://127.0.0.1:2947"
 
 
 def test_what_is_no_serial_port_is_called_that(tmp_path: Path) -> None:
