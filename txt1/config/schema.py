@@ -414,6 +414,13 @@ class Config(Section):
             return self.seed
         return int.from_bytes(blake2b(f"{self.seed} {self.name}".encode(), digest_size=8).digest())
 
+    @field_validator("car")
+    @classmethod
+    def _is_one_that_steers(cls, car: KnownCar, info: ValidationInfo) -> KnownCar:
+        if car.known and "geometry" in info.data and info.data["geometry"].steering == "skid":
+            raise ValueError("known: the loops can know a car that steers, not sides that run at two speeds; use false")
+        return car
+
     @field_validator("commander")
     @classmethod
     def _no_longer_than_the_gates(cls, commander: CommanderConfig, info: ValidationInfo) -> CommanderConfig:

@@ -14,7 +14,8 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 class Car(NamedTuple):
     """What the loops know, as plain numbers; see `KnownCar` and `Geometry`."""
 
-    wheelbase: float
+    lever: float
+    encoders: float  # wheelbase of encoder wheels that are steered, m; 0 where they are not
     tan_steering_max: float
     steering_max: float
     speed_gain: float
@@ -25,12 +26,13 @@ class Car(NamedTuple):
 
 
 def car_of(known: KnownCar, body: Geometry) -> Car | None:
-    """What the loops know of the car; None: nothing."""
-    if not known.known or body.steering != "both":
+    """What the loops know of the car; None: nothing, as is all they can know of one whose sides run at two speeds."""
+    if not known.known or body.steering == "skid":
         return None
+    steered = body.steering == "both"  # encoders of a car whose front wheels steer sit at its rear ones
     return Car(
-        body.wheelbase, body.tan_steering_max, body.steering_max, known.speed_gain, known.dead_band,
-        known.time_constant, known.scrub, known.acceleration,
+        body.lever, body.wheelbase if steered else 0.0, body.tan_steering_max, body.steering_max, known.speed_gain,
+        known.dead_band, known.time_constant, known.scrub, known.acceleration,
     )  # fmt: skip
 
 
@@ -39,7 +41,8 @@ def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, floa
 
     With both axles steered by phi the front wheels roll 1 / cos(phi) times the centre's path, and apart by cos(phi) of
     what (2.24) takes for the turn. tan(phi) = curvature L / 2, so what they tell of the curvature is
-    curvature / (1 + (curvature L / 2)^2), which is solved for it.
+    curvature / (1 + (curvature L / 2)^2), which is solved for it. Wheels that do not steer, whose wheelbase
+    is 0 here, tell the truth.
     """
     if v == 0.0:
         return v, omega
@@ -59,16 +62,16 @@ def informed_step(
     tau dv/dt + (1 + scrub) v, the steering the angle of the curvature omega / v, the PID controllers what is left of
     the error to the reference of a cycle ago, which is what the encoders tell of.
     """
-    wheelbase, tan_max, steering_max, speed_gain, dead_band, time_constant, scrub, acceleration = car
+    lever, encoders, tan_max, steering_max, speed_gain, dead_band, time_constant, scrub, acceleration = car
     most = acceleration * dt
     step = min(max(v - lead, -most), most)
     reference = lead + step
     curvature = omega / v if v != 0.0 else 0.0
-    tangent = min(max(0.5 * curvature * wheelbase, -tan_max), tan_max)
+    tangent = min(max(curvature * lever, -tan_max), tan_max)
     drive = reference * (1.0 + scrub * (tangent / tan_max) ** 2) + time_constant * step / dt
     motor = copysign(dead_band, drive) + drive / speed_gain if drive != 0.0 else 0.0
     steering = STEERING_MAX * atan(tangent) / steering_max
-    v_true, omega_true = true_velocity(v_now, omega_now, wheelbase)
+    v_true, omega_true = true_velocity(v_now, omega_now, encoders)
     error, yaw_error = errors(lead, curvature * lead, v_true, omega_true)
     linear = pid(linear, error, linear_gains, dt, float(PWM_MAX))
     angular = pid(angular, yaw_error, angular_gains, dt, float(STEERING_MAX))

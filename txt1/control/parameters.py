@@ -49,7 +49,7 @@ class KnownCar:
     """What the velocity loops know of the car, beside the thesis's PID controllers, where they run here."""
 
     known: bool = False
-    """Whether they use it: true encoder geometry in turns, motor and steering fed forward; where both axles steer."""
+    """Whether they use it: true encoder geometry in turns, motor and steering fed forward; for cars that steer."""
     speed_gain: Positive = 0.00033
     """Free speed per PWM count beyond the dead band, m/s."""
     dead_band: NotNegative = 300.0

@@ -35,7 +35,7 @@ ROWS: Final = 26
 SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their own
 BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
-UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or Car(*[1.0] * 8)  # stands in where loops know nothing
+UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or Car(*[1.0] * 9)  # stands in where loops know nothing
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)

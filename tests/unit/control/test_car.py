@@ -10,8 +10,10 @@ from txt1.config import load
 from txt1.control.car import InformedLoops, car_of, loops_for, true_velocity
 from txt1.control.parameters import KnownCar
 from txt1.control.pid import Gains, VelocityLoops
+from txt1.errors import ConfigError
 from txt1.hal.registry import create_sim
 from txt1.learning.env import Car
+from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 
 BODY = Geometry()
@@ -25,19 +27,21 @@ def test_the_cars_velocities_follow_from_what_its_steered_front_wheels_tell(v: f
     assert true_velocity(told_v, told_omega, BODY.wheelbase) == pytest.approx((v, v * curvature), rel=1e-9, abs=1e-12)
 
 
-def driven(known: bool, omega: float, seconds: float) -> tuple[float, float]:
-    """Distance along the path after so many seconds at 0.3 m/s from rest, m, and the true speed at the end, m/s."""
-    config = load(None, [f"car.known={str(known).lower()}", "sim.noise.drag=0", "sim.room.length=.inf"]).config
+def driven(known: bool, omega: float, seconds: float, *settings: str) -> tuple[float, float, float]:
+    """After so many seconds at 0.3 m/s from rest: distance along the path, m, true speed, m/s, angle turned, rad."""
+    words = [f"car.known={str(known).lower()}", "sim.noise.drag=0", "sim.room.length=.inf", "sim.room.width=.inf"]
+    config = load(None, [*words, *settings]).config
     car = Car(create_sim(config), config)
     car.command = (0.3, omega)
-    path, last, speed = 0.0, car.pose(0.0), 0.0
+    path, last, speed, turned = 0.0, car.pose(0.0), 0.0, 0.0
     for tick in range(round(seconds * 50)):
         now = tick / 50
         car.control(now)
         pose = car.pose(now)
         step = hypot(pose[0] - last[0], pose[1] - last[1])
+        turned += wrap_angle(pose[2] - last[2])
         path, last, speed = path + step, pose, 50.0 * step
-    return path, speed
+    return path, speed, turned
 
 
 def test_a_car_that_its_loops_know_runs_up_sooner() -> None:
@@ -48,6 +52,26 @@ def test_and_keeps_its_true_speed_in_the_sharpest_turn() -> None:
     sharpest = 0.3 / BODY.radius_min
     assert driven(True, sharpest, 4.0)[1] == pytest.approx(0.3, abs=0.002)
     assert driven(False, sharpest, 4.0)[1] == pytest.approx(0.287, abs=0.003), "as the thesis's loops do"
+
+
+def test_a_car_whose_front_wheels_steer_takes_its_curve_at_once_and_keeps_to_it() -> None:
+    """It steers by its whole wheelbase, and its encoders, at wheels that do not steer, are believed."""
+    front = ("vehicle=f1tenth", "car.speed_gain=0.0005")
+    curvature = 0.9 / load(None, front).config.geometry.radius_min
+
+    def bend(known: bool, seconds: float) -> float:
+        path, _, turned = driven(known, 0.3 * curvature, seconds, *front)
+        return turned / path
+
+    assert bend(True, 0.5) == pytest.approx(curvature, rel=0.01)
+    assert bend(False, 0.5) < 0.85 * curvature, "as loops do that do not know it"
+    path, speed, turned = driven(True, 0.3 * curvature, 5.0, *front)
+    assert (speed, turned / path) == (pytest.approx(0.3, abs=0.004), pytest.approx(curvature, rel=0.01))
+
+
+def test_sides_that_run_at_two_speeds_are_refused_with_what_to_do() -> None:
+    with pytest.raises(ConfigError, match=r"car.*not sides that run at two speeds; use false"):
+        load(None, ["vehicle=rover", "car.known=true"])
 
 
 # -- on paper ----------------------------------------------------------------------------------------------------------
@@ -132,10 +156,11 @@ def test_cleared_they_are_as_new_and_between_two_readings_they_hold() -> None:
     assert loops.step(1.0, 0.5, 0.1, 0.0, *gains, DT) == first
 
 
-def test_loops_know_a_car_that_is_known_and_steers_both_axles() -> None:
+def test_loops_know_a_car_that_is_known_and_steers() -> None:
     rover, front = Geometry(steering="skid"), Geometry(steering="front")
-    assert isinstance(loops_for(KNOWN, BODY), InformedLoops)
-    for known, body in ((KnownCar(), BODY), (KNOWN, rover), (KNOWN, front)):
+    for body in (BODY, front):
+        assert isinstance(loops_for(KNOWN, body), InformedLoops)
+    for known, body in ((KnownCar(), BODY), (KnownCar(), front), (KNOWN, rover)):
         assert isinstance(loops_for(known, body), VelocityLoops)
 
 
