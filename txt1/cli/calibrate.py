@@ -35,7 +35,7 @@ HEAD: Final = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `calibrate` takes."""
     add(parser, ROBOT | {
-        "--write": takes("FILE", "the vehicle's YAML file; one that is there is gone on with", Path),
+        "--write": takes("FILE", "the vehicle's YAML file; gone on with where it is there; of --practice a .csv", Path),
         "--step": takes(
             "NAME", f"do this step alone, again if need be; may be repeated: {', '.join(STEPS)}", action="append"
         ),
@@ -103,40 +103,42 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _practise(arguments: argparse.Namespace) -> int:
     """Calibrate unknown cars, the seeds counted from the given one; 1 when one of them does not drive as it should."""
-    if arguments.write is not None:
-        raise ConfigError("--practice writes no file: leave --write out")
+    file: Path | None = arguments.write
+    if file is not None and file.suffix != ".csv":
+        raise ConfigError(f"--write {file}: --practice writes a table of all cars; name it {file.stem}.csv")
     config = loaded(arguments, ENDLESS).config
-    verdicts: list[practice.Verdict] = []
-    longest, failed = 0.0, 0
-    for seed in range(config.seed, config.seed + arguments.practice):
+    seeds = range(config.seed, config.seed + arguments.practice)
+    cars: list[practice.Practised] = []
+    if file is not None:
+        run_folder.make(file.parent)
+        cars = [car for car in practice.read_practised(file, config.vehicle) if car.seed in seeds]
+    for seed in sorted(set(seeds) - {car.seed for car in cars}):
         seeded = config.model_copy(update={"seed": seed})
         hal = create(practice.unknown_car(seeded, seed))
         if not isinstance(hal, SimHal):
             raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
         app = App(arguments.speed or "max")
         bench = Bench(seeded, practice.Onlooker(hal, seed), opener := _opener(app, hal), lambda values: None)
-        done = asyncio.Event()
+        verdicts: list[practice.Verdict] = []
 
-        async def all_of_it(bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, done: Any = done) -> None:
+        async def all_of_it(
+            bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, verdicts: Any = verdicts
+        ) -> None:
             await calibrate(bench, arguments.step or steps(bench.config, hal))
             verdicts.append(await practice.judge(hal, bench.config, opener))
-            done.set()
 
         code = app.run(all_of_it())
-        if not done.is_set():
+        if not verdicts:
             return code
-        longest = max(longest, bench.driving)
-        if not practice.passes(verdicts[-1], bench.driving):
-            failed += 1
-            print(f"seed {seed}: {verdicts[-1]}, {bench.driving:.0f} s of driving")
-    print(f"{len(verdicts)} cars, {failed} of them not as they should be; the worst of each:")
-    print(f"  speed {100.0 * max(v.speed for v in verdicts):.1f} %")
-    print(f"  straight {max(v.drift for v in verdicts):.2f} degrees per metre")
-    for name, errors in (("R_min", [v.radius for v in verdicts]), ("turn in place", [v.turn for v in verdicts])):
-        known = [error for error in errors if error is not None]
-        if known:
-            print(f"  {name} {100.0 * max(known):.1f} %")
-    print(f"  {longest / 60.0:.1f} minutes of driving")
+        cars.append(car := practice.Practised(seed, verdicts[0], bench.driving))
+        if file is not None:
+            practice.write_practised(file, config.vehicle, car)
+    failed = [car for car in cars if not car.passes]
+    for car in failed:
+        print(f"seed {car.seed}: {car.verdict}, {car.driving:.0f} s of driving")
+    print(f"{len(cars)} cars, {len(failed)} of them not as they should be; the worst of each:")
+    for line in practice.worst(cars):
+        print(f"  {line}")
     return FAULT if failed else OK
 
 

@@ -1,15 +1,18 @@
 """Cars to practise calibration on: simulated ones that nobody knows yet, each with an operator beside it."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+import csv
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager
 from math import degrees, hypot, inf, pi, radians, sin
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from txt1.config import Config
 from txt1.config.sources import with_values
+from txt1.errors import ConfigError
 from txt1.hal.sim import SimHal
 from txt1.model.channels import NEUTRAL_MAX
 from txt1.model.kinematics import wrap_angle
@@ -162,6 +165,63 @@ def passes(verdict: Verdict, driving: float) -> bool:
     """Whether a car drives as a calibrated one should, found out in so many seconds of driving."""
     shares = verdict.speed, verdict.radius or 0.0, verdict.turn or 0.0
     return max(shares) <= 0.05 and verdict.drift <= 1.0 and driving <= 600.0
+
+
+class Practised(NamedTuple):
+    """A car that was calibrated for practice."""
+
+    seed: int
+    verdict: Verdict
+    driving: float  # s of driving that it took
+
+    @property
+    def passes(self) -> bool:
+        """Whether it drives as a calibrated one should."""
+        return passes(self.verdict, self.driving)
+
+
+def worst(cars: Sequence[Practised]) -> Iterator[str]:
+    """The largest of each error, and the longest time of driving, a line each."""
+    yield f"speed {100.0 * max(car.verdict.speed for car in cars):.1f} %"
+    yield f"straight {max(car.verdict.drift for car in cars):.2f} degrees per metre"
+    for name, errors in (
+        ("R_min", [car.verdict.radius for car in cars]),
+        ("turn in place", [car.verdict.turn for car in cars]),
+    ):
+        known = [error for error in errors if error is not None]
+        if known:
+            yield f"{name} {100.0 * max(known):.1f} %"
+    yield f"{max(car.driving for car in cars) / 60.0:.1f} minutes of driving"
+
+
+COLUMNS: Final = ("vehicle", "seed", *Verdict._fields, "driving")
+
+
+def read_practised(file: Path, vehicle: str) -> list[Practised]:
+    """The cars of this kind in a table that `write_practised` began; none when there is no such file.
+
+    Raises ConfigError: it is another table, or of another kind.
+    """
+    if not file.exists():
+        return []
+    with file.open(encoding="utf-8", newline="") as lines:
+        head, *rows = list(csv.reader(lines)) or [[]]
+    if tuple(head) != COLUMNS or any(row[0] != vehicle for row in rows):
+        raise ConfigError(f"{file} is no table of cars of the kind '{vehicle}': choose another file")
+    return [
+        Practised(int(row[1]), Verdict(*(float(cell) if cell else None for cell in row[2:-1])), float(row[-1]))  # type: ignore[arg-type]
+        for row in rows
+    ]
+
+
+def write_practised(file: Path, vehicle: str, car: Practised) -> None:
+    """Add a car to a table, which is begun where there is none."""
+    new = not file.exists()
+    with file.open("a", encoding="utf-8", newline="") as lines:
+        table = csv.writer(lines, lineterminator="\n")
+        if new:
+            table.writerow(COLUMNS)
+        table.writerow((vehicle, car.seed, *car.verdict, car.driving))
 
 
 async def judge(
