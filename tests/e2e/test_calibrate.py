@@ -69,6 +69,19 @@ def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
     assert "2 cars, 0 of them not as they should be" in capsys.readouterr().out
 
 
+def test_a_table_of_calibrated_cars_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "rover.csv"
+    command = ["calibrate", "--vehicle", "rover", "--write", str(table), "--practice"]
+    assert execute([*command, "1"]) == OK
+    first = table.read_text()
+    assert execute([*command, "2"]) == OK
+    assert "2 cars, 0 of them" in capsys.readouterr().out
+    assert table.read_text().startswith(first)
+    assert [row.partition(",")[0] for row in table.read_text().splitlines()] == ["vehicle", "rover", "rover"]
+    assert execute(["calibrate", "--vehicle", "donkeycar", "--write", str(table), "--practice", "1"]) == USAGE
+    assert "no table of cars of the kind 'donkeycar'" in capsys.readouterr().err
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_fifty_of_each_kind_do_with_gains_of_their_own(kind: str) -> None:
@@ -195,7 +208,7 @@ def test_mistakes_in_the_command_line_are_named(tmp_path: Path, capsys: pytest.C
         ([], "add --write FILE"),
         (["--write", str(tmp_path / "mine.txt")], "name it mine.yaml"),
         (["--write", str(tmp_path / "mine.yaml"), "--step", "wings"], "--step wings: there is none"),
-        (["--write", str(tmp_path / "mine.yaml"), "--practice", "2"], "leave --write out"),
+        (["--write", str(tmp_path / "mine.yaml"), "--practice", "2"], "name it mine.csv"),
     ):
         assert execute(["calibrate", *words]) == USAGE
         assert said in capsys.readouterr().err
