@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from math import inf, isfinite
-from typing import Any
+from typing import Any, Literal
 from unittest import SkipTest
 
 import pytest
@@ -421,28 +421,34 @@ def on_a_line(name: str, vehicle: str, fault: LineFaults = CLEAN) -> Config:
     return config.model_copy(update={"serial": config.serial.model_copy(update={"fault": fault})})
 
 
+def board(fault: LineFaults = CLEAN, control: Literal["board", "host"] = "board") -> Hal:
+    serial = SerialConfig(port="virtual", control=control, fault=fault)
+    return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+
+
 class TestSerial(HalConformance):
     """A board behind a line, the line in memory: what it reports and obeys is what the wire carries."""
 
     def make(self) -> Hal:
-        return create(Config(hal="serial", serial=SerialConfig(port="virtual"), sim=SimConfig(room=ENDLESS)))
+        return board()
+
+    def over(self, faults: LineFaults) -> Hal:
+        return board(faults)
 
 
 class TestSerialWithLoopsOnTheHost(HalConformance):
     """The same board in manual mode, obeying PWM test."""
 
     def make(self) -> Hal:
-        serial = SerialConfig(port="virtual", control="host")
-        return create(Config(hal="serial", serial=serial, sim=SimConfig(room=ENDLESS)))
+        return board(control="host")
 
 
+@pytest.mark.long
 class TestSerialOverANoisyLine(HalConformance):
-    """A line that loses, damages and delays frames breaks no promise."""
+    """Every other promise, too, is kept over a line that does everything at once."""
 
     def make(self) -> Hal:
-        return create(
-            Config(hal="serial", serial=SerialConfig(port="virtual", fault=NOISY), sim=SimConfig(room=ENDLESS))
-        )
+        return board(NOISY)
 
 
 class TestVesc(HalConformance):
@@ -451,9 +457,13 @@ class TestVesc(HalConformance):
     def make(self) -> Hal:
         return create(on_a_line("vesc", "f1tenth"))
 
+    def over(self, faults: LineFaults) -> Hal:
+        return create(on_a_line("vesc", "f1tenth", faults))
 
-class TestVescOverABadLine(HalConformance):
-    """Torn, damaged, late and lost packets break no promise."""
+
+@pytest.mark.long
+class TestVescOverANoisyLine(HalConformance):
+    """Every other promise, too, is kept over a line that does everything at once."""
 
     def make(self) -> Hal:
         return create(on_a_line("vesc", "f1tenth", NOISY))
@@ -465,9 +475,13 @@ class TestWaveshare(HalConformance):
     def make(self) -> Hal:
         return create(on_a_line("waveshare", "rover"))
 
+    def over(self, faults: LineFaults) -> Hal:
+        return create(on_a_line("waveshare", "rover", faults))
 
-class TestWaveshareOverABadLine(HalConformance):
-    """Torn, merged, damaged, late and lost lines break no promise."""
+
+@pytest.mark.long
+class TestWaveshareOverANoisyLine(HalConformance):
+    """Every other promise, too, is kept over a line that does everything at once."""
 
     def make(self) -> Hal:
         return create(on_a_line("waveshare", "rover", NOISY))

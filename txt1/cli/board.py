@@ -54,8 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "without power for S s); may be repeated", board_event, action="append", default=[],
         ),
         "--fault": takes(
-            "KIND=VALUE", "put a fault on the line: drop, duplicate (shares of the frames), flip (of the bits), "
-            "split=true, delay, jitter, stall, stall_every, cut (s); may be repeated", action="append", default=[],
+            "KIND=VALUE", "put a fault on the line: drop, tear, duplicate (shares of the frames), flip (of the "
+            "bits), split=true, merge, delay, jitter, stall, stall_every, cut (s); may be repeated",
+            action="append", default=[],
         ),
         "--duration": takes("S", "end after S seconds", options.positive),
         "--json": flag("no status lines; one JSON object at the end"),

@@ -7,10 +7,14 @@ In a test class of yours (see `txt1.conformance`), or from the command line, for
 The promises themselves stand in `txt1.hal.base`. A promise that this HAL cannot break, because it lacks the capability,
 is skipped. A HAL that is not `simulated` is driven too: for an instant each with a little throttle, more, and full
 throttle, then neutral. Put the wheels off the ground.
+
+Hardware behind a line has its promises on bad lines, too: torn, merged, corrupt, late, lossy and cut ones. They are
+tried where `over` returns a HAL whose virtual device is at the end of such a line.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from functools import wraps
 from math import hypot, inf, isfinite, nan
 from typing import Any, ClassVar, Final
 from unittest import SkipTest
@@ -19,9 +23,11 @@ from txt1.conformance import Conformance, broken, kept, named, opened, promise
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
+from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.sim.line import LineFaults
 
 PERIOD: Final = 0.02  # s between two calls: the controller's
 
@@ -39,6 +45,29 @@ COMBINED: Final = CombinedOdometry(1.0, -2.0, 0.5, 0.3, 0.1)
 PATIENCE: Final = 60.0  # s in which a board behind a link answers and takes its gains, however noisy the link is
 NOTICEABLE: Final = 0.005  # the robot has moved when it has moved so far, m
 
+CUT: Final = 4.0  # s after which the line is lost in the promises on cut lines
+NOTICED: Final = 1.0  # s in which a loss is told
+LEAP: Final = 0.4  # m or rad between two readings that are no motion at 0.5 m/s, however late one of them is
+
+
+def over_a_line(**faults: float) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """Run a test on a new HAL that is open, over a line with these faults; skip it where there is none."""
+
+    def decorate(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        tested = opened(test)
+
+        @wraps(test)
+        def over(self: Any) -> None:
+            hal = self.over(LineFaults(**faults))  # type: ignore[arg-type]
+            if hal is None:
+                raise SkipTest("override HalConformance.over to try bad lines, where there is a line")
+            self.part = hal
+            tested(self)
+
+        return over
+
+    return decorate
+
 
 class HalConformance(Conformance[Hal]):
     """The promises, one test each. Override `make`, and `held` and the settings where the defaults do not fit."""
@@ -54,6 +83,10 @@ class HalConformance(Conformance[Hal]):
 
     def held(self, hal: Hal) -> Outputs | None:
         """What the actuators do now; override this where it can be told. None skips what needs it."""
+        return None
+
+    def over(self, faults: LineFaults) -> Hal | None:
+        """A new HAL whose line to its virtual device has these faults, both ways; None where there is no such line."""
         return None
 
     # -- identity and life -------------------------------------------------------------------------------------
@@ -253,7 +286,55 @@ class HalConformance(Conformance[Hal]):
                 continue
             broken("Hal.place", f"raises ValueError where the robot cannot stand, but took {pose}")
 
+    # -- bad lines break no promise ------------------------------------------------------------------------------
+
+    @over_a_line(split=True, tear=0.1)
+    async def test_a_line_that_tears_is_driven_over(self) -> None:
+        await self.drives_over_it()
+
+    @over_a_line(merge=0.1)
+    async def test_a_line_that_merges_is_driven_over(self) -> None:
+        await self.drives_over_it()
+
+    @over_a_line(flip=1e-4)
+    async def test_a_line_that_corrupts_is_driven_over(self) -> None:
+        await self.drives_over_it()
+
+    @over_a_line(delay=0.05, jitter=0.05)
+    async def test_a_line_that_is_late_is_driven_over(self) -> None:
+        await self.drives_over_it()
+
+    @over_a_line(drop=0.1, duplicate=0.1)
+    async def test_a_line_that_loses_and_doubles_is_driven_over(self) -> None:
+        await self.drives_over_it()
+
+    @over_a_line(cut=CUT)
+    async def test_a_line_that_is_cut_is_lost_and_found_again(self) -> None:
+        link = self.read().link
+        while self.now < CUT + NOTICED:
+            link = (await self.hold(FORWARD, PERIOD)).link
+        told = f"{NOTICED:g} s after the cut there are none; are the faults of `over` put on the line?"
+        promise(link is not None and link.losses > 0, "BoardLink.losses", f"counts a line that is cut, but {told}")
+        await self.ready()
+
     # -- for the tests -----------------------------------------------------------------------------------------
+
+    async def drives_over_it(self) -> None:
+        """Check that it drives, stops and tells no nonsense whatever its line does."""
+        before = last = await self.hold(NEUTRAL, self.settle)
+        for _ in range(round(2.0 * self.drive / PERIOD)):
+            now = await self.hold(FORWARD, PERIOD)
+            self.check_inputs(now, complete=False)
+            leap = _leap(last, now)
+            promise(leap < LEAP, "Hal.read", f"reports the sensors, but it leapt by {leap:.2f} m or rad")
+            last = now
+            if now.link is not None and not now.link.ready:
+                await self.ready()
+        if not self.can.blind:
+            moved = _moved(before, last)
+            promise(moved > 0.2 * self.drive, "Hal.write", f"is obeyed, but the robot moved {moved:.3f} m")
+            moved = _moved(await self.hold(NEUTRAL, self.settle), await self.hold(NEUTRAL, self.drive))
+            promise(moved < NOTICEABLE, "Hal.write", f"neutral stops the robot, but it moved on {moved:.3f} m")
 
     @property
     def can(self) -> Capabilities:
@@ -375,6 +456,16 @@ def _rolled(before: Inputs, after: Inputs) -> tuple[int, int] | None:
     if before.ticks is None or after.ticks is None:
         return None
     return after.ticks[0] - before.ticks[0], after.ticks[1] - before.ticks[1]
+
+
+def _leap(before: Inputs, after: Inputs) -> float:
+    """Metres or radians, whichever is more, between two readings, by what it tells the tasks."""
+    turned = 0.0
+    if before.odometry is not None and after.odometry is not None:
+        turned = abs(wrap_angle(after.odometry.theta - before.odometry.theta))
+    elif before.ticks is None or after.ticks is None:
+        return 0.0
+    return max(_moved(before, after), turned)
 
 
 def _moved(before: Inputs, after: Inputs) -> float:

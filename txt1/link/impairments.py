@@ -44,7 +44,9 @@ class Way:
     def deliver_until(self, now: float) -> None:
         """Deliver what has arrived by `now`."""
         while self._pieces and self._pieces[0][0] <= now:
-            _, piece = self._pieces.popleft()
+            when, piece = self._pieces.popleft()
+            while self._carrier.merges and self._pieces and self._pieces[0][0] == when:
+                piece += self._pieces.popleft()[1]
             self._waiting -= len(piece)
             self._deliver(piece)
 

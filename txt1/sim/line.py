@@ -5,7 +5,8 @@
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, replace
-from typing import Final, Literal
+from math import ceil
+from typing import Final, Literal, get_args
 
 from numpy.random import Generator
 
@@ -14,7 +15,7 @@ from txt1.units import NotNegative, Positive, Share
 BITS_PER_BYTE: Final = 10
 """On the line: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
 
-LineFault = Literal["drop", "flip", "duplicate", "stall", "cut"]
+LineFault = Literal["drop", "tear", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
 """When a piece arrives, s, and its bytes."""
 
@@ -25,12 +26,16 @@ class LineFaults:
 
     drop: Share = 0.0
     """Share of the pieces that are lost."""
+    tear: Share = 0.0
+    """Share of the pieces of which the end is lost."""
     flip: Share = 0.0
     """Probability of each bit to arrive inverted."""
     duplicate: Share = 0.0
     """Share of the pieces that come twice."""
     split: bool = False
     """Every byte arrives as a piece of its own."""
+    merge: NotNegative = 0.0
+    """Pieces are handed on so many seconds apart, all that has come since then as one."""
     delay: NotNegative = 0.0
     """Every piece arrives so much later, s."""
     jitter: NotNegative = 0.0
@@ -54,8 +59,8 @@ class Line:
     Args:
         faults: what is wrong with it.
         rng: decides what happens to which piece; the same seed and traffic repeat every fault.
-        on_fault: is told of each fault and the piece as it was given: "drop", "flip", "duplicate", "stall" for the
-            first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
+        on_fault: is told of each fault and the piece as it was given: "drop", "tear", "flip", "duplicate", "stall" for
+            the first piece that a stall holds back, "cut" for each that would arrive after the line is lost.
         start: when the line came up, s.
 
     """
@@ -70,7 +75,9 @@ class Line:
         if faults.stall and faults.stall_every <= 0.0:
             raise ValueError("a line that always stalls carries nothing: stall_every must be positive")
         self.faults = faults
-        self.counts: dict[LineFault, int] = {"drop": 0, "flip": 0, "duplicate": 0, "stall": 0, "cut": 0}
+        self.merges = faults.merge > 0.0
+        """Whether pieces that arrive at the same instant are one."""
+        self.counts: dict[LineFault, int] = dict.fromkeys(get_args(LineFault), 0)
         self.ends = start + faults.cut if faults.cut else float("inf")
         """When the line is lost, s."""
         self._rng = rng
@@ -89,8 +96,13 @@ class Line:
         if when > self.ends:
             self._report("cut", data)
             return []
+        if faults.tear and data and self._rng.random() < faults.tear:
+            self._report("tear", data)
+            arrival = data[: int(self._rng.integers(len(data)))]
+            if not arrival:
+                return []
         if faults.flip:
-            arrival = self._damage(data)
+            arrival = self._damage(arrival)
         pieces = [(when, arrival)]
         if faults.split:
             pieces = [(when, arrival[at : at + 1]) for at in range(len(arrival))]
@@ -112,6 +124,8 @@ class Line:
             if when < end:
                 self._report("stall", data)
                 when = end
+        if faults.merge:
+            when = ceil(round(when / faults.merge, 6)) * faults.merge
         self._last = when
         return when
 
@@ -149,6 +163,7 @@ class Pace:
     """
 
     ends = float("inf")
+    merges = False
 
     def __init__(self, baud: int) -> None:
         if baud <= 0:

@@ -25,7 +25,7 @@ import pytest
 from blockbuster import blockbuster_ctx
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.random import SeedSequence
+from numpy.random import SeedSequence, default_rng
 from serial import SerialException
 
 from txt1.errors import HalError, LinkLost
@@ -38,7 +38,7 @@ from txt1.link.device import STANDARD_BAUDS, baud_warning, open_link
 from txt1.link.impairments import Way, faulty, paced
 from txt1.link.pty import is_left_behind, listen_pty
 from txt1.link.tcp import listen_tcp
-from txt1.sim.line import LineFault, LineFaults
+from txt1.sim.line import Line, LineFault, LineFaults
 
 FRAME = bytes(range(0x10, 0x2A))
 EVERY_BYTE = bytes(range(256))
@@ -469,6 +469,8 @@ def test_a_loop_that_is_late_does_not_let_a_piece_overtake_another() -> None:
     class Held:
         """Holds the first piece back for 10 ms, as a stall that ends then."""
 
+        merges = False
+
         def carry(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
             return [(max(now, 0.01), data)]
 
@@ -483,6 +485,19 @@ def test_a_loop_that_is_late_does_not_let_a_piece_overtake_another() -> None:
         await asyncio.sleep(0.0)
         await asyncio.sleep(0.1)
         assert got == [b"first", b"second"]
+
+    run_quietly(main(), "max")
+
+
+def test_pieces_that_merge_are_handed_on_as_one() -> None:
+    async def main() -> None:
+        got: list[bytes] = []
+        way = Way(Line(LineFaults(merge=0.02), default_rng(1)), got.append)
+        for piece in (b"one, ", b"two, ", b"three"):
+            await asyncio.sleep(0.004)
+            way.send(piece)
+        await asyncio.sleep(0.02)
+        assert got == [b"one, two, three"]
 
     run_quietly(main(), "max")
 

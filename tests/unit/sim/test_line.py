@@ -22,6 +22,7 @@ def timings(draw: st.DrawFn) -> LineFaults:
     """What delays and cuts up, and leaves the bytes alone."""
     return LineFaults(
         split=draw(st.booleans()),
+        merge=draw(st.sampled_from([0.0, 0.02, 0.1])),
         delay=draw(st.floats(0.0, 0.5)),
         jitter=draw(st.floats(0.0, 0.5)),
         stall=draw(st.sampled_from([0.0, 0.05, 2.0])),
@@ -34,6 +35,7 @@ def damages(draw: st.DrawFn) -> LineFaults:
     """What loses, damages and doubles whole pieces."""
     return LineFaults(
         drop=draw(st.sampled_from([0.0, 0.3, 1.0])),
+        tear=draw(st.sampled_from([0.0, 0.3, 1.0])),
         flip=draw(st.sampled_from([0.0, 1e-3, 0.5, 1.0])),
         duplicate=draw(st.sampled_from([0.0, 0.3, 1.0])),
         delay=draw(st.floats(0.0, 0.5)),
@@ -104,6 +106,12 @@ def test_a_delay_is_exact_and_jitter_comes_on_top_of_it() -> None:
     assert sum(extra) / len(extra) == pytest.approx(0.01, abs=0.001)
 
 
+def test_pieces_that_merge_arrive_at_the_same_instants() -> None:
+    line = Line(LineFaults(merge=0.02, delay=0.001), default_rng(1))
+    came = [line.carry(FRAME, 0.005 * k)[0][0] for k in range(8)]
+    assert came == pytest.approx([0.02] * 4 + [0.04] * 4)
+
+
 def test_a_stall_holds_everything_back_until_its_end_and_is_told_of_once() -> None:
     told: list[tuple[LineFault, bytes]] = []
     line = Line(LineFaults(stall=2.0, stall_every=10.0), default_rng(3), lambda *fault: told.append(fault))
@@ -151,6 +159,16 @@ def test_the_share_of_doubled_pieces_is_the_one_asked_for(share: float) -> None:
     assert within(line.counts["duplicate"], 20_000, share)
 
 
+def test_a_torn_piece_is_its_beginning_and_the_share_is_the_one_asked_for() -> None:
+    line, torn = Line(LineFaults(tear=0.2), default_rng(1)), 0
+    for k in range(20_000):
+        arrived = b"".join(piece for _, piece in line.carry(FRAME, float(k)))
+        assert FRAME.startswith(arrived)
+        torn += arrived != FRAME
+    assert within(torn, 20_000, 0.2)
+    assert line.counts["tear"] == torn
+
+
 @pytest.mark.parametrize("share", [1e-4, 1e-3, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("size", [1, 26, 4096])
 def test_every_bit_is_hit_with_the_probability_asked_for_wherever_it_is(share: float, size: int) -> None:
@@ -181,11 +199,11 @@ def test_whatever_does_not_arrive_as_it_was_given_is_told_of(
         arrived = [piece for _, piece in line.carry(data, now)]
         kinds = {kind for kind, _ in told}
         assert all(piece == data for _, piece in told)
-        assert (not arrived) == bool(kinds & {"drop", "cut"})
-        assert (bool(arrived) and arrived[0] != data) == ("flip" in kinds)
+        assert bool(kinds & {"drop", "cut"}) <= (not arrived) <= bool(kinds & {"drop", "cut", "tear"})
+        assert (bool(arrived) and arrived[0] != data) == bool(arrived and kinds & {"tear", "flip"})
         assert (len(arrived) == 2) == ("duplicate" in kinds)
         assert arrived[1:] in ([], arrived[:1])
-        assert all(len(piece) == len(data) for piece in arrived)
+        assert all((len(piece) < len(data)) == ("tear" in kinds) for piece in arrived)
 
 
 @given(damages(), pieces, pauses, st.integers(0, 100))
