@@ -21,6 +21,7 @@ from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.hal.vesc import Unpacker, VescHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
@@ -355,8 +356,65 @@ def test_a_broken_promise_is_noticed_and_named(make: Callable[[], Hal], name: st
     assert "txt1.hal.base" in str(failure.value)  # where the promise stands
 
 
+class Forgetful(Unpacker):
+    """Takes every piece for whole packets."""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        self._buffer = b""
+        return super().feed(data)
+
+
+class OneAtATime(Unpacker):
+    """Understands no piece with two packets."""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        payloads = super().feed(data)
+        return payloads if len(payloads) == 1 else []
+
+
+class Credulous(Unpacker):
+    """Believes every check sum."""
+
+    def _at(self, start: int) -> bytes | None:
+        buffer, kind = self._buffer, self._buffer[start]
+        begin, size = start + kind, int.from_bytes(self._buffer[start + 1 : start + kind])
+        if kind not in (2, 3):
+            return None
+        return buffer[begin : begin + size] if len(buffer) >= begin + size + 3 else b""
+
+
+class Untroubled(VescHal):
+    """Counts no loss of its line."""
+
+    def read(self, now: float) -> Inputs:
+        inputs = super().read(now)
+        return inputs._replace(link=None if inputs.link is None else inputs.link._replace(losses=0))
+
+
+ON_BAD_LINES = [
+    ("tears", "txt1.hal.vesc.Unpacker", Forgetful, "BoardLink.ready comes true"),
+    ("merges", "txt1.hal.vesc.Unpacker", OneAtATime, "BoardLink.ready comes true"),
+    ("corrupts", "txt1.hal.vesc.Unpacker", Credulous, "it leapt by"),
+    ("is_late", "txt1.hal.line.LOST", 0.05, "BoardLink.ready comes true"),
+    ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
+    ("is_cut", "txt1.hal.vesc.VescHal", Untroubled, "counts a line that is cut"),
+]
+
+
+@pytest.mark.parametrize(("line", "what", "broken", "message"), ON_BAD_LINES, ids=[each[0] for each in ON_BAD_LINES])
+def test_a_promise_that_a_bad_line_breaks_is_noticed(
+    line: str, what: str, broken: Any, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = (each for each in promises(HalConformance) if f"_line_that_{line}_" in each)
+    monkeypatch.setattr(what, broken)
+    with pytest.raises(AssertionError, match=message):
+        getattr(TestVesc(), name)()
+
+
 def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
     covered = {f"test_{name}" for _, _, name, _ in MUTANTS}
+    covered |= {name for name in promises(HalConformance) if "_line_that_" in name}
+    assert len(ON_BAD_LINES) == len([name for name in covered if "_line_that_" in name])
     # opening: SimHal starts neutral, so breaking it takes another HAL; survival: any exception at all fails it
     assert set(promises(HalConformance)) - covered == {
         "test_opening_leaves_the_outputs_neutral",

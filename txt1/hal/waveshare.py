@@ -36,7 +36,11 @@ LINE_MAX: Final = 2048  # bytes; a report has about 200
 EVERY: Final = 20  # ms between two reports
 SETTINGS_EVERY: Final = 1.0  # s
 HUNDREDTHS: Final = 60.0  # V: more than this is hundredths of one, and paths are in cm
-RESTARTED: Final = 2.0  # m between two reports that are no motion
+ROUNDED: Final = 0.011  # m by which paths in whole centimetres leap
+SLOW: Final = 1.0  # m/s with which a side may have rolled on although it says that it stands
+BURST: Final = 0.1  # s in whose course reports that were held back may come at once
+KICK: Final = 1.0, 10.0  # by which a side's speed changes from report to report: m/s, and m/s^2 besides
+SWING: Final = 2.0, 100.0  # likewise a yaw rate: rad/s, and rad/s^2
 GAP: Final = 0.2  # s: a yaw rate holds no longer
 CALM: Final = 25  # reports at rest that make the gyroscope's bias known
 LIMIT: Final = 1e9  # numbers beyond this are none
@@ -113,6 +117,27 @@ def report_of(found: dict[str, Any]) -> Report | None:
     return Report(left, right, path_left, path_right, voltage, gyro)
 
 
+def rolls_on(before: Report, after: Report, dt: float) -> bool:
+    """Whether the sides' paths, `dt` s later, are as far as their speeds can have brought them."""
+    for was, now, v in (
+        (before.path_left, after.path_left, after.left),
+        (before.path_right, after.path_right, after.right),
+    ):
+        most = ROUNDED + 1.5 * abs(v or 0.0) * max(dt, BURST) + SLOW * dt
+        if was is not None and now is not None and abs(now - was) > most:
+            return False
+    return True
+
+
+def goes_on(before: Report, after: Report, dt: float, gyro: float) -> bool:
+    """Whether a report may follow another `dt` s later: lines have no check sum, and a wrong digit is one as well."""
+    kicks = [abs((now or 0.0) - (was or 0.0)) for was, now in zip(before[:2], after[:2], strict=True)]
+    swing = abs(gyro * ((after.gyro or 0.0) - (before.gyro or 0.0)))
+    return (
+        max(kicks) <= KICK[0] + KICK[1] * dt and swing <= SWING[0] + SWING[1] * dt and rolls_on(before, after, dt)
+    )  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """Settings of the HAL, under `hal_options`; the port is `serial.port`."""
@@ -148,6 +173,8 @@ class WaveshareHal(PlainHal):
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
         self._report: Report | None = None
+        self._doubted: Report | None = None  # one that does not follow from it
+        self._doubts = 0
         self._taken = 0.0  # loop time of the report
         self._batteries: tuple[float, float] | None = None
         self._set = -SETTINGS_EVERY  # loop time
@@ -166,13 +193,13 @@ class WaveshareHal(PlainHal):
     def _greet(self) -> None:
         self._skipped += self._lines.faults
         self._lines = Lines()
-        self._report = None
+        self._report = self._doubted = None
         self._set = self._line.time() - SETTINGS_EVERY
         self._line.send(b"\n")  # ends what an earlier host has left half said
 
     def read(self, now: float) -> Inputs:
         """Odometry by the sides' paths and the gyroscope, and the battery's voltage."""
-        link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults})
+        link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
         time = self._line.run_time(self._taken)
         return Inputs(
             odometry=self._odometry if self._options.encoders else None, odometry_time=time, batteries=self._batteries,
@@ -218,8 +245,16 @@ class WaveshareHal(PlainHal):
 
     def _take_report(self, report: Report) -> None:
         time = self._line.time()
+        since = time - self._taken
+        if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
+            first = self._doubted is None or not goes_on(self._doubted, report, since, self._options.gyro)
+            self._doubted = report
+            if first:  # nothing is lost: paths count on, and a second one that says the same is believed
+                self._doubts += 1
+                return
+        self._doubted = None
         before, self._report = self._report, report
-        dt, self._taken = min(time - self._taken, GAP), time
+        dt, self._taken = min(since, GAP), time
         self._line.heard()
         if before is None:
             dt = 0.0
@@ -232,7 +267,7 @@ class WaveshareHal(PlainHal):
         then = (None, None) if before is None else (before.path_left, before.path_right)
         if None not in now and None not in then:
             paths = now[0] - then[0], now[1] - then[1]  # type: ignore[operator]
-            if max(map(abs, paths)) > RESTARTED:
+            if before is not None and not rolls_on(before, report, since):
                 paths = 0.0, 0.0
                 self._line.down("the rover's board restarted: its paths began anew")
         elif None not in now:

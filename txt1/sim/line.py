@@ -96,13 +96,13 @@ class Line:
         if when > self.ends:
             self._report("cut", data)
             return []
+        if faults.flip:
+            arrival = self._damage(data)
         if faults.tear and data and self._rng.random() < faults.tear:
             self._report("tear", data)
-            arrival = data[: int(self._rng.integers(len(data)))]
+            arrival = arrival[: int(self._rng.integers(len(data)))]
             if not arrival:
                 return []
-        if faults.flip:
-            arrival = self._damage(arrival)
         pieces = [(when, arrival)]
         if faults.split:
             pieces = [(when, arrival[at : at + 1]) for at in range(len(arrival))]
