@@ -552,11 +552,12 @@ class TestWaveshareWithoutEncoders(HalConformance):
         return create(on_a_line("waveshare", "rover").model_copy(update={"hal_options": {"encoders": False}}))
 
 
-def on_a_pi(vehicle: str, **options: Any) -> Config:
+def on_a_pi(vehicle: str, fault: LineFaults = CLEAN, **options: Any) -> Config:
     """A Raspberry Pi's servo board on the desk, in the same process and time."""
     settings = [f"vehicle={vehicle}", "sim.room.length=.inf", "sim.room.width=.inf"]
     config = load(None, settings, {}, {"hal": "pi"}).config
-    return config.model_copy(update={"hal_options": {"bus": "desk"} | options})
+    serial = config.serial.model_copy(update={"fault": fault})
+    return config.model_copy(update={"hal_options": {"bus": "desk"} | options, "serial": serial})
 
 
 class TestPi(HalConformance):
@@ -571,6 +572,9 @@ class TestPiWithOneEncoder(HalConformance):
 
     def make(self) -> Hal:
         return create(on_a_pi("f1tenth", encoders=[[17, 27]], battery="ads1115"))
+
+    def over(self, faults: LineFaults) -> Hal:
+        return create(on_a_pi("f1tenth", faults, encoders=[[17, 27]], battery="ads1115"))
 
 
 class TestPiOnARover(HalConformance):

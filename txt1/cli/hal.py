@@ -11,9 +11,11 @@ from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add_actions, flag, lo
 from txt1.cli.verdicts import print_verdicts
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError
+from txt1.hal.base import Hal
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
 from txt1.shipped import PACKAGE
+from txt1.sim.line import LineFaults
 
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 NAME: Final = "the name of a Python module, such as mycar"
@@ -47,9 +49,15 @@ def check_hal(arguments: argparse.Namespace) -> int:
             print(f"{moves}. Does nothing touch them? [y/N] ", end="", flush=True)
             if sys.stdin.readline().strip().lower() not in ("y", "yes"):
                 raise ConfigError(f"{moves}: nothing was moved")
+
+    def over(faults: LineFaults) -> Hal | None:
+        """The HAL as configured, but for the faults of its line; None: real hardware is spared them."""
+        serial = config.serial.model_copy(update={"fault": faults})
+        return create(config.model_copy(update={"serial": serial})) if simulated else None
+
     with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
-        speed = {} if simulated else {"speed": None}
-        return print_verdicts(verdicts(HalConformance, lambda: create(config), **speed))
+        speed: dict[str, object] = {} if simulated else {"speed": None}
+        return print_verdicts(verdicts(HalConformance, lambda: create(config), over=staticmethod(over), **speed))
 
 
 def new_hal(arguments: argparse.Namespace) -> int:

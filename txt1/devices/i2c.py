@@ -11,6 +11,9 @@ import os
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+import numpy as np
+from numpy.random import Generator
+
 from txt1.config import Config, checked
 from txt1.control.limits import Outputs
 from txt1.control.open_loop import TRACK_COUNTS
@@ -18,9 +21,13 @@ from txt1.hal.pi import Answer, Options, answer_of
 from txt1.hal.pi_guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, Pca9685, Quadrature, Setup
 from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.sim.line import LineFaults
 
 FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
 OSCILLATOR: Final = 25e6  # Hz
+TRANSFER: Final = 54  # bits of a transfer of four bytes: address, register, data, each acknowledged
+BUS: Final = 3  # marks the random values of a bus
+AWAY: Final = 1.0  # s for which a line that is cut leaves the servo board without power
 
 
 class Chip(Protocol):
@@ -38,6 +45,10 @@ class Pca9685Chip:
 
     def __init__(self, registers: bytearray | mmap.mmap | None = None) -> None:
         self.registers = bytearray(256) if registers is None else registers
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Sleep, and put out nothing."""
         self.registers[MODE1], self.registers[MODE2], self.registers[PRESCALE] = 0x11, 0x04, 0x1E
         for channel in range(16):
             self.registers[LED0 + 4 * channel : LED0 + 4 * channel + 4] = bytes((0, 0, 0, FULL_OFF))
@@ -133,6 +144,22 @@ class FakeBus:
             raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO)) from None
 
 
+class LooseBus(FakeBus):
+    """A bus with faults: what a line would lose, tear or corrupt is not acknowledged here, as I2C has no check sum."""
+
+    def __init__(self, chips: dict[int, Chip], faults: LineFaults, rng: Generator) -> None:
+        super().__init__(chips)
+        self._share = min(1.0, faults.drop + faults.tear + TRANSFER * faults.flip)
+        self._rng = rng
+        self.dead = False
+        """Whether a wire is off."""
+
+    def _chip(self, address: int) -> Chip:
+        if self.dead or (self._share and self._rng.random() < self._share):
+            raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
+        return super()._chip(address)
+
+
 class FileBus(FakeBus):
     """A bus whose servo board, at 0x40, has its registers in a file, for others to look at."""
 
@@ -151,7 +178,9 @@ class Desk:
         self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
         self.vehicle = self.hal.vehicle
         self.board, self.ina219, self.ads1115 = Pca9685Chip(), Ina219Chip(), Ads1115Chip()
-        self.bus = FakeBus({setup.address: self.board})
+        rng = np.random.default_rng(np.random.SeedSequence([config.own_seed, BUS]))
+        self.bus = LooseBus({setup.address: self.board}, config.serial.fault, rng)
+        self._cut = config.serial.fault.cut
         if setup.battery != "none":
             self.bus.chips[setup.battery_address] = self.ina219 if setup.battery == "ina219" else self.ads1115
         self._options, self._setup = options, setup
@@ -177,6 +206,11 @@ class Desk:
     def put(self, pulses: Sequence[float], now: float) -> None:
         """Put out pulses, and let the car do as they say."""
         assert self._guard is not None
+        if self._cut and self._cut <= now < self._cut + AWAY:
+            self.bus.dead = True
+        elif self.bus.dead:
+            self.bus.dead = False
+            self.board.power_up()
         self.vehicle.advance_to(now)
         for encoder, path in zip(self._encoders, self._paths(), strict=False):
             encoder.count = int(path * self._counts_per_m)
