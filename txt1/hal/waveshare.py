@@ -37,7 +37,7 @@ EVERY: Final = 20  # ms between two reports
 SETTINGS_EVERY: Final = 1.0  # s
 HUNDREDTHS: Final = 60.0  # V: more than this is hundredths of one, and paths are in cm
 ROUNDED: Final = 0.011  # m by which paths in whole centimetres leap
-SLOW: Final = 1.0  # m/s with which a side may have rolled on although it says that it stands
+SLOW: Final = 0.3  # m/s with which a side may have rolled on although it says that it stands
 BURST: Final = 0.1  # s in whose course reports that were held back may come at once
 KICK: Final = 1.0, 10.0  # by which a side's speed changes from report to report: m/s, and m/s^2 besides
 SWING: Final = 2.0, 100.0  # likewise a yaw rate: rad/s, and rad/s^2
@@ -119,11 +119,12 @@ def report_of(found: dict[str, Any]) -> Report | None:
 
 def rolls_on(before: Report, after: Report, dt: float) -> bool:
     """Whether the sides' paths, `dt` s later, are as far as their speeds can have brought them."""
-    for was, now, v in (
-        (before.path_left, after.path_left, after.left),
-        (before.path_right, after.path_right, after.right),
+    for was, now, u, v in (
+        (before.path_left, after.path_left, before.left, after.left),
+        (before.path_right, after.path_right, before.right, after.right),
     ):
-        most = ROUNDED + 1.5 * abs(v or 0.0) * max(dt, BURST) + SLOW * dt
+        fastest = max(abs(u or 0.0), abs(v or 0.0))
+        most = ROUNDED + 1.5 * fastest * max(dt, BURST) + SLOW * dt
         if was is not None and now is not None and abs(now - was) > most:
             return False
     return True
