@@ -292,7 +292,7 @@ class HalConformance(Conformance[Hal]):
     async def test_a_line_that_tears_is_driven_over(self) -> None:
         await self.drives_over_it()
 
-    @over_a_line(merge=0.1)
+    @over_a_line(merge=0.113)
     async def test_a_line_that_merges_is_driven_over(self) -> None:
         await self.drives_over_it()
 

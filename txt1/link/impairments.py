@@ -34,7 +34,7 @@ class Way:
             return
         now = self._loop.time()
         for when, piece in self._carrier.carry(data, now):
-            if self._pieces or when > now:
+            if self._pieces or when > now or self._carrier.merges:
                 self._pieces.append((when, piece))
                 self._waiting += len(piece)
             elif self._open:
