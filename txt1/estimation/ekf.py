@@ -157,7 +157,7 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
 
 
 def update(
-    belief: Belief, residual: Sequence[float], h: Sequence[Seven], variances: Sequence[float], gate: float = inf
+    belief: Belief, residual: Sequence[float], h: Sequence[Seven], sigmas: Sequence[float], gate: float = inf
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
@@ -167,14 +167,14 @@ def update(
         belief: before.
         residual: measurement less expectation, z - h(x).
         h: Jacobian of the expectation, by rows.
-        variances: of the measurement's numbers, the diagonal of R.
+        sigmas: standard deviations of the measurement's numbers, the roots of R's diagonal.
         gate: largest NIS that is believed; beyond it the belief comes back as it was.
 
     """
     change, triangle = NOTHING, belief.triangle
     misses = []
-    for left, row, variance in zip(residual, h, variances, strict=True):
-        change, triangle, miss = absorbed(change, triangle, left, row, variance)
+    for left, row, sigma in zip(residual, h, sigmas, strict=True):
+        change, triangle, miss = absorbed(change, triangle, left, row, sigma)
         misses.append(miss)
     nis = sum(map(mul, misses, misses))
     if not nis <= gate:  # also when it is not a number
@@ -184,12 +184,10 @@ def update(
     return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds), triangle), nis, misses
 
 
-def absorbed(
-    change: Seven, triangle: Triangle, left: float, row: Seven, variance: float
-) -> tuple[Seven, Triangle, float]:
+def absorbed(change: Seven, triangle: Triangle, left: float, row: Seven, noise: float) -> tuple[Seven, Triangle, float]:
     """The mean's change and the covariance with a number taken in, and by how many sigma it missed.
 
-    `left` is the number's residual before anything changed, `row` that of its Jacobian.
+    `left` is the number's residual before anything changed, `row` that of its Jacobian, `noise` its own sigma.
     """
     x, y, t, u, o, b, s = change
     hx, hy, ht, hu, ho, hb, hs = row
@@ -211,7 +209,7 @@ def absorbed(
     cb = xb * hx + yb * hy + tb * ht + ub * hu + ob * ho + bb * hb + bs * hs
     cs = xs * hx + ys * hy + ts * ht + us * hu + os * ho + bs * hb + ss * hs
 
-    sigma = sqrt(cx * hx + cy * hy + ct * ht + cu * hu + co * ho + cb * hb + cs * hs + variance)
+    sigma = sqrt(cx * hx + cy * hy + ct * ht + cu * hu + co * ho + cb * hb + cs * hs + noise * noise)
     miss = (left - (x * hx + y * hy + t * ht + u * hu + o * ho + b * hb + s * hs)) / sigma
 
     wx, wy, wt, wu, wo, wb, ws = cx / sigma, cy / sigma, ct / sigma, cu / sigma, co / sigma, cb / sigma, cs / sigma

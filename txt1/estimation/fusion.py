@@ -156,6 +156,7 @@ class _Judge:
     heard: float = 0.0  # the last reading of one that contradicts, s of the run
     sigmas: tuple[float, ...] = ()  # of the last reading
     misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
+    one_sided: float = 0.0  # the largest of these
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
     fitting_since: float = 0.0
 
@@ -230,8 +231,9 @@ class Fusion:
 
     def step(self, now: float) -> Estimate:
         """The estimate at `now`, s of the run, with all that has arrived since the last step."""
-        fading = exp((self._now - now) / FORGOTTEN)
-        self._dispute = [each * fading for each in self._dispute]
+        if any(self._dispute):
+            fading = exp((self._now - now) / FORGOTTEN)
+            self._dispute = [each * fading for each in self._dispute]
         self._now = now
         if self._base_time < 0.0:  # nothing is known of how it moved before
             self._base_time = max(0.0, now - FIRST)
@@ -372,7 +374,7 @@ class Fusion:
             if measurement.sensor == sensor or not entry.used:
                 continue
             residual, h = self._expect(belief.mean, measurement)
-            belief, _, misses = update(belief, residual, h, [sigma * sigma for sigma in measurement.sigmas])
+            belief, _, misses = update(belief, residual, h, measurement.sigmas)
             name = measurement.sensor
             sums[name] = sums.get(name, 0.0) + np.array(misses)
             counts[name] = counts.get(name, 0) + 1
@@ -400,15 +402,15 @@ class Fusion:
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
-        variances = [sigma * sigma for sigma in measurement.sigmas]
+        sigmas = measurement.sigmas
         if judge is not None and judge.contradicts:
             self._contradict(judge, measurement, belief.mean, residual)
         if judge is None:  # a robot at rest
-            return update(belief, residual, h, variances)[0]
+            return update(belief, residual, h, sigmas)[0]
         gate = judge.settings.gate**2
         if not entry.new:
-            return update(belief, residual, h, variances, gate)[0]
-        after, nis, misses = update(belief, residual, h, variances, gate if judge.believed else -1.0)
+            return update(belief, residual, h, sigmas, gate)[0]
+        after, nis, misses = update(belief, residual, h, sigmas, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
         self._judge(judge, measurement, belief, nis, misses)
         return after
@@ -464,6 +466,7 @@ class Fusion:
                 miss = LARGE if miss > 0.0 else -LARGE
             means[place] = mean = means[place] + (miss - means[place]) / MEMORY
             one_sided = max(one_sided, mean, -mean)
+        judge.one_sided = one_sided
         if not judge.believed:
             judge.rejected += 1
             if not fits or frozen or (judge.reason == DRIFTS and one_sided > 2.0 * ONE_SIDED):
@@ -491,7 +494,7 @@ class Fusion:
 
     def _doubt(self, judge: _Judge, reason: str) -> None:
         judge.fitting = judge.beyond = 0
-        judge.misses = [0.0, 0.0, 0.0]
+        judge.misses, judge.one_sided = [0.0, 0.0, 0.0], 0.0
         if judge.believed:
             self.changes.append(f"'{judge.name}' is not believed any more: {reason}")
         judge.believed, judge.reason = False, reason
@@ -530,7 +533,7 @@ class Fusion:
         x, y, theta = self._dispute
         doubts = [x * x + y * y, x * x + y * y, theta * theta]  # in any direction: the sensor may be wrong in any
         for judge in self._judges.values():
-            if judge.settings.tells_pose and judge.believed:
+            if judge.settings.tells_pose and judge.believed and judge.one_sided > ONE_SIDED_SO_FAR:
                 for place, (miss, offset) in enumerate(zip(judge.misses, self._offset(judge), strict=False)):
                     if abs(miss) > ONE_SIDED_SO_FAR:
                         doubts[place] += offset * offset

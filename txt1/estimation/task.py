@@ -90,7 +90,7 @@ class Estimator:
         # encoder wheels that do not steer tell the truth
         steered = geometry.wheelbase if geometry.steering == "both" else 0.0
         self.fusion = Fusion(belongings, steered, slip_sigma=config.slip)
-        self.through: Callable[[Measurement], Iterable[Measurement]] = lambda measurement: (measurement,)
+        self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
@@ -106,6 +106,9 @@ class Estimator:
             self._give(measurement)
 
     def _give(self, measurement: Measurement) -> None:
+        if self.through is None:
+            self.fusion.take(measurement)
+            return
         for each in self.through(measurement):
             self.fusion.take(each)
 

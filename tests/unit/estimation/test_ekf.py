@@ -50,15 +50,15 @@ def test_straight_ahead_it_is_the_kalman_filter_of_another_library_to_1e_9() -> 
     other.x, other.P, other.Q = np.array(ours.mean), initial.copy(), np.diag(density) * 0.02
     other.F = IDENTITY.copy()
     other.F[X, ROLLED] = 0.02
-    variances = 0.4, 1.3
-    other.H, other.R = np.array(POSE[:2]), np.diag(variances)
+    sigmas = 0.6, 1.1
+    other.H, other.R = np.array(POSE[:2]), np.diag(sigmas) ** 2
     # with v and heading 0 uncertain by nothing, y does not depend on the speed
     for _ in range(500):
         ours = predict(ours, 0.02, density)
         other.F[Y, THETA] = 0.02 * other.x[ROLLED]
         other.predict()
         z = rng.normal(size=2)
-        ours, nis, _ = update(ours, (z - ours.mean[:2]).tolist(), POSE[:2], variances)
+        ours, nis, _ = update(ours, (z - ours.mean[:2]).tolist(), POSE[:2], sigmas)
         other.update(z)
         assert ours.mean == pytest.approx(other.x, abs=1e-9)
         assert ours.covariance == pytest.approx(other.P, abs=1e-9)
@@ -78,9 +78,9 @@ def test_in_curves_it_is_the_extended_kalman_filter_of_another_library() -> None
         assert ours.covariance == pytest.approx(other.P, rel=5e-4, abs=1e-6)  # differences, not derivatives
         other.x, other.P = np.array(ours.mean), ours.covariance
         expected, h = encoders(ours.mean, WHEELBASE)
-        residual, variances = rng.normal(size=2) * 0.01, rng.uniform(1e-5, 1e-3, 2)
-        ours, nis, _ = update(ours, residual.tolist(), h, variances.tolist())
-        other.R = np.diag(variances)
+        residual, sigmas = rng.normal(size=2) * 0.01, rng.uniform(0.003, 0.03, 2)
+        ours, nis, _ = update(ours, residual.tolist(), h, sigmas.tolist())
+        other.R = np.diag(sigmas) ** 2
         other.update(expected + residual, lambda _, h=h: np.array(h), lambda _, e=expected: np.array(e))
         assert ours.mean == pytest.approx(other.x, abs=1e-9)
         assert ours.covariance == pytest.approx(other.P, abs=1e-9)
@@ -134,8 +134,8 @@ def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: 
     for _ in range(30):
         belief = predict(belief, float(rng.uniform(0.0, 0.5)), DENSITY, float(rng.normal()))
         h = rng.normal(size=(int(rng.integers(1, 4)), SIZE))
-        variances = 10.0 ** rng.uniform(-8.0, 0.0, len(h))
-        belief, nis, _ = update(belief, rng.normal(size=len(h)).tolist(), h.tolist(), variances.tolist())
+        sigmas = 10.0 ** rng.uniform(-4.0, 0.0, len(h))
+        belief, nis, _ = update(belief, rng.normal(size=len(h)).tolist(), h.tolist(), sigmas.tolist())
         assert nis >= 0.0
         assert np.linalg.eigvalsh(belief.covariance).min() > -1e-9 * np.abs(belief.covariance).max()
 
@@ -163,7 +163,7 @@ def test_its_errors_are_as_large_as_it_says_and_so_are_its_surprises() -> None:
     sigma = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.01, 0.02])
     density = Drift(yaw_rate=0.1).density()
     start = np.array([0.0, 0.0, 0.0, 0.5, 0.3, 0.0, 0.0])
-    r_wheels, r_gyro, r_pose = (0.005**2, 0.04**2), (0.005**2,), (0.02**2,) * 3
+    of_wheels, of_gyro, of_pose = (0.005, 0.04), (0.005,), (0.02,) * 3
     errors, surprises, numbers = np.empty(runs), 0.0, 0
     for run in range(runs):
         truth = start + sigma * rng.normal(size=SIZE)
@@ -173,13 +173,13 @@ def test_its_errors_are_as_large_as_it_says_and_so_are_its_surprises() -> None:
             truth = moved + np.sqrt(np.array(density) * dt) * rng.normal(size=SIZE)
             belief = predict(belief, dt, density)
             told = [
-                (encoders(tuple(truth), WHEELBASE)[0], *encoders(belief.mean, WHEELBASE), r_wheels),
-                ([np.dot(GYRO, truth)], [np.dot(GYRO, belief.mean)], [GYRO], r_gyro),
-                (truth[:3], belief.mean[:3], POSE, r_pose),
+                (encoders(tuple(truth), WHEELBASE)[0], *encoders(belief.mean, WHEELBASE), of_wheels),
+                ([np.dot(GYRO, truth)], [np.dot(GYRO, belief.mean)], [GYRO], of_gyro),
+                (truth[:3], belief.mean[:3], POSE, of_pose),
             ]
-            z, expected, h, variances = told[cycle % 3]
-            residual = z + np.sqrt(variances) * rng.normal(size=len(z)) - expected
-            belief, nis, _ = update(belief, residual.tolist(), h, variances)
+            z, expected, h, sigmas = told[cycle % 3]
+            residual = z + np.array(sigmas) * rng.normal(size=len(z)) - expected
+            belief, nis, _ = update(belief, residual.tolist(), h, sigmas)
             surprises, numbers = surprises + nis, numbers + len(z)
         error = truth - belief.mean
         error[THETA] = wrap_angle(error[THETA])
