@@ -171,7 +171,7 @@ def test_runs_with_and_without_truth_are_compared_by_their_encoders(tmp_path: Pa
     ("words", "complaint"),
     [
         (["experiment", "linear-step"], "did you mean 'linear-steps'"),
-        (["experiment", "compare", "nowhere"], "takes the folders of two runs, not 1"),
+        (["experiment", "compare", "nowhere"], "takes the folders of two to four runs, not of 1"),
         (["experiment", "compare", "nowhere", "there"], "nowhere/metrics.json"),
         (["experiment", "circle-fast", "folder"], "only 'compare' takes folders"),
         (["experiment", "circle-fast", "--out", "/proc/nowhere"], "/proc/nowhere: cannot write results there"),

@@ -47,7 +47,7 @@ COMMANDS: Final = {
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
     "learn": "let the robot learn to find the light (thesis 5)",
     "sweep": "do a command with every combination of some settings, on processes or a cluster, into one table",
-    "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare two runs",
+    "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare runs",
     "calibrate": "find out in a dialogue how your vehicle is wired and moves, and write its file",
     "tune": "identify the vehicle from a short drive, propose gains, and try them on the drive tests",
     "log": "look into a recording, export or recover it",

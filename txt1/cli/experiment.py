@@ -1,4 +1,4 @@
-"""`txt1 experiment`: drive one of the thesis's tests and measure it, or compare two runs."""
+"""`txt1 experiment`: drive one of the thesis's tests and measure it, or compare runs."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
     known = ", ".join([*names(), sensor_failure.NAME])
-    kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two runs"
+    kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
     add(parser, {
         "what": takes("NAME|FILE.yaml|compare", kinds),
         "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
@@ -48,7 +48,7 @@ def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Drive an experiment, or compare two runs; the exit code."""
+    """Drive an experiment, or compare runs; the exit code."""
     if arguments.what == "compare":
         return _compare(arguments)
     if arguments.what == sensor_failure.NAME:
@@ -110,13 +110,13 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    if len(arguments.runs) != 2:
-        raise ConfigError(f"compare: takes the folders of two runs, not {len(arguments.runs)}")
+    if not 2 <= len(arguments.runs) <= len(figures.COLOURS):
+        raise ConfigError(f"compare: takes the folders of two to four runs, not of {len(arguments.runs)}")
     runs = run_folder.alike([run_folder.read(folder) for folder in arguments.runs])
-    kinds = [result.profile.figure for result in runs]
-    if kinds[0] != kinds[1]:
-        raise ConfigError(f"compare: the runs are of different kinds, {kinds[0]} and {kinds[1]}; take two of one kind")
-    if runs[0].label == runs[1].label:
+    kinds = sorted({result.profile.figure for result in runs})
+    if len(kinds) > 1:
+        raise ConfigError(f"compare: the runs are of different kinds, {' and '.join(kinds)}; take runs of one kind")
+    if len({result.label for result in runs}) < len(runs):
         runs = [result._replace(label=str(folder)) for result, folder in zip(runs, arguments.runs, strict=True)]
     if not arguments.no_figure:
         folder = run_folder.make(arguments.out or unused(Path("out") / "compare"))

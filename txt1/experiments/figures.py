@@ -137,7 +137,7 @@ def _waypoints(figure: Figure, runs: Sequence[Run]) -> None:
     below.axhline(0.0, color="k", linewidth=0.8, linestyle="--")
     below.set(xlabel="time, s", ylabel="off the leg, m")
     below.grid(alpha=0.3)
-    _legend(figure, above, f"steered by {runs[0].metrics['pose_source']}")
+    _legend(figure, above, f"steered by {', '.join(dict.fromkeys(run.metrics['pose_source'] for run in runs))}")
 
 
 def _battery(figure: Figure, runs: Sequence[Run]) -> None:

@@ -1,4 +1,4 @@
-"""The metrics of one run, or of two side by side, as tables for the terminal and for Markdown."""
+"""The metrics of one run, or of several side by side, as tables for the terminal and for Markdown."""
 
 from collections.abc import Callable, Sequence
 from itertools import product
