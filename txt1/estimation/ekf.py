@@ -166,7 +166,7 @@ def update(
     Args:
         belief: before.
         residual: measurement less expectation, z - h(x).
-        h: Jacobian of the expectation, by rows.
+        h: Jacobian of the expectation, by rows, each of the pose or of the motion.
         sigmas: standard deviations of the measurement's numbers, the roots of R's diagonal.
         gate: largest NIS that is believed; beyond it the belief comes back as it was.
 
@@ -201,16 +201,19 @@ def absorbed(change: Seven, triangle: Triangle, left: float, row: Seven, noise: 
         ss,
     ) = triangle  # fmt: skip
 
-    cx = xx * hx + xy * hy + xt * ht + xu * hu + xo * ho + xb * hb + xs * hs  # P h
-    cy = xy * hx + yy * hy + yt * ht + yu * hu + yo * ho + yb * hb + ys * hs
-    ct = xt * hx + yt * hy + tt * ht + tu * hu + to * ho + tb * hb + ts * hs
-    cu = xu * hx + yu * hy + tu * ht + uu * hu + uo * ho + ub * hb + us * hs
-    co = xo * hx + yo * hy + to * ht + uo * hu + oo * ho + ob * hb + os * hs
-    cb = xb * hx + yb * hy + tb * ht + ub * hu + ob * ho + bb * hb + bs * hs
-    cs = xs * hx + ys * hy + ts * ht + us * hu + os * ho + bs * hb + ss * hs
-
-    sigma = sqrt(cx * hx + cy * hy + ct * ht + cu * hu + co * ho + cb * hb + cs * hs + noise * noise)
-    miss = (left - (x * hx + y * hy + t * ht + u * hu + o * ho + b * hb + s * hs)) / sigma
+    if hu or ho or hb or hs:  # of the motion: c = P h, its spread h c, and the part that the mean's change says already
+        cx, cy = xu * hu + xo * ho + xb * hb + xs * hs, yu * hu + yo * ho + yb * hb + ys * hs
+        ct, cu = tu * hu + to * ho + tb * hb + ts * hs, uu * hu + uo * ho + ub * hb + us * hs
+        co, cb = uo * hu + oo * ho + ob * hb + os * hs, ub * hu + ob * ho + bb * hb + bs * hs
+        cs = us * hu + os * ho + bs * hb + ss * hs
+        spread, said = cu * hu + co * ho + cb * hb + cs * hs, u * hu + o * ho + b * hb + s * hs
+    else:  # of the pose
+        cx, cy, ct = xx * hx + xy * hy + xt * ht, xy * hx + yy * hy + yt * ht, xt * hx + yt * hy + tt * ht
+        cu, co = xu * hx + yu * hy + tu * ht, xo * hx + yo * hy + to * ht
+        cb, cs = xb * hx + yb * hy + tb * ht, xs * hx + ys * hy + ts * ht
+        spread, said = cx * hx + cy * hy + ct * ht, x * hx + y * hy + t * ht
+    sigma = sqrt(spread + noise * noise)
+    miss = (left - said) / sigma
 
     wx, wy, wt, wu, wo, wb, ws = cx / sigma, cy / sigma, ct / sigma, cu / sigma, co / sigma, cb / sigma, cs / sigma
     after = (
