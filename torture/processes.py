@@ -17,7 +17,7 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -83,6 +83,27 @@ async def stays(condition: Callable[[], bool], duration: float, what: str) -> No
         await asyncio.sleep(TICK)
 
 
+@asynccontextmanager
+async def screens() -> AsyncIterator[dict[str, Any]]:
+    """A terminal for a program, as the options with which to start it; what is drawn there is read and forgotten."""
+    loop = asyncio.get_running_loop()
+    outside, inside = pty.openpty()
+    loop.add_reader(outside, lambda: _swallow(outside, loop))
+    try:
+        yield {"stdin": inside, "stdout": inside, "stderr": inside, "env": os.environ | {"TERM": "xterm"}}
+    finally:
+        loop.remove_reader(outside)
+        os.close(outside)
+        os.close(inside)
+
+
+def _swallow(terminal: int, loop: asyncio.AbstractEventLoop) -> None:
+    try:
+        os.read(terminal, 65536)
+    except OSError:
+        loop.remove_reader(terminal)
+
+
 # -- the host, seen from the board -------------------------------------------------------------------------------------
 
 
@@ -92,43 +113,58 @@ async def host(fault: str, rng: random.Random, folder: Path, seen: dict[str, flo
     board = Board(config)
     listener = listen_pty(str(folder / "board"), board.paced)
     await board.power_up()
-    words = ("run", "--hal", "serial", "--port", str(folder / "board"), "--arm", "--drive", "0.6,0.3")
-    try:
-        async with program(*words, "--duration", "60", "--headless", "--json", *TOLERANT) as process:
-            await until(lambda: board.vehicle.state.v > 0.4, PATIENCE, "the host does not drive")
-            await asyncio.sleep(rng.uniform(0.2, 1.5))
-            v = board.vehicle.state.v
-            loop = asyncio.get_running_loop()
-            began = loop.time()
-            match fault:
-                case "SIGKILL":
-                    process.kill()
-                case "SIGTERM" | "SIGINT" | "SIGHUP":
-                    process.send_signal(getattr(signal, fault))
-                case "SIGSTOP":
-                    process.send_signal(signal.SIGSTOP)
-                case "unplugged":
-                    assert board.link is not None
-                    board.link.close()
-            hal: Any = board.runtime.hal
-            neutral = 0.0
-            if fault == "unplugged":  # the board goes by its time-out
-                neutral = await until(lambda: hal.outputs.motor == 0, 1.0 + LATE, "neutral outputs")
-            elif fault in ("SIGKILL", "SIGSTOP"):
-                neutral = await until(lambda: hal.outputs.motor == 0, 0.27 + LATE, "neutral outputs")
-            await until(lambda: abs(board.vehicle.state.v) < STANDS, coasting(v) + 1.0 + LATE, "standing")
-            seen |= {"neutral": neutral, "standing": loop.time() - began}
-            if fault == "SIGSTOP":
-                await asyncio.sleep(rng.uniform(0.7, 1.5))
-                process.send_signal(signal.SIGCONT)
-            await stays(lambda: abs(board.vehicle.state.v) < STANDS, 2.5, "it set off again by itself")
-            if fault in ("SIGTERM", "SIGINT", "SIGHUP"):
-                code = await asyncio.wait_for(process.wait(), 20.0)
-                if code not in (128 + getattr(signal, fault), 4):  # 4: on a machine too busy to see it stand
-                    raise Broken(f"exit code {code}")
-    finally:
-        await board.power_down()
-        listener.close()
+    words = ["run", "--hal", "serial", "--port", str(folder / "board"), "--arm", "--drive", "0.6,0.3"]
+    words += ["--duration", "60", *TOLERANT]
+    options: dict[str, Any] = {}
+    async with AsyncExitStack() as stack:
+        stack.callback(listener.close)
+        stack.push_async_callback(board.power_down)
+        if fault == "screens killed":
+            options = await stack.enter_async_context(screens())
+        else:
+            words += ["--headless", "--json"]
+        process = await stack.enter_async_context(program(*words, **options))
+        await until(lambda: board.vehicle.state.v > 0.4, PATIENCE, "the host does not drive")
+        await asyncio.sleep(rng.uniform(0.2, 1.5))
+        await until(lambda: board.vehicle.state.v > 0.4, PATIENCE, "it drives no more")  # a busy host may pause
+        v = board.vehicle.state.v
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        match fault:
+            case "SIGKILL":
+                process.kill()
+            case "SIGTERM" | "SIGINT" | "SIGHUP":
+                process.send_signal(getattr(signal, fault))
+            case "SIGSTOP":
+                process.send_signal(signal.SIGSTOP)
+            case "unplugged":
+                assert board.link is not None
+                board.link.close()
+            case "screens killed":
+                for child in _children(process.pid):
+                    os.kill(child, signal.SIGKILL)
+        hal: Any = board.runtime.hal
+        neutral = 0.0
+        if fault == "unplugged":  # the board goes by its time-out
+            neutral = await until(lambda: hal.outputs.motor == 0, 1.0 + LATE, "neutral outputs")
+        elif fault == "screens killed":  # the host asks for zeros, and the board brakes
+            neutral = await until(lambda: board.runtime.state.control.v == 0.0, 0.27 + LATE, "a set-point of 0")
+        elif fault in ("SIGKILL", "SIGSTOP"):
+            neutral = await until(lambda: hal.outputs.motor == 0, 0.27 + LATE, "neutral outputs")
+        await until(lambda: abs(board.vehicle.state.v) < STANDS, coasting(v) + 1.0 + LATE, "standing")
+        seen |= {"neutral": neutral, "standing": loop.time() - began}
+        if fault == "SIGSTOP":
+            await asyncio.sleep(rng.uniform(0.7, 1.5))
+            process.send_signal(signal.SIGCONT)
+        await stays(lambda: abs(board.vehicle.state.v) < STANDS, 2.5, "it set off again by itself")
+        ended_by = fault
+        if fault == "screens killed":  # the run goes on without them
+            ended_by = "SIGTERM"
+            process.send_signal(signal.SIGTERM)
+        if ended_by in ("SIGTERM", "SIGINT", "SIGHUP"):
+            code = await asyncio.wait_for(process.wait(), 20.0)
+            if code not in (128 + getattr(signal, ended_by), 4):  # 4: on a machine too busy to see it stand
+                raise Broken(f"exit code {code}")
 
 
 # -- the board, seen from the host -------------------------------------------------------------------------------------
@@ -186,53 +222,39 @@ async def beside(fault: str, rng: random.Random, folder: Path, seen: dict[str, f
     """Strike the screens, a bridge or the recorder of a robot that drives: it goes on to its end."""
     duration = 6.0
     words = ["run", "--hal", "sim", "--drive", "0.5,0.3", "--duration", f"{duration:g}", *TOLERANT, *ROOMS]
-    options: dict[str, Any] = {"env": os.environ | {"TERM": "xterm"}}
-    terminal = -1
-    what = fault.split()[0]
-    if what == "screens":
-        terminal, inside = pty.openpty()
-        options |= {"stdin": inside, "stdout": inside, "stderr": inside}
-    else:
-        words += ["--headless", "--json"]
-    if what == "bridge":
-        options["env"] |= {"PYTHONPATH": os.pathsep.join((os.environ.get("PYTHONPATH", str(ROOT)), PLUGINS))}
-        words += ["--bridge", "pusher"]
     file = folder / "run.mcap"
-    if what == "recorder":
-        words += ["--log", str(file)]
-    async with program(*words, **options) as process:
-        if terminal >= 0:
-            loop = asyncio.get_running_loop()
-            loop.add_reader(terminal, lambda: _swallow(terminal, loop))
-        if what == "recorder":
+    async with AsyncExitStack() as stack:
+        options: dict[str, Any] = {}
+        if fault == "screens stopped":
+            options = await stack.enter_async_context(screens())
+        else:
+            words += ["--headless", "--json"]
+        if fault == "recorder without room":
+            words += ["--log", str(file)]
+        elif fault.startswith("bridge"):
+            paths = os.environ.get("PYTHONPATH", str(ROOT)), PLUGINS
+            options["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+            words += ["--bridge", "pusher"]
+        process = await stack.enter_async_context(program(*words, **options))
+        if fault == "recorder without room":
             await until(lambda: file.exists() and file.stat().st_size > 0, PATIENCE, "nothing is recorded")
         else:
             await until(lambda: bool(_children(process.pid)), PATIENCE, "there is no such process")
         await asyncio.sleep(rng.uniform(0.5, 0.6 * duration))
-        if what == "recorder":  # the file cannot grow any more, as on a full disk
+        if fault == "recorder without room":  # the file cannot grow any more, as on a full disk
             resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (file.stat().st_size, resource.RLIM_INFINITY))
-        for child in _children(process.pid) if what != "recorder" else ():
-            os.kill(child, signal.SIGSTOP if "stopped" in fault else signal.SIGKILL)
+        else:
+            for child in _children(process.pid):
+                os.kill(child, signal.SIGSTOP if "stopped" in fault else signal.SIGKILL)
         code = await asyncio.wait_for(process.wait(), duration + 30.0)
-        # the operator's terminal is gone with the screens, so that disarms; otherwise 3 would say so
-        if code not in {"recorder": (0, 1), "screens killed": (1, 3)}.get(fault.removesuffix(" without room"), (0,)):
+        if code not in ((0, 1) if fault == "recorder without room" else (0,)):
             raise Broken(f"exit code {code}")
-    if terminal >= 0:
-        asyncio.get_running_loop().remove_reader(terminal)
-        os.close(terminal)
-
-
-def _swallow(terminal: int, loop: asyncio.AbstractEventLoop) -> None:
-    try:
-        os.read(terminal, 65536)
-    except OSError:
-        loop.remove_reader(terminal)
 
 
 FAULTS: Final[tuple[tuple[str, str], ...]] = (
     ("host", "SIGKILL"), ("host", "SIGSTOP"), ("host", "SIGTERM"), ("host", "SIGINT"), ("host", "SIGHUP"),
     ("host", "unplugged"), ("board", "SIGKILL"), ("board", "SIGSTOP"), ("board", "killed and started anew"),
-    ("beside", "screens killed"), ("beside", "screens stopped"), ("beside", "recorder without room"),
+    ("host", "screens killed"), ("beside", "screens stopped"), ("beside", "recorder without room"),
     ("beside", "bridge killed"), ("beside", "bridge stopped"),
 )  # fmt: skip
 PLACES: Final = {"host": host, "board": board, "beside": beside}

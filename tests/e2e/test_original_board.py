@@ -105,6 +105,14 @@ async def test_manual_mode_keeps_the_last_pwm_whatever_the_host_sends_and_a_pwm_
         assert board.runtime.state.servos == (100, -100)
 
 
+async def test_a_host_that_gets_no_further_at_a_wall_is_told_so_once_where_the_board_stands() -> None:
+    async with original("sim.room.length=3.0", driven=0.5) as (desk, board, host):
+        await host.drive(Velocity(0.5, 0.0), 4.0)
+        assert abs(desk.speed) < 0.01
+        told = [event.text for event in board.runtime.state.events if "no further" in event.text]
+        assert told == ["the vehicle gets no further: it is at a wall of the 3 x inf m room"]
+
+
 async def test_a_pwm_test_moves_it_for_a_cycle_in_controller_mode() -> None:
     async with original() as (desk, _, host):
         host.send(PwmTest(9000, 0, 0, 0, 0))

@@ -10,13 +10,14 @@ from typing import Final
 
 from txt1.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.cli import options
-from txt1.cli.app import App, conclude, live_view, say, view_of
+from txt1.cli.app import App, conclude, in_journal, live_view, say, view_of
 from txt1.cli.options import flag, takes
 from txt1.cli.ros import BoardNode, board_node
 from txt1.config import Config, load
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
+from txt1.tasks.fields import LOG
 from txt1.tasks.original import OUTAGE
 from txt1.ui.terminal import Terminal
 
@@ -129,6 +130,8 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
                 await beside.enter_async_context(node(board))
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
+            if view_of(arguments) == "lines" and not in_journal():  # which has them anyway
+                board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [LOG])
             events = asyncio.ensure_future(_let_happen(board, arguments.event))
             terminal = partial(Terminal, board, beat=app.beat, shown=SHOWN, more=keys(board))
             try:

@@ -83,6 +83,8 @@ class Original:
         self.state, self.hal = state, hal
         self._inbox, self._presses, self._send = inbox, presses, send
         self._off_until = 0.0  # s of the run
+        self._blocked_by: Callable[[], str | None] = getattr(hal, "blocked_by", lambda: None)
+        self._blocked: str | None = None  # by this, as was told
         self._forget()
 
     def _forget(self) -> None:
@@ -212,9 +214,16 @@ class Original:
                 self.state.transmitted += 1
 
     async def mode(self, ticks: Ticks) -> None:
-        """Judge the last second by the messages that came in it; in manual mode the link is not looked at."""
+        """Judge the last second by the messages that came in it; in manual mode the link is not looked at.
+
+        The board knows no walls, but whoever stands beside it sees them: that is told.
+        """
         state = self.state
         async for now in ticks:
+            blocked = self._blocked_by() if self._outputs.motor else None
+            if blocked not in (None, self._blocked):
+                state.tell(now, f"the vehicle gets no further: it is at {blocked}")
+            self._blocked = blocked
             alive = self._velocities > 1 or state.panel.manual is True
             combined = self._combineds > 2
             self._velocities = self._combineds = 0
