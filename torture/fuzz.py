@@ -149,15 +149,14 @@ def _file(data: bytes) -> None:
 # -- recordings --------------------------------------------------------------------------------------------------------
 
 
-def make_recording(folder: Path) -> bytes:
+def make_recording(folder: Path, compression: str) -> bytes:
     """A short recording, as bytes."""
     from txt1.cli import execute
 
-    file = folder / "seed.mcap"
+    file = folder / f"{compression}.mcap"
+    words = ["run", "--headless", "--duration", "0.5", "--speed", "max", "--seed", "1", "--log", str(file), "--json"]
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        code = execute(
-            ["run", "--headless", "--duration", "0.5", "--speed", "max", "--seed", "1", "--log", str(file), "--json"]
-        )
+        code = execute([*words, "--set", f"record.compression={compression}"])
     assert code == 0
     return file.read_bytes()
 
@@ -217,7 +216,7 @@ def seeds(target: str) -> list[bytes]:
         return [VELOCITY, FULL, NESTED, ODOMETRY, FULL[:9] + VELOCITY]
     if target == "recording":
         with tempfile.TemporaryDirectory() as folder:
-            return [make_recording(Path(folder))]
+            return [make_recording(Path(folder), compression) for compression in ("zstd", "none")]
     if target == "view":
         return list(VIEW_SEEDS)
     return [word.encode() for word in WORDS] + [b"safety:\n  v_max: 1.0\ncontrol:\n  angular: []\n"]
@@ -279,9 +278,11 @@ def guided(target: str, seconds: float) -> str:
     with tempfile.TemporaryDirectory() as folder:
         corpus = Path(folder, "corpus")
         corpus.mkdir()
-        for k, data in enumerate(seeds(target)):
+        known = seeds(target)
+        for k, data in enumerate(known):
             (corpus / str(k)).write_bytes(data)
-        libfuzzer = [f"-max_total_time={seconds:g}", "-max_len=4096", f"-artifact_prefix={folder}/", str(corpus)]
+        longest = max(4096, *map(len, known))
+        libfuzzer = [f"-max_total_time={seconds:g}", f"-max_len={longest}", f"-artifact_prefix={folder}/", str(corpus)]
         command = [sys.executable, "-m", "torture.fuzz", "--guide", target, *libfuzzer]
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
         said = [line for line in ended.stderr.splitlines() if "DONE" in line or "Exception" in line or "ERROR" in line]
@@ -301,7 +302,8 @@ def _guide(target: str, words: Sequence[str]) -> None:
             del sys.modules[name]
         from torture import fuzz as instrumented
 
-    function = instrumented.TARGETS[target]
+        function = instrumented.TARGETS[target]
+        function(instrumented.seeds(target)[0])  # what it imports when it is first called is instrumented as well
     atheris.Setup([sys.argv[0], *words], lambda data: function(bytes(data)))
     atheris.Fuzz()
 
