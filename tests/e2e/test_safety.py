@@ -222,6 +222,7 @@ async def test_a_controller_that_misses_five_cycles_disarms(robot: Robot, every_
     await asyncio.sleep(0.3)
     assert not robot.armed
     assert robot.faults["missed_ticks"] == 1
+    assert "key m" in robot.runtime.state.events[-1].text
     assert robot.runtime.statistics()["controller"].misses == 5
 
 

@@ -701,3 +701,12 @@ async def test_what_the_wire_carries_agrees_on_both_screens_and_the_rest_is_unkn
         can = host[CAPABILITIES]
         assert not (can.ticks or can.pwm or can.buttons or can.pose)
         assert {host.get(topic) for topic in (ENCODERS, POSE, BACKLIGHT)} == {None}
+
+
+async def test_nothing_that_a_board_keeps_to_itself_is_recorded_and_no_odometry_before_it_has_come() -> None:
+    async with Robot.open("serial", settings=VIRTUAL, patience=0.0) as robot:
+        bus = robot.runtime.bus
+        assert {topic.name for topic in bus.offered}.isdisjoint({"/pwm", "/gains", "/encoders", "/pose"})
+        assert bus.read(ODOMETRY) is None
+        await robot.linked(5.0)
+        assert bus.read(ODOMETRY) == (0.0, 0.0, 0.0, 0.0, 0.0)
