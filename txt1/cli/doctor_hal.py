@@ -13,6 +13,7 @@ from typing import Any, Final
 from txt1.cli.remark import Remark, judged
 from txt1.config import Config
 from txt1.hal.base import Hal, Outputs
+from txt1.hal.pi import GET_LGPIO
 
 PERIOD: Final = 0.02  # s
 ODOMETRY_RATE: Final = 15.0  # readings a second of a hardware layer that computes odometry, at least
@@ -56,9 +57,12 @@ def computer(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
     if config.hal != "pi" or isinstance(bus, str):
         return
     gpio = options.get("output") == "gpio"
-    for module, needed in (("smbus2", not gpio), ("lgpio", gpio or bool(options.get("encoders")))):
+    for module, needed, get in (
+        ("smbus2", not gpio or options.get("battery", "none") != "none", "pip install 'txt1[pi]'"),
+        ("lgpio", gpio or bool(options.get("encoders")), GET_LGPIO),
+    ):
         if needed:
-            yield judged("extra", module, find_spec(module) is not None, "it is missing: pip install 'txt1[pi]'")
+            yield judged("extra", module, find_spec(module) is not None, f"it is missing: {get}")
     if gpio or options.get("encoders"):
         yield access(devices / "gpiochip0", "gpio", "is this a Raspberry Pi?")
     if not gpio:

@@ -35,6 +35,10 @@ SETTLED: Final = 1.0  # s of neutral before the first other output: an ESC arms 
 AGAIN: Final = 1.0  # s after which a guard that has ended is started again
 START: Final = 10.0  # s that a guard may take to begin: Python on a Raspberry Pi 3
 PULSES: Final = (500.0, 2500.0)  # us, which no output leaves
+GET_LGPIO: Final = (
+    "pip install 'txt1[pi]'; or, from Python 3.13 on, where it has no wheel: sudo apt install python3-lgpio, and an "
+    "environment made with --system-site-packages"
+)
 DESK: Final = "desk"  # in place of a bus: a servo board on the desk, with a simulated car
 
 Pulse = Annotated[float, Ge(PULSES[0]), Le(PULSES[1])]
@@ -219,7 +223,7 @@ def explain(setup: Setup, error: str) -> str:
     elif "busy" in error:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
-        remedy = "pip install 'txt1[pi]'"
+        remedy = GET_LGPIO if "lgpio" in error else "pip install 'txt1[pi]'"
     return f"the outputs on {where} cannot be opened ({error}): {remedy}"
 
 
@@ -368,8 +372,8 @@ def create(config: Config) -> PiHal:
         keeper: Keeper = BUSES.make("hal_options.bus", DESK, config, setup)
         return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
     on_file = isinstance(options.bus, str)
-    needs = [] if on_file else ["smbus2"] * (options.output == "pca9685" or options.battery != "none")
-    needs += ["lgpio"] * (options.output == "gpio" or bool(options.encoders))
-    if any(find_spec(module) is None for module in needs):
+    if not on_file and (options.output == "pca9685" or options.battery != "none") and find_spec("smbus2") is None:
         raise MissingExtra("the HAL 'pi'", "pi")
+    if (options.output == "gpio" or options.encoders) and find_spec("lgpio") is None:
+        raise HalError(f"hal_options: pins need lgpio, which is missing: {GET_LGPIO}")
     return PiHal(Process(setup), options, config.geometry, config.channels)

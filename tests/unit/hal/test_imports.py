@@ -4,6 +4,13 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from unittest import mock
+
+import pytest
+
+from txt1.config import load
+from txt1.errors import HalError
+from txt1.hal.registry import create
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 OTHERS = {
@@ -45,3 +52,8 @@ def test_the_extra_of_a_raspberry_pi_is_named_where_it_is_missing() -> None:
 
 def test_the_extra_is_small() -> None:
     assert [each.partition(">")[0] for each in PROJECT["optional-dependencies"]["pi"]] == ["smbus2", "lgpio"]
+
+
+def test_where_lgpio_has_no_wheel_its_package_is_named() -> None:
+    with pytest.raises(HalError, match="python3-lgpio"), mock.patch("txt1.hal.pi.find_spec", {"smbus2": 1}.get):
+        create(load(None, ["vehicle=donkeycar", "hal_options.output=gpio"], {}, {"hal": "pi"}).config)

@@ -1,6 +1,7 @@
 """A Raspberry Pi on a car: registers byte by byte, pulses, encoders, and the guard that owns the outputs."""
 
 import asyncio
+import inspect
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import types
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +200,59 @@ def test_pulses_straight_from_pins_and_an_encoder(header: Header) -> None:
     assert (header.pulses, done, voltage, count) == ({12: (1600, 50), 13: (1400, 50)}, True, -1.0, 4)
     guard.neutral()
     assert header.pulses == {12: (1500, 50), 13: (1500, 50)}
+
+
+@pytest.mark.parametrize("name", [name for name in vars(Header) if not name.startswith("_")])
+def test_the_fake_lgpio_has_what_the_real_one_has(name: str) -> None:
+    real = getattr(pytest.importorskip("lgpio", reason="lgpio has no wheel for this Python"), name)
+    fake = getattr(Header, name)
+    if isinstance(fake, int):
+        assert fake == real
+    elif isinstance(fake, type):
+        assert issubclass(real, Exception)
+    else:
+        inspect.signature(real).bind(*[0] * (len(inspect.signature(fake).parameters) - 1))
+
+
+def test_a_computer_without_a_header_is_told_by_lgpio_itself() -> None:
+    lgpio = pytest.importorskip("lgpio", reason="lgpio has no wheel for this Python")
+    if Path("/dev/gpiochip0").exists():
+        pytest.skip("this computer has GPIO")
+    with pytest.raises(OSError, match="no GPIO header"):
+        pi_guard.open_chip(lgpio)
+
+
+@pytest.fixture(scope="module")
+def gpiozero() -> Any:
+    return pytest.importorskip("gpiozero", reason="not installed: the extra 'dev' has it")
+
+
+@given(steps=st.lists(st.sampled_from((1, 1, 1, -1)), max_size=60))
+def test_gpiozero_counts_the_same_turns_of_an_encoder(gpiozero: Any, steps: list[int]) -> None:
+    pins = import_module("gpiozero.pins.mock").MockFactory()
+    other, ours, at = gpiozero.RotaryEncoder(17, 27, max_steps=0, pin_factory=pins), Quadrature((17, 27)), 2
+    ours.edge(17, 1)  # pins are high at first, as they are pulled up
+    ours.edge(27, 1)
+    begin = ours.count
+    for step in steps + [1] * (-sum(steps) % 4):
+        pin, level = CYCLE[at % 4] if step > 0 else (CYCLE[(at - 1) % 4][0], 1 - CYCLE[(at - 1) % 4][1])
+        at += step
+        ours.edge(pin, level)
+        pins.pin(pin).drive_high() if level else pins.pin(pin).drive_low()
+    assert (ours.count - begin, other.steps) == (at - 2, (at - 2) // 4)
+    other.close()
+
+
+@pytest.mark.parametrize("share", [-1.0, -0.25, 0.0, 0.6, 1.0])
+def test_gpiozero_makes_the_same_pulses_of_a_share_of_the_range(gpiozero: Any, header: Header, share: float) -> None:
+    guard = guarded(setup(output="gpio", motor=(12,), steering=(13,)))
+    options = checked(Options, {"output": "gpio", "motor": (12,), "steering": (13,)}, "x")
+    guard.answer(pulses_of(Outputs(motor=round(24000 * share)), options, FRONT))
+    mock = import_module("gpiozero.pins.mock")
+    servo = gpiozero.Servo(12, initial_value=share, pin_factory=mock.MockFactory(pin_class=mock.MockPWMPin))
+    pulse, frequency = header.pulses[12]
+    assert (servo.pwm_device.value, servo.pwm_device.frequency) == (pytest.approx(1e-6 * pulse * frequency), frequency)
+    servo.close()
 
 
 # -- the car on the desk -----------------------------------------------------------------------------------------------
