@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from io import StringIO
 from math import inf, isfinite
 from typing import Any, Literal
 from unittest import SkipTest
@@ -166,6 +167,47 @@ def test_the_suite_neither_drives_a_real_car_nor_cuts_its_power(name: str) -> No
     with suppress(SkipTest):
         getattr(Once(), name)()
     assert (hal.fastest, hal.switched_off) == (0.0, [])
+
+
+def test_what_is_real_is_given_a_little_at_first_and_neutral_in_the_end() -> None:
+    given: list[Outputs] = []
+
+    class Watched(RealHal):
+        def write(self, outputs: Outputs, now: float) -> None:
+            given.append(outputs)
+            super().write(outputs, now)
+
+    class Suite(HalConformance):
+        def make(self) -> Hal:
+            return Watched()
+
+    Suite().test_writing_accepts_everything_between_the_ends()
+    moving = [abs(outputs.motor) for outputs in given if outputs.motor]
+    assert moving == sorted(moving)
+    assert moving[0] == 480, "2 % of full power"
+    assert given[-1] == Outputs()
+
+
+@pytest.mark.parametrize("answer", ["\n", "n\n", "what?\n", ""])
+def test_the_command_asks_before_anything_real_moves(
+    answer: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Terminal(StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    opened: list[str] = []
+
+    class Watched(RealHal):
+        async def open(self) -> None:
+            opened.append("open")
+
+    monkeypatch.setattr("txt1.cli.hal.create", lambda config: Watched())
+    monkeypatch.setattr("sys.stdin", Terminal(answer))
+    assert execute(["hal", "check", "sim", "--wheels-up"]) == 2
+    told = capsys.readouterr()
+    assert ("Does nothing touch them? [y/N]" in told.out, "nothing was moved" in told.err) == (True, True)
+    assert not opened
 
 
 # -- a broken promise is noticed -------------------------------------------------------------------------------

@@ -163,21 +163,34 @@ def test_an_interrupted_calibration_goes_on_where_it_was() -> None:
     assert run(go_on(), speed="max")
 
 
-@pytest.mark.parametrize("step", [1, 3, 5])
-def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(step: int, tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    words = ["calibrate", "--vehicle", "donkeycar", "--seed", "3", "--write", str(file), "--speed", "40"]
+STEPS_OF = {
+    "donkeycar": ["motor", "steering", "straight", "circle", "speeds"],
+    "rover": ["motor", "straight", "turn"],
+    "f1tenth": ["motor", "steering", "straight", "circle", "tune"],
+    "txt1": ["motor", "steering", "straight", "circle", "tune"],
+}
+EVERY_STEP = [
+    pytest.param(kind, step, marks=() if (kind, step) in (("donkeycar", 3), ("f1tenth", 5)) else pytest.mark.long)
+    for kind, names in STEPS_OF.items()
+    for step in range(1, len(names) + 1)
+]
+
+
+@pytest.mark.parametrize(("kind", "step"), EVERY_STEP)
+def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(kind: str, step: int, tmp_path: Path) -> None:
+    file, names = tmp_path / "mine.yaml", STEPS_OF[kind]
+    words = ["calibrate", "--vehicle", kind, "--seed", "3", "--write", str(file), "--speed", "40"]
     with subprocess.Popen([sys.executable, "-m", "txt1", *words], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
-            if line.startswith(f"-- {step} of 5"):
+            if line.startswith(f"-- {step} of {len(names)}"):
                 process.send_signal(signal.SIGINT)
                 break
         told = process.stdout.read()
     assert process.returncode == 130
     assert "the same command goes on there" in told
     done = load(None, (), {}, {"vehicle": str(file)}).config.calibrated if file.exists() else ()
-    assert list(done) == ["motor", "steering", "straight", "circle", "speeds"][: step - 1]
+    assert list(done) == names[: step - 1]
 
 
 def test_it_writes_a_vehicles_file_and_shows_before_and_after(

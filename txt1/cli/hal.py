@@ -50,14 +50,14 @@ def check_hal(arguments: argparse.Namespace) -> int:
             if sys.stdin.readline().strip().lower() not in ("y", "yes"):
                 raise ConfigError(f"{moves}: nothing was moved")
 
-    def over(faults: LineFaults) -> Hal | None:
-        """The HAL as configured, but for the faults of its line; None: real hardware is spared them."""
+    def over(faults: LineFaults) -> Hal:
+        """The HAL as configured, but for the faults of its line."""
         serial = config.serial.model_copy(update={"fault": faults})
-        return create(config.model_copy(update={"serial": serial})) if simulated else None
+        return create(config.model_copy(update={"serial": serial}))
 
     with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
-        speed: dict[str, object] = {} if simulated else {"speed": None}
-        return print_verdicts(verdicts(HalConformance, lambda: create(config), over=staticmethod(over), **speed))
+        settings = {"over": staticmethod(over)} if simulated else {"speed": None}  # real hardware has no bad lines
+        return print_verdicts(verdicts(HalConformance, lambda: create(config), **settings))
 
 
 def new_hal(arguments: argparse.Namespace) -> int:
