@@ -15,8 +15,9 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
@@ -36,6 +37,8 @@ RELAY: Final = "an empty relay, there and back"
 IN_CYCLE: Final = "a relay that hands on in 50 cycles a second, there and back"
 BESIDE: Final = {COMMANDER: RELAY, SETPOINT: IN_CYCLE, ODOMETRY: RELAY}
 """What is compared: each is from one process to another by way of a third."""
+FIRST: Final = ("chrt", "--fifo", "1")
+START: Final = 4.0  # s that a robot and its node have to start
 PROMISED: Final = {
     **dict.fromkeys((
         "/odom", "/odometry/filtered", "/tf", "/joint_states", "/txt1/setpoint", "/txt1/pwm", "/txt1/encoders",
@@ -60,22 +63,43 @@ SENSORS: Final = (
 
 
 @contextmanager
-def robot(domain: Mapping[str, str], *words: str) -> Iterator[None]:
+def robot(domain: Mapping[str, str], first: bool, *words: str) -> Iterator[None]:
     """A robot in real time with a node of ROS 2."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "txt1", "run", *ROBOT, *words],
+        [*FIRST * first, sys.executable, "-m", "txt1", "run", *ROBOT, *words],
         env={**os.environ, **domain, "PYTHONPATH": str(ROOT)}, cwd=ROOT, stdout=subprocess.DEVNULL,
     )  # fmt: skip
     try:
+        time.sleep(START)
+        if first:
+            for thread in threads(child(process.pid, b"ros2:main")):
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(1))
         yield
     finally:
         process.terminate()
         process.wait(30)
 
 
-def start(ros: RosPython, domain: Mapping[str, str], program: str, seconds: float) -> subprocess.Popen[str]:
+def child(parent: int, word: bytes) -> int:
+    """The id of a process's child with this in its command line."""
+    for place in Path("/proc").iterdir():
+        with suppress(OSError, IndexError):  # it is no process, or has ended
+            above = int((place / "stat").read_text().rpartition(")")[2].split()[1])
+            if above == parent and word in (place / "cmdline").read_bytes():
+                return int(place.name)
+    raise LookupError(word)
+
+
+def threads(process: int) -> list[int]:
+    """The ids of a process's threads."""
+    return [int(place.name) for place in Path(f"/proc/{process}/task").iterdir()]
+
+
+def start(
+    ros: RosPython, domain: Mapping[str, str], first: bool, program: str, seconds: float
+) -> subprocess.Popen[str]:
     """One of the programs of ROS, at work."""
-    words = [*ros.program, str(PEERS), program, str(seconds)]
+    words = [*FIRST * first, *ros.program, str(PEERS), program, str(seconds)]
     return subprocess.Popen(words, env={**ros.environment, **domain}, text=True, stdout=subprocess.PIPE)
 
 
@@ -90,14 +114,14 @@ def share(values: Sequence[float], part: float) -> float:
     return sorted(values)[min(len(values) - 1, int(part * len(values)))]
 
 
-def latencies(ros: RosPython, domain: Mapping[str, str], seconds: float) -> dict[str, list[float]]:
+def latencies(ros: RosPython, domain: Mapping[str, str], first: bool, seconds: float) -> dict[str, list[float]]:
     """Times in s, by what they are of."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.mcap"
-        with robot(domain, "--log", str(file)):
-            relay = start(ros, domain, "relay", 0.0)
+        with robot(domain, first, "--log", str(file)):
+            relay = start(ros, domain, first, "relay", 0.0)
             try:
-                told = ended(start(ros, domain, "drive", seconds))
+                told = ended(start(ros, domain, first, "drive", seconds))
             finally:
                 relay.terminate()
                 relay.wait()
@@ -162,6 +186,9 @@ def main() -> None:
     """Measure, print, and write to the page where that is asked for."""
     parser = argparse.ArgumentParser(prog="benchmarks.ros", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each of the two measurements; 60 by default")
+    parser.add_argument(
+        "--first", action="store_true", help="real-time priority for all of them, so that others at work matter less"
+    )
     parser.add_argument("--page", action="store_true", help="write the tables to docs/ros.md")
     arguments = parser.parse_args()
     ros = ros2()
@@ -169,14 +196,15 @@ def main() -> None:
     before = os.getloadavg()[0]
     latency = table(
         ("ms", "p50", "p99", "p50 beside the relay's", "p99", "n"),
-        latency_rows(latencies(ros, domain, arguments.seconds)),
+        latency_rows(latencies(ros, domain, arguments.first, arguments.seconds)),
     )
-    with robot(domain, *SENSORS):
-        told = ended(start(ros, domain, "listen", arguments.seconds))
+    with robot(domain, arguments.first, *SENSORS):
+        told = ended(start(ros, domain, arguments.first, "listen", arguments.seconds))
     rates = table(("topic", "promised, Hz", "came", "off its time, ms: p50", "p99"), rate_rows(told, arguments.seconds))
     where = (
         f"{os.cpu_count()} processors, {arguments.seconds:g} s each, {date.today()}; load (how many programs want to "
-        f"run, over a minute) {before:.1f} before and {os.getloadavg()[0]:.1f} after."
+        f"run, over a minute) {before:.1f} before and {os.getloadavg()[0]:.1f} after"
+        f"{'; robot, node and programs before all others (SCHED_FIFO)' if arguments.first else ''}."
     )
     print(f"{where}\n\n{latency}\n\n{rates}")
     if arguments.page:

@@ -19,8 +19,8 @@ from typing import Any
 
 import pytest
 
+from benchmarks.ros import child
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
-from tests.ros.processes import child
 from txt1.bridges.ros.python import SYSTEM, clean, ros1
 from txt1.bridges.ros.txt_driver import write_package
 from txt1.errors import ConfigError

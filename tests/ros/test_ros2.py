@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
+from benchmarks.ros import child
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
-from tests.ros.processes import child
 from txt1.bridges.ros.install import outdated
 from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.errors import ConfigError
