@@ -109,7 +109,14 @@ def circle():
     publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
     peer.until(lambda: peer.seen["odom"] > 10 and "txt1/mode" and peer.last.get("/txt1/mode") is not None)
     peer.until(lambda: peer.last["/txt1/mode"].armed or peer.call("std_srvs/Trigger", "/txt1/arm").success)
+
+    def turns():
+        peer.run(0.5, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
+        told, asked = peer.last["odom"].twist.twist, peer.last["/txt1/setpoint"].twist
+        return told.linear.x > 0.35 and told.angular.z > 0.3 and asked.linear.x
+
     peer.run(2.0, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
+    peer.until(turns)
     moving = peer.last["/txt1/setpoint"].twist
     joints = peer.last["joint_states"].name, peer.last["joint_states"].position
     base, depth = transforms["base_footprint"].transform, peer.last["camera/depth/camera_info"]
