@@ -6,7 +6,6 @@ import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -32,7 +31,6 @@ from txt1.protocol.messages import (
     CombinedOdometry,
     EncoderOdometry,
     Message,
-    PidResponse,
     PidSet,
     PowerControl,
     PwmCommand,
@@ -543,49 +541,6 @@ async def test_the_board_is_left_with_a_stop_that_a_lost_frame_does_not_undo(mon
             together.robot.command(0.5, 0.0)
         last = [message for _, message in together.received if isinstance(message, Velocity)][-1]
         assert last == Velocity(0.0, 0.0)
-
-
-async def test_two_wrong_answers_do_not_make_the_gains_rejected_and_stray_ones_count_for_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    async with wired(monkeypatch) as together:
-        robot, board = together.robot, together.board
-        for _ in range(5):
-            board.send(PidResponse(False))
-            await asyncio.sleep(1.0)
-        assert robot.runtime.state.gains.loaded, "nobody had asked"
-        wrong = [PidResponse(False), PidResponse(False)]
-
-        def encode_wrongly(message: Message) -> bytes:
-            return encode(wrong.pop() if wrong and isinstance(message, PidResponse) else message)
-
-        monkeypatch.setattr(board_module, "encode", encode_wrongly)
-        assert await robot.load_gains(timeout=10.0)
-        assert wrong == []
-
-
-async def test_a_line_that_hangs_up_at_once_is_called_less_and_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with wired(monkeypatch) as together:
-        robot, port = together.robot, together.robot.hal.port  # type: ignore[attr-defined]
-        opened: list[float] = []
-        time = asyncio.get_running_loop().time
-        whole = port.open
-
-        async def hangs_up(end: End) -> Link:
-            opened.append(time())
-            link: Link = await whole(end)
-            assert together.board.link is not None
-            together.board.link.close()
-            return link
-
-        port.open = hangs_up
-        assert together.board.link is not None
-        together.board.link.close()
-        await asyncio.sleep(10.0)
-        pauses = [later - earlier for earlier, later in pairwise(opened)]
-        assert pauses[:3] == pytest.approx([0.2, 0.4, 0.8], abs=0.01)
-        assert pauses[3:] == pytest.approx([0.9] * len(pauses[3:]), abs=0.01)
-        assert not robot.armed
 
 
 async def test_why_the_line_cannot_be_opened_again_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -476,7 +476,7 @@ def test_gains_that_are_rejected_three_times_are_sent_no_more(desk: Desk) -> Non
         desk.runs(1.0)
         desk.tells(PidResponse(False))
         assert answers == ([False] if rejections == 3 else [])
-    desk.runs(30.0)
+    desk.runs(11.0)
     assert len(desk.heard(PidSet)) == 3
     assert loads(desk) == []
     desk.runs(0.1)
@@ -547,7 +547,7 @@ def test_acknowledged_gains_are_sent_again_after_10_s_while_the_robot_is_not_to_
     desk.runs(0.1)
     assert desk.times(PidSet) == [2.0, 13.0, 23.0]
     desk.tells(PidResponse(False))
-    assert desk.runs(30.0).times(PidSet) == [2.0, 13.0, 23.0], "a board that now rejects them is left alone"
+    assert desk.runs(11.0).times(PidSet) == [2.0, 13.0, 23.0], "a board that now rejects them is left alone"
 
 
 @pytest.mark.parametrize("answered", [False, True])
