@@ -429,6 +429,13 @@ def test_a_rover_s_yaw_rate_is_limited_by_itself_alone() -> None:
     assert limit_velocity(1.5, 5.0, ROVER) == (1.5, 5.0)
 
 
+def test_a_fast_car_s_yaw_rate_is_limited_like_a_rover_s() -> None:
+    fast = Limits(v_max=5.0)
+    assert limit_velocity(4.0, 7.0, fast) == (4.0, 6.0)
+    assert limit_velocity(-4.0, -7.0, fast) == (-4.0, -6.0)
+    assert limit_velocity(3.0, 7.0, fast) == (3.0, 3.0 / 0.56)
+
+
 def guarded(*allowed: tuple[float, float], limits: Limits = LIMITS) -> tuple[float, float]:
     """What the gate makes of 0.5 m/s and 0.4 rad/s with guards that allow this."""
     gate = open_gate(limits)
