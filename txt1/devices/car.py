@@ -3,13 +3,18 @@
 import asyncio
 from collections.abc import Callable
 from math import copysign
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Final, Generic, TypeVar
 
+from numpy.random import SeedSequence
+
+from txt1.board import BOARD_LINE
 from txt1.config import Config
 from txt1.control.limits import Outputs
 from txt1.control.open_loop import TRACK_COUNTS
+from txt1.devices.station import Station
 from txt1.hal.registry import create_sim
 from txt1.link.base import End, Link, connect
+from txt1.link.impairments import faulty
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
 PERIOD: Final = 0.005  # s between two steps of a controller's loops
@@ -113,17 +118,44 @@ class Steps:
             await asyncio.sleep(PERIOD)
 
 
-class Controller(Protocol):
-    """A motor controller on the desk."""
+class Controller:
+    """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
 
-    line: End
-    """Its end of the line."""
+    def __init__(self, config: Config) -> None:
+        self.car = Car(config)
+        self.line: End = faulty(self, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
+        """Its end of the line, as bad as is configured."""
+        self.station = Station()
+        """Where it says something."""
+        self.steps = Steps(self.car, self.step)
+
+    def step(self, now: float) -> None:
+        """Do what its loops do, s since power-up."""
+        raise NotImplementedError
 
     async def power_up(self) -> None:
-        """Begin."""
+        """Begin its loops."""
+        await self.steps.begin()
 
     async def power_down(self) -> None:
-        """End."""
+        """End them; harmless when that is done already."""
+        await self.steps.end()
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for so many seconds, or for ever; raises what went wrong inside."""
+        await self.steps.ended(duration)
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self.station.connected(link)
+
+    def received(self, data: bytes) -> None:
+        """Do as the host says."""
+        raise NotImplementedError
+
+    def lost(self, reason: str) -> None:
+        """Go on without a link."""
+        self.station.lost(reason)
 
 
 D = TypeVar("D", bound=Controller)

@@ -9,15 +9,10 @@ from math import inf
 from struct import Struct, pack, unpack_from
 from typing import Final
 
-from numpy.random import SeedSequence
-
-from txt1.board import BOARD_LINE
 from txt1.config import Config, checked
-from txt1.devices.car import Car, DevicePort, Steps
-from txt1.devices.station import Station
+from txt1.devices.car import Controller, DevicePort
 from txt1.hal.vesc import STEPS, Command, Options, Unpacker, packet
-from txt1.link.base import End, Link
-from txt1.link.impairments import faulty
+from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
 TIMEOUT: Final = 1.0  # s; the firmware's own
@@ -30,26 +25,22 @@ _COMMANDS: Final = {
 }  # fmt: skip
 
 
-class Vesc:
+class Vesc(Controller):
     """The controller's end of the line. Its firmware is (major, minor); `fault` may be set, a code."""
 
     def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = TIMEOUT) -> None:
         options = checked(Options, config.hal_options if config.hal == "vesc" else {}, "hal_options")
-        self.car = Car(config)
+        super().__init__(config)
         self.firmware, self.timeout, self.fault = firmware, timeout, 0
-        self.line: End = faulty(self, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
-        """Its end of the line, as bad as is configured."""
         self._options = options
         sign = -1.0 if options.backwards else 1.0
         turns = options.pole_pairs * options.gear / config.geometry.circumference
         self._erpm_per_speed, self._steps_per_m = 60.0 * sign * turns, STEPS * sign * turns
-        self._station = Station()
         self._unpacker = Unpacker()
         self._command, self._value = Command.SET_CURRENT, 0.0
         self._servo = options.servo_centre
         self._heard = -inf  # loop time of the last command
         self._distance = self._last = 0.0
-        self._steps = Steps(self.car, self._step)
 
     @property
     def drives(self) -> bool:
@@ -59,21 +50,10 @@ class Vesc:
     @property
     def timed_out(self) -> bool:
         """Whether it has stopped as nothing has come for its time-out."""
-        return bool(self.timeout) and self._steps.now - self._heard > self.timeout
+        return bool(self.timeout) and self.steps.now - self._heard > self.timeout
 
-    async def power_up(self) -> None:
-        """Begin its loops."""
-        await self._steps.begin()
-
-    async def power_down(self) -> None:
-        """End them; harmless when that is done already."""
-        await self._steps.end()
-
-    async def ended(self, duration: float | None = None) -> None:
-        """Wait for so many seconds, or for ever; raises what went wrong inside."""
-        await self._steps.ended(duration)
-
-    def _step(self, now: float) -> None:
+    def step(self, now: float) -> None:
+        """Hold the speed, duty or current and the servo as they were told, until the time-out."""
         self.car.move(now)
         path = 0.5 * sum(self.car.paths)
         self._distance += abs(path - self._last)
@@ -97,11 +77,7 @@ class Vesc:
     def connected(self, link: Link) -> None:
         """Take the link."""
         self._unpacker = Unpacker()
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without one."""
-        self._station.lost(reason)
+        super().connected(link)
 
     def received(self, data: bytes) -> None:
         """Do as the host says."""
@@ -111,13 +87,13 @@ class Vesc:
     def _obey(self, payload: bytes) -> None:
         command, body = payload[0], payload[1:]
         if command in _COMMANDS and len(body) >= 4:
-            self._heard = self._steps.now
+            self._heard = self.steps.now
             self._command = Command(command)
             self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
         elif command == Command.SET_SERVO_POS and len(body) >= 2:
             self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
         elif command == Command.ALIVE:
-            self._heard = self._steps.now
+            self._heard = self.steps.now
         elif command == Command.GET_VALUES:
             self._send(self._values())
         elif command == Command.FW_VERSION:
@@ -127,7 +103,7 @@ class Vesc:
             self._send(bytes((command,)) + settings.ljust(APPCONF, b"\0"))
 
     def _values(self) -> bytes:
-        self._step(self._steps.now)
+        self.step(self.steps.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
             Command.GET_VALUES, 250, 250, 0, 0, 0, 0, 0, round(erpm), round(10.0 * self.car.voltage), 0, 0, 0, 0,
@@ -137,7 +113,7 @@ class Vesc:
         return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
 
     def _send(self, payload: bytes) -> None:
-        self._station.send(packet(payload))
+        self.station.send(packet(payload))
 
 
 def port(config: Config) -> DevicePort[Vesc]:

@@ -9,12 +9,8 @@ import json
 from math import inf, pi
 from typing import Any, Final
 
-from numpy.random import SeedSequence
-
-from txt1.board import BOARD_LINE
 from txt1.config import Config, checked
-from txt1.devices.car import Car, DevicePort, Steps
-from txt1.devices.station import Station
+from txt1.devices.car import Controller, DevicePort
 from txt1.hal.waveshare import (
     ECHO,
     FEEDBACK,
@@ -28,8 +24,6 @@ from txt1.hal.waveshare import (
     Options,
     number,
 )
-from txt1.link.base import End, Link
-from txt1.link.impairments import faulty
 from txt1.model.vehicle import PWM_MAX
 
 HEARTBEAT_MS: Final = 3000.0  # as it comes
@@ -39,44 +33,29 @@ ASK: Final = 130  # for one report
 ROS: Final = 13  # X in m/s and Z in rad/s
 
 
-class Waveshare:
+class Waveshare(Controller):
     """The board's end of the line."""
 
     def __init__(self, config: Config) -> None:
         options = checked(Options, config.hal_options if config.hal == "waveshare" else {}, "hal_options")
-        self.car = Car(config)
-        self.line: End = faulty(self, config.board.fault, SeedSequence([config.own_seed, BOARD_LINE]))
-        """Its end of the line, as bad as is configured."""
+        super().__init__(config)
         self.heartbeat = HEARTBEAT_MS
         """Time without a set-point after which it stops, ms."""
         self._track, self._encoders = config.geometry.track_width, options.encoders
-        self._station = Station()
         self._rest = b""
         self._sides = 0.0, 0.0  # right and left: m/s, or PWM
         self._by_pwm = False
         self._heard = -inf  # s since power-up
         self._reports, self._interval, self._echoes = False, 0.0, False
         self._reported = -inf
-        self._steps = Steps(self.car, self._step)
 
     @property
     def drives(self) -> bool:
         """Whether a motor is under power."""
         return self._sides != (0.0, 0.0)
 
-    async def power_up(self) -> None:
-        """Begin its loops."""
-        await self._steps.begin()
-
-    async def power_down(self) -> None:
-        """End them; harmless when that is done already."""
-        await self._steps.end()
-
-    async def ended(self, duration: float | None = None) -> None:
-        """Wait for so many seconds, or for ever; raises what went wrong inside."""
-        await self._steps.ended(duration)
-
-    def _step(self, now: float) -> None:
+    def step(self, now: float) -> None:
+        """Hold the sides as they were told, until the heartbeat is over, and report."""
         self.car.move(now)
         if now - self._heard > self.heartbeat / 1000.0:
             self._sides, self._by_pwm = (0.0, 0.0), False
@@ -113,14 +92,6 @@ class Waveshare:
 
     # -- the link's end --------------------------------------------------------------------------------------------
 
-    def connected(self, link: Link) -> None:
-        """Take the link."""
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without one."""
-        self._station.lost(reason)
-
     def received(self, data: bytes) -> None:
         """Do as the lines say."""
         *lines, self._rest = (self._rest + data).split(b"\n")
@@ -131,7 +102,7 @@ class Waveshare:
             except (ValueError, RecursionError):
                 continue
             if self._echoes:
-                self._station.send(text + b"\n")
+                self.station.send(text + b"\n")
             if isinstance(told, dict):
                 self._obey(told)
 
@@ -157,10 +128,10 @@ class Waveshare:
             self._echoes = bool(value)
 
     def _set(self, right: float, left: float, by_pwm: bool) -> None:
-        self._heard, self._sides, self._by_pwm = self._steps.now, (right, left), by_pwm
+        self._heard, self._sides, self._by_pwm = self.steps.now, (right, left), by_pwm
 
     def _say(self, told: dict[str, Any]) -> None:
-        self._station.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
+        self.station.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
 
 
 def port(config: Config) -> DevicePort[Waveshare]:
