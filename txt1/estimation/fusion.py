@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from math import atan2, cos, exp, isfinite, sin, sqrt
+from math import atan2, cos, exp, hypot, inf, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
@@ -65,6 +65,8 @@ ONE_SIDED_SO_FAR: Final = 0.28  # the same from which on the pose is told with l
 LEVER: Final = 4.0  # how much further the pose may be off than its sensor's mean miss, which follows late
 FORGOTTEN: Final = 30.0  # s in which a contradiction that nobody has settled is forgotten; chosen
 WIDER: Final = 0.1  # standard deviation of the slip that a sensor's misses leave open where nobody is to blame
+KEEPS: Final = 5.0  # s for which a sensor of the place keeps its distance from the pose, and is believed again
+KEPT: Final = 3.0  # standard deviations of the place by which that may change meanwhile
 LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the average
 DRIFTS: Final = "drifts away from the others"
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
@@ -157,6 +159,8 @@ class _Judge:
     sigmas: tuple[float, ...] = ()  # of the last reading
     misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
     one_sided: float = 0.0  # the largest of these
+    distance: tuple[float, float] = (inf, inf)  # from the pose to where one that is not believed has it, m
+    kept_since: float = 0.0  # ... and since when, s of the run
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
     fitting_since: float = 0.0
 
@@ -176,6 +180,7 @@ class _Entry:
     key: tuple[float, str]
     new: bool = True
     used: bool = True
+    wider: Array | None = None  # what the covariance grows by there, as the reading is more than the belief knew of
 
 
 class Fusion:
@@ -320,9 +325,12 @@ class Fusion:
                             self._doubt(culprit, DRIFTS)
                             return self._take_out(culprit.name)
                         if suspect.settings.tells_pose:
-                            belief = entry.belief = self._widened(belief, measurement, suspect.misses)
+                            offset = [miss * sigma for miss, sigma in zip(suspect.misses, suspect.sigmas, strict=False)]
+                            entry.wider = wider(measurement.rows, offset, WIDER)
                     if judge is not None and not judge.believed and entry.used:
                         return self._take_out(judge.name)
+            if entry.wider is not None:
+                belief = belief_of(belief.mean, belief.covariance + entry.wider)
             entry.belief = belief
         return None
 
@@ -413,6 +421,10 @@ class Fusion:
         after, nis, misses = update(belief, residual, h, sigmas, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
         self._judge(judge, measurement, belief, nis, misses)
+        if not judge.believed and self._keeps_its_distance(judge, measurement, belief, residual):
+            self._restore(judge)
+            self._disputed([*residual, 0.0][:3])
+            entry.wider = wider(measurement.rows, residual)
         return after
 
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Seven]]:
@@ -494,6 +506,7 @@ class Fusion:
 
     def _doubt(self, judge: _Judge, reason: str) -> None:
         judge.fitting = judge.beyond = 0
+        judge.distance = inf, inf
         judge.misses, judge.one_sided = [0.0, 0.0, 0.0], 0.0
         if judge.believed:
             self.changes.append(f"'{judge.name}' is not believed any more: {reason}")
@@ -539,13 +552,22 @@ class Fusion:
                         doubts[place] += offset * offset
         return doubts
 
-    def _widened(self, belief: Belief, measurement: Measurement, misses: Sequence[float]) -> Belief:
-        """The belief with a pose and a slip as open as a sensor's mean misses leave them, where nobody is to blame."""
-        spread = np.zeros((SIZE, SIZE))
-        for row, sigma, miss in zip(measurement.rows, measurement.sigmas, misses, strict=False):
-            spread[row, row] = (miss * sigma) ** 2
-        spread[SLIP, SLIP] = WIDER**2
-        return belief_of(belief.mean, belief.covariance + spread)
+    def _keeps_its_distance(
+        self, judge: _Judge, measurement: Measurement, belief: Belief, residual: Sequence[float]
+    ) -> bool:
+        """Whether the only sensor that tells the place has been as far from the pose as now for `KEEPS` seconds.
+
+        Then it no longer drifts, and nothing else knows the place; how far it was stays a doubt of the pose.
+        """
+        others = any(each.settings.tells_pose and each.believed for each in self._judges.values())
+        if others or measurement.rows[:2] != (X, Y) or measurement.kind is not Kind.POSE:
+            return False
+        x, y = judge.distance
+        sigma = sqrt(belief.covariance[X, X] + belief.covariance[Y, Y] + measurement.sigmas[X] ** 2)
+        kept = hypot(residual[X] - x, residual[Y] - y) <= KEPT * sigma
+        if not kept or judge.same >= SAME_MAX:
+            judge.distance, judge.kept_since = (residual[X], residual[Y]), measurement.time
+        return measurement.time - judge.kept_since >= KEEPS
 
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
@@ -585,6 +607,15 @@ class Fusion:
         for place, doubt in enumerate(self._doubts()):
             covariance[6 * place] += doubt
         return Estimate(x, y, wrap_angle(theta), v, omega, tuple(covariance), bias, slip, self._located)
+
+
+def wider(rows: Sequence[int], offset: Sequence[float], slip: float = 0.0) -> Array:
+    """The covariance of x, y and theta that are off so far, and of the slip, shape (7, 7)."""
+    spread = np.zeros((SIZE, SIZE))
+    for row, each in zip(rows, offset, strict=False):
+        spread[row, row] = each * each
+    spread[SLIP, SLIP] = slip * slip
+    return spread
 
 
 def aligned(pairs: deque[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:

@@ -211,6 +211,17 @@ def test_two_that_contradict_one_another_make_the_estimate_less_sure_of_itself()
     assert drive.estimate.sigma(0) < 0.4 * in_doubt
 
 
+def test_the_only_sensor_of_the_place_is_believed_again_when_it_keeps_its_distance() -> None:
+    drive = Drive(("encoders", "vicon"))
+    drive.go(10.0)
+    drive.go(2.0, lambda m: m._replace(values=(1.2 * m.values[0], m.values[1])) if m.sensor == "encoders" else m)
+    assert not drive.trust("vicon")[0]  # two against two: this time it has lost, and the pose goes astray
+    drive.go(10.0)
+    assert drive.trust("vicon") == (True, "")
+    assert drive.error()[0] < 0.006
+    assert drive.estimate.sigma(0) > 0.05  # nobody knows which of the two was right
+
+
 def test_without_encoders_the_steering_tells_nothing_of_the_speed() -> None:
     drive = Drive()
     drive.go(5.0)
