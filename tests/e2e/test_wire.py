@@ -324,7 +324,17 @@ async def test_servos_power_and_combined_odometry_reach_the_board(monkeypatch: p
         assert state.power == (True, False, True)
         assert robot.runtime.state.power == (None, False, False), "asked, not confirmed; of ATX nobody knows"
         assert PwmCommand(1000, -2000) in [message for _, message in together.received]
+
+
+async def test_combined_odometry_reaches_the_board_of_a_robot_that_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with wired(monkeypatch) as together:
+        robot, state = together.robot, together.board.runtime.state
         for _ in range(200):
+            robot.combined_odometry(1.0, 2.0, 0.5, 0.25, 0.125)
+            await asyncio.sleep(0.01)
+        assert not state.link.combined, "its loops would drive against a speed that is not there"
+        for _ in range(200):
+            robot.command(0.25, 0.1)
             robot.combined_odometry(1.0, 2.0, 0.5, 0.25, 0.125)
             await asyncio.sleep(0.01)
         assert state.link.combined
@@ -335,6 +345,8 @@ async def test_servos_power_and_combined_odometry_reach_the_board(monkeypatch: p
 
 async def test_combined_odometry_outside_the_world_is_refused_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch) as together:
+        together.robot.command(0.25, 0.0)
+        await asyncio.sleep(0.1)
         together.robot.combined_odometry(1e9, 0.0, 0.0, 0.0, 0.0)
         await asyncio.sleep(0.1)
         assert together.robot.faults["line_not_encodable"] == 1

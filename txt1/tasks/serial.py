@@ -36,6 +36,15 @@ They are the host's; behind the wire, the board's answers to a PID set come in h
 """
 
 
+def stands(state: State) -> bool:
+    """Whether nothing is asked for, and the encoders have not seen it move.
+
+    Then a board gets no combined odometry: its loops would drive against a speed that is not there.
+    """
+    control, odometry = state.control, state.odometry
+    return not (control.v or control.omega or odometry.v or odometry.omega)
+
+
 async def serial(
     arrivals: Ticks,
     inbox: Inbox,
@@ -61,7 +70,7 @@ async def serial(
                         state.command = Command(*limited, time, epoch)
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
-                        if hal.capabilities.combined:
+                        if hal.capabilities.combined and not stands(state):
                             hal.offer_odometry(message, now)
                         state.combined_count += 1
                         state.combined = CombinedSample(message.v, message.omega, time)
