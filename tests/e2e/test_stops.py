@@ -224,6 +224,19 @@ async def test_a_slow_car_is_no_fault() -> None:
 # -- commanded and not moving ----------------------------------------------------------------------------------
 
 
+async def test_who_arms_again_at_once_has_another_second() -> None:
+    async with robot_and_board() as (robot, board):
+        board.happen(BoardEvent("esc", 0.0))
+        await asyncio.sleep(0.5)
+        with pytest.raises(NotArmed, match="commanded and not moving"):
+            await robot.drive(0.3, 0.0, 3.0)
+        robot.arm()
+        began = robot.now
+        with pytest.raises(NotArmed, match="commanded and not moving"):
+            await robot.drive(0.3, 0.0, 3.0)
+        assert robot.now - began > 1.0
+
+
 async def test_with_the_esc_left_off_the_robot_disarms_and_its_return_does_not_lurch() -> None:
     async with robot_and_board() as (robot, board):
         board.happen(BoardEvent("esc", 0.0))

@@ -49,6 +49,7 @@ class Watch:
         self._halt_due = 0.0
         self._asked = 0.0  # the speed that has been commanded all the time ...
         self._unmoved_since = 0.0  # ... without a motion, since then, s of the run
+        self._epoch = gate.epoch  # of these commands: it is another once the robot has been armed anew
 
     def step(self, now: float, outputs: Outputs) -> Stop:
         """Look at the speed after these outputs, and do what the stop calls for."""
@@ -88,8 +89,9 @@ class Watch:
         ready = self.gate.armed and state.gains.loaded and board is not None and board.ready and board.gains
         asked = outputs.v if abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
         unmoved = v is not None and abs(v) < UNMOVED
-        if not (ready and asked and unmoved) or copysign(1.0, asked) != copysign(1.0, self._asked) or not self._asked:
-            self._unmoved_since = now
+        turned = not self._asked or copysign(1.0, asked) != copysign(1.0, self._asked)
+        if not (ready and asked and unmoved) or turned or self.gate.epoch != self._epoch:
+            self._unmoved_since, self._epoch = now, self.gate.epoch
         self._asked = asked if ready else 0.0
         if self._asked and now - self._unmoved_since >= PATIENCE - 1e-9:
             self.gate.disarm(f"commanded and not moving: {CAUSES}", Fault.UNMOVED)
