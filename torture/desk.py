@@ -29,6 +29,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 TICK: Final = 0.02  # s, of the controller
 FRESH: Final = 0.25  # s for which a command is good
 EPSILON: Final = 1e-6  # s
+ESC_SILENCE: Final = 2.2  # s without a set-point before that, by which the board's loops forget what they wound up
 ESC_TIME: Final = 3.5  # s until the ESC of a board is on again
 LINK_RULE: Final = 2.0  # s within which a board without a host stands still by itself
 MOVES: Final = 0.05  # m/s above which it does not stand
@@ -54,6 +55,11 @@ class Way:
         self._rng = rng
         self._line: Line | None = None
         self._last = 0.0
+
+    @property
+    def merges(self) -> bool:
+        """Whether pieces that arrive together arrive as one."""
+        return self._line is not None and self._line.merges
 
     def spoil(self, faults: LineFaults | None, now: float) -> None:
         """Give it these faults from now on; None: mend it."""
@@ -87,7 +93,7 @@ class Desk:
         self._failure: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._quiet_until = 0.0
         self._may_arm_at = 0.0
-        self._false_until = self._bad_line_until = -inf
+        self._false_until = self._bad_line_until = self._silent_until = -inf
         # what the watch knows
         self._given = -inf  # when the newest command was given that may move it, s of the run
         self._given_nonzero = False
@@ -167,6 +173,7 @@ class Desk:
         """Turn a supply on or off; behind a line the ESC comes on while disarmed only, and takes its time."""
         if switch is Switch.ESC and on and self.kind != "sim":
             self.disarm(ESC_TIME)
+            self._silent_until = self.now + ESC_SILENCE + TICK
         with suppress(CommandRefused, NotCapable):
             self.robot.switch_power(switch, on)
 
@@ -333,9 +340,11 @@ class Desk:
         for message in self._decoder.feed(data):
             if isinstance(message, Velocity):
                 self._sent = self.now, message
-                if (message.v or message.omega) and not (
-                    self._may_move() or self.now - self._could_move <= TICK + EPSILON
-                ):
+                if not (message.v or message.omega):
+                    continue
+                if self._may_move():
+                    self._could_move = self.now
+                elif self.now - self._could_move > TICK + EPSILON:
                     raise Broken(f"{message} goes to the board, armed={self.robot.armed}")
             elif isinstance(message, PwmTest) and any((message.motor, message.front, message.rear)):
                 raise Broken(f"{message} goes to a board that closes its own loops")
@@ -356,7 +365,7 @@ class Desk:
                 self._check_standing(now - self._could_move, v)
             if not isinstance(hal, SerialHal) or hal.link is None:
                 up_since = now
-            elif now - max(self._could_move, up_since) > 2.0 * TICK + EPSILON:
+            elif now - max(self._could_move, up_since, self._silent_until) > 2.0 * TICK + EPSILON:
                 sent = self._sent[1]
                 if (sent.v or sent.omega) and self._sent[0] > self._could_move - FRESH:
                     raise Broken("no zero went to the board within a tick")
