@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Callable, Coroutine
 from math import hypot
 from typing import Any
 
@@ -14,9 +15,12 @@ from txt1.devices.car import DevicePort
 from txt1.devices.waveshare import Waveshare
 from txt1.errors import ConfigError
 from txt1.hal import waveshare
+from txt1.hal.base import Inputs
 from txt1.hal.registry import create
-from txt1.hal.waveshare import Lines, Options, Report, WaveshareHal, report_of
+from txt1.hal.waveshare import Lines, Options, Report, WaveshareHal, goes_on, report_of, rolls_on
 from txt1.kernel.loop import run
+from txt1.link.base import End, Link, connect
+from txt1.model.odometry import Odometry
 from txt1.robot import Robot
 from txt1.sim.line import LineFaults
 
@@ -155,6 +159,91 @@ def test_without_encoders_it_is_driven_by_its_speed_map() -> None:
             assert port.device.car.vehicle.state.v == pytest.approx(0.4, rel=0.1)
 
     run(drive(), speed="max")
+
+
+class Script:
+    """A port with a board behind it that says what it is told to."""
+
+    address = "script"
+
+    async def open(self, end: End) -> Link:
+        return connect(end, self)[0]
+
+    async def close(self) -> None:
+        pass
+
+    def connected(self, link: Link) -> None:
+        self.link = link
+
+    def received(self, data: bytes) -> None:
+        pass
+
+    def lost(self, reason: str) -> None:
+        pass
+
+    async def say(self, centimetres: int, times: int = 1, speed: float = 0.0, **others: float) -> None:
+        """Report a path of both sides, so many times 20 ms apart."""
+        told = {"T": 1001, "L": speed, "R": speed, "odl": centimetres, "odr": centimetres, "gz": 0, "v": 1200} | others
+        for _ in range(times):
+            self.link.write(json.dumps(told).encode() + b"\n")
+            await asyncio.sleep(0.02)
+
+
+def told_by(script: Script, say: Callable[[], Coroutine[Any, Any, None]]) -> Inputs:
+    """What the HAL reports when the board has said that."""
+    made = config()
+    hal = WaveshareHal(script, Options(), made.geometry, lambda end: end, True)
+
+    async def look() -> Inputs:
+        await hal.open()
+        await say()
+        inputs = hal.read(1.0)
+        await hal.close()
+        return inputs
+
+    return run(look(), speed="max")
+
+
+@pytest.mark.parametrize("wrong", [{"odl": 900}, {"odr": -100}, {"L": 8.0}, {"gz": 9000}, {"odl": 112, "odr": 180}])
+def test_a_digit_that_is_wrong_once_is_no_motion(wrong: dict[str, float]) -> None:
+    script = Script()
+
+    async def say() -> None:
+        await script.say(100, 30)
+        await script.say(100, **wrong)
+        await script.say(100, 5)
+
+    inputs = told_by(script, say)
+    assert inputs.odometry == Odometry()
+    assert inputs.link is not None
+    assert (inputs.link.losses, inputs.link.faults["doubted"]) == (0, 1)
+
+
+def test_what_is_said_twice_is_believed_and_a_path_that_begins_anew_is_a_restart() -> None:
+    script = Script()
+
+    async def say() -> None:
+        await script.say(100, 30)
+        await script.say(0, 1)
+        await script.say(1, 5, speed=0.3)
+
+    inputs = told_by(script, say)
+    assert inputs.link is not None
+    assert (inputs.link.losses, inputs.link.reason) == (1, "the rover's board restarted: its paths began anew")
+    assert inputs.odometry is not None
+    assert (inputs.odometry.x, inputs.odometry.v) == (0.0, 0.3)
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-10.0, 10.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))
+def test_no_motion_of_a_rover_is_doubted(v: float, acceleration: float, dt: float, begin: float) -> None:
+    dt = round(dt, 2)
+    after = min(max(v + acceleration * dt, -1.5), 1.5)
+    path = begin + 0.5 * (v + after) * dt
+    one, two = (
+        Report(u, u, int(100.0 * p) / 100.0, int(100.0 * p) / 100.0, 12.0, 0.0) for u, p in ((v, begin), (after, path))
+    )
+    assert rolls_on(one, two, dt)
+    assert goes_on(one, two, dt, 0.001064)
 
 
 def test_a_cut_line_disarms_and_is_found_again() -> None:
