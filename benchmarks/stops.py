@@ -244,6 +244,13 @@ async def cut(on: Desk) -> None:
     on.board.link.close()
 
 
+async def mute(on: Desk) -> None:
+    """Let nothing that the board says be heard any more; its line is up, and it hears its host."""
+    assert on.board is not None
+    on.board.link.write = lambda data: None  # type: ignore[union-attr, method-assign]
+    on.insist(0.6)
+
+
 async def dies(on: Desk) -> None:
     """Let the host fall silent without a farewell: it is not heard any more, and its line is up."""
     assert on.board is not None
@@ -475,6 +482,7 @@ CASES: Final = (
     ),
     *on_each(("sim",), "missed", "the controller misses cycles", stall, MISSED),
     *on_each(EACH, "slept", "the computer wakes up", sleep, "the computer was suspended"),
+    *on_each(BOARDS, "mute", "the board falls silent", mute, CUT, told="silent"),
     *on_each(BOARDS, "cut", "the line is unplugged", cut, CUT, told="unplugged"),
     *on_each(("original",), "restart", "the board restarts while it drives", restart, CUT, told="restarts"),
     *on_each(BOARDS, "a1", "A1: manual mode, then disarm", disarm, UNOBEYED, told="manual mode", **MANUAL),
