@@ -228,6 +228,8 @@ def guarded(setup: Setup) -> Guarded:
     encoders = [Quadrature(pins) for pins in setup.encoders]
     chip, lgpio = 0, None
     if setup.output == "gpio" or encoders:
+        if "LG_WD" not in os.environ:  # it makes a pipe there, or else where it was started, which may be read-only
+            os.environ["LG_WD"] = import_module("tempfile").mkdtemp(prefix="txt1-")
         lgpio = import_module("lgpio")
         chip = open_chip(lgpio)
     for encoder, pins in zip(encoders, setup.encoders, strict=True):
