@@ -71,7 +71,7 @@ LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the a
 DRIFTS: Final = "drifts away from the others"
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
 REST_YAW: Final = 0.001  # rad/s, likewise
-ALIGNED: Final = 0.15  # rad, the standard deviation at which a heading found from positions is good enough
+ALIGNED: Final = 0.1  # rad, the standard deviation at which a heading found from positions is good enough
 PAIRS_MAX: Final = 600  # positions that are kept to find it
 
 
