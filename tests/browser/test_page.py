@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from time import sleep
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.browser.conftest import opened
-from tests.browser.live import Live, live
+from tests.browser.live import PATIENT, Live, free_port, live
 
 pytestmark = pytest.mark.browser
 
+WIDE = (*PATIENT, "sim.room.length=12", "sim.room.width=12")
+SPEED = (
+    "parseFloat(document.getElementById('v-now').textContent.replace('\u2212', '-'))"  # of the robot that is shown, m/s
+)
 SIZES = {"wide": (1280, 800), "tall": (390, 844), "flat": (844, 390)}
 COUNTED = ("#stop", "#state", "#take", "#arm", "#stick", "#speed", "#map", "#theme", "#robots", "#tabs button")
 
@@ -34,6 +44,31 @@ def push(page: Any, dx: float, dy: float) -> None:
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + dx, y + dy, steps=3)
+
+
+def arrive(page: Any, url: str) -> None:
+    """Open a page of a robot that is still on its way up."""
+    for _ in range(60):
+        try:
+            page.goto(url)
+            return
+        except Exception:
+            sleep(0.5)
+    raise AssertionError(f"nobody answers at {url}")
+
+
+def is_told(page: Any, where: str, what: str, field: str = "textContent") -> None:
+    """Wait until a part of the page says something."""
+    page.wait_for_function(f"() => document.getElementById('{where}').{field} === {what}")
+
+
+def waits(page: Any, condition: str, limit: float = 3.0) -> bool:
+    """Whether something comes true of a page."""
+    try:
+        page.wait_for_function(condition, timeout=1000 * limit)
+        return True
+    except Exception:
+        return False
 
 
 def setpoint(car: Live) -> tuple[float, float]:
@@ -315,6 +350,91 @@ def test_the_map_is_drawn_thirty_times_a_second(page: Any, car: Live) -> None:
         timeout=10_000,
     )
     page.mouse.up()
+
+
+def test_ten_robots_are_one_choice_on_one_page(browser: Any) -> None:
+    with command("fleet", "--robots", "10", *(word for setting in WIDE for word in ("--set", setting))) as url:
+        ten_robots(browser, url)
+
+
+def ten_robots(browser: Any, fleet: str) -> None:
+    pages = [browser.new_page(viewport={"width": 1280, "height": 800}) for _ in range(2)]
+    for page, name in zip(pages, ("txt03", "txt07"), strict=True):
+        arrive(page, fleet)
+        page.wait_for_function("() => document.getElementById('robots').options.length === 10")
+        page.locator("#robots").select_option(name)
+        is_told(page, "robots", f"'{name}'", "value")
+        is_told(page, "state", "'armed'")
+    driver, other = pages
+    moving = f"() => {SPEED} > 0.3"
+    for _ in range(5):
+        push(driver, 0, -70)
+        if waits(driver, moving):
+            break
+        driver.mouse.up()
+    assert driver.locator("#driver").inner_text() == "this page"
+    assert other.evaluate(f"() => {SPEED}") == 0.0 and other.locator("#driver").inner_text() == "nobody"
+    assert overlaps(driver) == [] and cut(driver) == []
+    driver.locator("#robots").select_option("txt07")
+    is_told(driver, "robots", "'txt07'", "value")
+    driver.locator("#robots").select_option("txt03")
+    driver.wait_for_function(f"() => {SPEED} === 0")
+    driver.mouse.up()
+    other.locator("#stop").click()
+    for page in pages:
+        is_told(page, "state", "'stopped'")
+    driver.reload()
+    is_told(driver, "robots", "'txt03'", "value")
+    for page in pages:
+        page.close()
+
+
+@contextmanager
+def command(*words: str) -> Iterator[str]:
+    """A command with a page, and the page's address."""
+    port = free_port()
+    with subprocess.Popen(
+        [sys.executable, "-m", "txt1", *words, "--web", str(port), "--headless"], stdout=subprocess.DEVNULL
+    ) as process:
+        try:
+            yield f"http://127.0.0.1:{port}/"
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+def test_a_learner_s_progress_is_two_curves(browser: Any) -> None:
+    with command("run", "--hal", "sim", "--learn", "sweeps", "--seed", "1", "--speed", "6", "--set", *PATIENT) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        arrive(page, url)
+        page.locator("[data-tab=learner]").click()
+        rows = "document.querySelectorAll('#learner-episodes tr').length"
+        page.wait_for_function(f"() => {rows} >= 3 && /^episode 3/m.test(document.getElementById('panel').innerText)")
+        for curve in ("episodes-chart", "rewards-chart"):
+            assert page.evaluate(script("painted"), curve) > 50, f"{curve} has a curve"
+        assert overlaps(page) == [] and cut(page) == []
+        page.close()
+
+
+def test_a_camera_s_picture_is_on_the_page(browser: Any, tmp_path: Path) -> None:
+    av = pytest.importorskip("av", reason="PyAV is not installed: pip install 'txt1[camera]'")
+    film = tmp_path / "film.mp4"
+    with av.open(str(film), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(20):
+            grey = np.full((48, 64, 3), 60 + 8 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="rgb24")))
+        container.mux(stream.encode())
+    eye = f"sensors.eye={{driver: camera, options: {{source: {film}, repeat: true}}}}"
+    with live((eye,)) as car:
+        for page in opened(browser, car):
+            page.wait_for_function("() => document.getElementById('camera').naturalWidth === 64")
+            assert page.locator("#camera").is_visible()
+            first = page.locator("#camera").get_attribute("src")
+            page.wait_for_function("(first) => document.getElementById('camera').src !== first", arg=first)
+            page.locator("[data-tab=sensors]").click()
+            page.wait_for_function("() => document.getElementById('panel').innerText.includes('eye')")
+            assert overlaps(page) == []
 
 
 def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:

@@ -65,19 +65,57 @@ async def bridge(
     without a heartbeat it is ended (None: never), and treated as `restart` says. Raises ConfigError: there is no bridge
     of that name, or it is at work already.
     """
-    where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     desk = Desk(robot, name, requests or {})
+    async with _at_work(name, options, desk, [desk], restart, silence) as beside:
+        yield beside
+
+
+@asynccontextmanager
+async def fleet_bridge(
+    robots: Mapping[str, Robot],
+    name: str,
+    options: Mapping[str, object] | None = None,
+    requests: Mapping[str, Mapping[str, Callable[..., object]]] | None = None,
+    *,
+    restart: Restart = RESTART,
+    silence: float | None = SILENCE,
+) -> AsyncIterator[Beside]:
+    """One bridge at work beside several robots of this process; `requests` are each robot's, by its name.
+
+    Its telemetry is a list of that of robots, and its requests have a field more, ``robot``; one without it is for all.
+    """
+    desks = {each: Desk(robot, name, (requests or {}).get(each, {})) for each, robot in robots.items()}
+    async with _at_work(name, options, Desks(desks), list(desks.values()), restart, silence) as beside:
+        yield beside
+
+
+@asynccontextmanager
+async def _at_work(
+    name: str,
+    options: Mapping[str, object] | None,
+    end: "Desk | Desks",
+    desks: "Sequence[Desk]",
+    restart: Restart,
+    silence: float | None,
+) -> AsyncIterator[Beside]:
+    def let_go() -> None:
+        for desk in desks:
+            desk.let_go()
+
+    first = desks[0]
+    where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     beside = Beside(
-        str(where), desk.telemetry, desk.request, options=options or {}, restart=restart, silence=silence,
-        tell=lambda text: desk.say(f" {text}"), lost=desk.let_go,
+        str(where), end.telemetry, end.request, options=options or {}, restart=restart, silence=silence,
+        tell=lambda text: first.say(f" {text}"), lost=let_go,
     )  # fmt: skip
     try:
         async with beside:
-            robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
+            first.robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
             yield beside
     finally:
-        desk.let_go()
-        desk.leave()
+        let_go()
+        for desk in desks:
+            desk.leave()
 
 
 class Desk:
@@ -86,7 +124,7 @@ class Desk:
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
         self.leave: Callable[[], None] = lambda: None
         """Listen no more."""
-        self._robot, self._name = robot, name
+        self.robot, self._name = robot, name
         self.source = robot.source(name)
         """The bridge's source of commands."""
         self._age = 0.0  # of the request that is answered, s
@@ -111,7 +149,7 @@ class Desk:
 
     def telemetry(self) -> bytes | None:
         """The topics that the bridge wants, at its rate; None until they are due."""
-        robot, now, topics = self._robot, self._robot.now, self._topics
+        robot, now, topics = self.robot, self.robot.now, self._topics
         if now < self._due:
             return None
         self._due = max(self._due + self._interval, now)  # in step with the task's ticks, though these come late
@@ -146,7 +184,7 @@ class Desk:
 
     def say(self, text: str) -> None:
         """Add a line about the bridge to the event log."""
-        self._robot.tell(f"bridge '{self._name}'{text}")
+        self.robot.tell(f"bridge '{self._name}'{text}")
 
     def let_go(self) -> None:
         """Let go of the wheel."""
@@ -158,7 +196,7 @@ class Desk:
     def drive(self, v: object, omega: object, age: object = 0.0) -> None:
         """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
         old = self._age + max(0.0, _number("age", age))
-        self.source.command(_number("v", v), _number("omega", omega), max(0.0, self._robot.now - old))
+        self.source.command(_number("v", v), _number("omega", omega), max(0.0, self.robot.now - old))
 
     def _subscribe(
         self, topics: Sequence[str] | None = None, rate: object = 10.0, seldom: Sequence[str] | None = ()
@@ -169,13 +207,36 @@ class Desk:
             raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / PERIOD:g}")
         self._interval = 1.0 / hertz
         self._topics, self._seldom = _names("topics", topics), _names("seldom", seldom)
-        self._due_seldom = 0.0
+        self._due = self._due_seldom = 0.0
         self.leave()
         events = [t for t in TOPICS.values() if t.rule is Rule.EVENT and (topics is None or t.name in topics)]
-        self.leave = self._robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
+        self.leave = self.robot.runtime.bus.subscribe(self._event, events) if events else lambda: None
 
     def _event(self, topic: Topic[Any], value: Any, time: float) -> None:
         self._events.append({"topic": topic.name, "time": time, "value": plain(value)})
+
+
+class Desks:
+    """The ends of several robots for one bridge."""
+
+    def __init__(self, desks: Mapping[str, Desk]) -> None:
+        self._desks = desks
+
+    def telemetry(self) -> bytes | None:
+        """A list of what there is of each robot; None until something is due."""
+        lines = [line[:-1] for desk in self._desks.values() if (line := desk.telemetry()) is not None]
+        return b"[%b]\n" % b",".join(lines) if lines else None
+
+    def request(self, request: Request) -> None:
+        """Let the robot that is meant do what is asked for, or all of them where none is named."""
+        fields = dict(request.fields)
+        name = fields.pop("robot", None)
+        meant = [self._desks.get(str(name))] if name is not None else self._desks.values()
+        for desk in meant:
+            if desk is not None:
+                desk.request(request._replace(fields=fields))
+            else:
+                next(iter(self._desks.values())).say(f": there is no robot '{name}'")
 
 
 def _number(name: str, value: object) -> float:

@@ -6,15 +6,19 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import AsyncExitStack
 from functools import partial
 from itertools import combinations
 from math import dist
 from typing import TYPE_CHECKING
 
+from txt1.bridges.registry import fleet_bridge
 from txt1.cli import DISARMED, FAULT, OK, options
 from txt1.cli.app import App, report, say, view_of
+from txt1.cli.errands import Errands
 from txt1.cli.options import flag, takes
 from txt1.cli.run import DISARMING
+from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
@@ -46,12 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
-    })  # fmt: skip
+    } | options.WEB)  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Run the fleet until the duration is over, the operator quits or a signal comes."""
     if arguments.join is not None:
+        if arguments.web is not None:
+            raise ConfigError("--web: a console has no page; give it to the robots: txt1 run --fleet --web")
         return _console(arguments)
     plan = plan_of(arguments.plan or arguments.robots)
     if arguments.drive is not None:
@@ -66,9 +72,10 @@ def main(arguments: argparse.Namespace) -> int:
     if loaded.config.hal != "sim":
         raise ConfigError(f"hal: '{loaded.config.hal}'; a fleet in one process is simulated, so choose hal=sim")
     configs = plan.configs(loaded.config)
+    page = web_page(arguments)
     app = App(arguments.speed)
     reports: dict[str, object] = {}
-    app.run(_operate(app, arguments, plan, configs, reports))
+    app.run(_operate(app, arguments, plan, configs, page, reports))
     if arguments.json and reports:
         print(json.dumps(reports))
     if app.code == DISARMED:
@@ -81,14 +88,17 @@ async def _operate(
     arguments: argparse.Namespace,
     plan: FleetPlan,
     configs: Mapping[str, Config],
+    page: WebPage | None,
     reports: dict[str, object],
 ) -> None:
     told = {"robots": list(configs), "duration": arguments.duration, "arm": arguments.arm}
-    async with app.fleet(plan, configs, log=arguments.log, about=told) as fleet:
+    async with app.fleet(plan, configs, log=arguments.log, about=told) as fleet, AsyncExitStack() as bridges:
         robots = list(fleet.robots.values())
         if arguments.duration is not None:
             for robot in robots:
                 robot.runtime.scheduler.end_at(arguments.duration)
+        if page is not None:
+            await _serve(fleet, page, arguments, bridges)
         helm = Helm(fleet)
         teleop = Teleop(
             robots[0].config.teleop.speed, robots[0].config.teleop.turn, robots[0].config.geometry.radius_min
@@ -113,6 +123,17 @@ async def _operate(
             reports.update({name: report(robot.runtime) for name, robot in fleet.robots.items()})
         if app.code == OK:
             app.code, app.reason = verdict(fleet)
+
+
+async def _serve(fleet: Fleet, page: WebPage, arguments: argparse.Namespace, bridges: AsyncExitStack) -> None:
+    """Serve one page for all robots, until the stack is closed."""
+    requests = {}
+    for name, robot in fleet.robots.items():
+        errands = Errands(robot, robot.config, arguments.speed, page.folder)
+        bridges.push_async_callback(errands.close)
+        requests[name] = errands.requests
+    kind, given = page.bridge()
+    await bridges.enter_async_context(fleet_bridge(fleet.robots, kind, given | {"fleet": list(fleet.robots)}, requests))
 
 
 def _console(arguments: argparse.Namespace) -> int:

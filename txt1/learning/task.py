@@ -62,8 +62,7 @@ class LearningTask:
         self, robot: Robot, trial: Trial, pose: PoseSource | None = None, stopped: Callable[[], bool] = lambda: False
     ) -> None:
         self.trial = trial
-        if robot.runtime.bus.wanted(STEP):
-            trial.decided = self._tell
+        trial.decided = self._tell
         self.ended = asyncio.Event()  # the last episode is over, or somebody stopped the trial: it commands nothing
         self._robot = robot
         self._light = robot.sensors[robot.config.learning.sensor]
@@ -148,8 +147,10 @@ class LearningTask:
     def _tell(self, action: int) -> None:
         """Tell whoever listens what the agent has decided."""
         trial = self.trial
-        state, reward, values = trial.agent.decision(self._robot.odometry)
         runtime = self._robot.runtime
+        if not runtime.bus.wanted(STEP):
+            return
+        state, reward, values = trial.agent.decision(self._robot.odometry)
         row, earned = -1 if state is None else state, nan if reward is None else reward
         step = LearningStep(len(trial.episodes) + 1, row, action, earned, values)
         runtime.bus.publish(STEP, step, runtime.now)

@@ -36,6 +36,7 @@ FLOOD: Final = 5000  # messages dropped after which a page is sent away
 SLOW: Final = 10.0  # s in which a page must have taken what it was sent
 SOCKET_BEAT: Final = 4.0  # s between two pings of a socket; one that is not answered in half of it is closed
 RATE: Final = 20.0  # telemetry a second
+UNSEEN: Final = 0.1  # the same of a robot that no page shows, of several
 FAST: Final = ("/odom", "/odometry/filtered", "/setpoint", "/pose", "/vehicles", "/mode", "/driver")
 FULL: Final = "/capabilities"  # is told with everything else, once a second
 CHOSEN_MAX: Final = 20  # topics that a page may choose
@@ -65,6 +66,16 @@ def wall() -> float:
 
 
 @dataclass(eq=False)
+class Car:
+    """One robot, as pages see it."""
+
+    name: str  # empty where there is only one
+    wheel: Wheel = field(default_factory=Wheel)
+    full: str = ""  # the newest telemetry with everything in it
+    wanted: tuple[frozenset[str], float] | None = None  # topics asked for, and how often a second
+
+
+@dataclass(eq=False)
 class Page:
     """One page that is connected."""
 
@@ -72,6 +83,7 @@ class Page:
     role: Role
     address: str
     socket: web.WebSocketResponse
+    car: Car  # the robot that it shows
     clock: PageClock = field(default_factory=PageClock)
     sequence: Sequence = field(default_factory=Sequence)
     budget: Budget = field(default_factory=lambda: Budget(*MESSAGES))
@@ -97,14 +109,15 @@ class Page:
 class Server:
     """Pages on one side, the robot on the other."""
 
-    def __init__(self, robot: Connection, door: Door, folder: Path, speed: float, robots: Mapping[str, str]) -> None:
+    def __init__(
+        self, robot: Connection, door: Door, folder: Path, speed: float, robots: Mapping[str, str], fleet: list[str]
+    ) -> None:
         self._robot, self._door, self._folder, self._robots = robot, door, folder, dict(robots)
+        self._fleet = fleet
+        self._cars = {name: Car(name) for name in fleet or [""]}
         self._limit = speed  # m/s, of visitors
         self._pages: dict[int, Page] = {}
-        self._wheel = Wheel()
         self._last_page = 0
-        self._full = ""  # the newest telemetry with everything in it
-        self._topics: frozenset[str] = frozenset()
         self.ended = asyncio.Event()  # the robot's process has gone
         self.connected: dict[web.RequestHandler, float] = {}  # without a request yet, and since when
         self._loading = asyncio.Lock()
@@ -224,10 +237,11 @@ class Server:
         socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False)
         await socket.prepare(request)
         self._last_page += 1
-        page = Page(self._last_page, role, request.remote or "", socket)
+        page = Page(self._last_page, role, request.remote or "", socket, next(iter(self._cars.values())))
         self._pages[page.number] = page
         sender = asyncio.create_task(self._send(page))
-        page.show(self._full)
+        self._subscribe()
+        page.show(page.car.full)
         self._status(page)
         try:
             async for message in socket:
@@ -239,9 +253,9 @@ class Server:
             if page.player is not None:
                 page.player.stop()
             del self._pages[page.number]
-            if self._wheel.holder == page.number:
-                self._wheel.give(page.number)
-                self._ask("release")
+            if page.car.wheel.holder == page.number:
+                page.car.wheel.give(page.number)
+                self._ask(page, "release")
             self._subscribe()
             self._status()
         return socket
@@ -278,10 +292,10 @@ class Server:
             page.tell(
                 page={
                     "number": page.number, "role": page.role, "limit": self._limit_of(page),
-                    "visitors": self._limit, "wheel": self._wheel.holder, "pages": len(self._pages),
+                    "visitors": self._limit, "wheel": page.car.wheel.holder, "pages": len(self._pages),
                     "round_trip": page.round_trip, "counts": dict(page.counts), "robots": self._robots,
                     "invites": page.role == "operator" and self._door.visitors_token is not None,
-                    "replay": page.player and page.player.status(),
+                    "replay": page.player and page.player.status(), "fleet": self._fleet, "robot": page.car.name,
                 },
                 ping=now(),
             )  # fmt: skip
@@ -321,7 +335,8 @@ class Server:
             page.round_trip = present - sent
 
     def _do_stop(self, page: Page, message: dict[str, Any], present: float) -> None:
-        self._ask("stop")
+        """All of a fleet stop, whichever the page shows."""
+        self._ask(None, "stop")
 
     def _do_drive(self, page: Page, message: dict[str, Any], present: float) -> None:
         """V in m/s, omega in rad/s; with zeros the page holds the wheel and the robot stands."""
@@ -331,8 +346,8 @@ class Server:
         age = self._fresh(page, message, present)
         if age is None or page.player is not None:
             return
-        before = self._wheel.holder
-        if not self._wheel.drive(page.number, present):
+        before = page.car.wheel.holder
+        if not page.car.wheel.drive(page.number, present):
             page.counts["refused"] += 1
             return
         if before != page.number:
@@ -341,42 +356,42 @@ class Server:
         if limit is not None and abs(v) > limit:
             v, omega = v * limit / abs(v), omega * limit / abs(v)
         if v == 0.0 and omega == 0.0:
-            self._ask("request")
-        self._ask("drive", v=v, omega=omega, age=age)
+            self._ask(page, "request")
+        self._ask(page, "drive", v=v, omega=omega, age=age)
 
     def _do_release(self, page: Page, message: dict[str, Any], present: float) -> None:
         """Let go of the stick: nothing moves, and the wheel stays this page's. It is never too late for that."""
         page.sequence.accepts(message.get("n"))
-        if self._wheel.holder == page.number:
-            self._ask("release")
-            self._ask("halt")
+        if page.car.wheel.holder == page.number:
+            self._ask(page, "release")
+            self._ask(page, "halt")
 
     def _do_take(self, page: Page, message: dict[str, Any], present: float) -> None:
-        if page.player is None and self._wheel.take(page.number, present):
-            self._ask("release")  # what the page before had asked for
-            self._ask("halt")
+        if page.player is None and page.car.wheel.take(page.number, present):
+            self._ask(page, "release")  # what the page before had asked for
+            self._ask(page, "halt")
         else:
-            page.tell(told=f"page {self._wheel.holder} drives; it may give the wheel away, or be idle for 10 s")
+            page.tell(told=f"page {page.car.wheel.holder} drives; it may give the wheel away, or be idle for 10 s")
         self._status()
 
     def _do_give(self, page: Page, message: dict[str, Any], present: float) -> None:
-        if self._wheel.holder == page.number:
-            self._ask("release")
-            self._ask("halt")
-            self._wheel.give(page.number)
+        if page.car.wheel.holder == page.number:
+            self._ask(page, "release")
+            self._ask(page, "halt")
+            page.car.wheel.give(page.number)
             self._status()
 
     def _do_arm(self, page: Page, message: dict[str, Any], present: float) -> None:
         if self._fresh(page, message, present) is None:
             page.tell(told="that came too late: hold again")
-        elif page.player is None and self._wheel.take(page.number, present):
-            self._ask("arm")
+        elif page.player is None and page.car.wheel.take(page.number, present):
+            self._ask(page, "arm")
             self._status()
         else:
-            page.tell(told=f"page {self._wheel.holder} drives: only it arms the robot")
+            page.tell(told=f"page {page.car.wheel.holder} drives: only it arms the robot")
 
     def _do_disarm(self, page: Page, message: dict[str, Any], present: float) -> None:
-        self._ask("disarm", reason=f"disarmed by web page {page.number}")
+        self._ask(page, "disarm", reason=f"disarmed by web page {page.number}")
 
     def _do_go(self, page: Page, message: dict[str, Any], present: float) -> None:
         """Drive along points, m, as long as the page says `hold`."""
@@ -385,20 +400,20 @@ class Server:
         if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, chain(*points))) and 0.0 < wanted <= 1.5):
             raise ValueError("points or speed")
         if page.player is None and self._fresh(page, message, present) is not None:
-            if not self._wheel.drive(page.number, present):
-                page.tell(told=f"page {self._wheel.holder} drives")
+            if not page.car.wheel.drive(page.number, present):
+                page.tell(told=f"page {page.car.wheel.holder} drives")
                 return
             speed = min(wanted, self._limit_of(page) or wanted)
-            self._ask("go", points=points, speed=speed)
+            self._ask(page, "go", points=points, speed=speed)
 
     def _do_hold(self, page: Page, message: dict[str, Any], present: float) -> None:
         age = self._fresh(page, message, present)
-        if age is not None and self._wheel.holder == page.number and self._wheel.drive(page.number, present):
-            self._ask("hold", age=age)
+        if age is not None and page.car.wheel.holder == page.number and page.car.wheel.drive(page.number, present):
+            self._ask(page, "hold", age=age)
 
     def _do_gains(self, page: Page, message: dict[str, Any], present: float) -> None:
         if self._operates(page):
-            self._ask("gains", linear=message["linear"], angular=message["angular"])
+            self._ask(page, "gains", linear=message["linear"], angular=message["angular"])
 
     def _do_limit(self, page: Page, message: dict[str, Any], present: float) -> None:
         limit = float(message["speed"])
@@ -408,12 +423,22 @@ class Server:
 
     def _do_record(self, page: Page, message: dict[str, Any], present: float) -> None:
         if self._operates(page):
-            self._ask("record", on=bool(message["on"]))
+            self._ask(page, "record", on=bool(message["on"]))
 
     def _operates(self, page: Page) -> bool:
         if page.role != "operator":
             page.tell(told="visitors may look and drive; this is the operator's")
         return page.role == "operator"
+
+    def _do_robot(self, page: Page, message: dict[str, Any], present: float) -> None:
+        """Show another robot of the fleet, and let go of this one."""
+        car = self._cars[message["name"]]
+        if car is not page.car:
+            self._do_give(page, message, present)
+            page.car, page.chosen = car, frozenset()
+            self._subscribe()
+            page.show(car.full)
+        self._status(page)
 
     def _do_choose(self, page: Page, message: dict[str, Any], present: float) -> None:
         topics = message["topics"]
@@ -437,7 +462,7 @@ class Server:
         if name is not None:
             self._later(self._replay(page, str(name)))
         else:
-            page.show(self._full)
+            page.show(page.car.full)
         self._status(page)
 
     async def _replay(self, page: Page, name: str) -> None:
@@ -459,8 +484,10 @@ class Server:
 
     # -- the robot ---------------------------------------------------------------------------------------------
 
-    def _ask(self, name: str, **fields: object) -> None:
-        """Ask the robot for something."""
+    def _ask(self, page: Page | None, name: str, **fields: object) -> None:
+        """Ask a page's robot for something, or all of them."""
+        if page is not None and self._fleet:
+            fields["robot"] = page.car.name
         try:
             self._robot.request(name, **fields)
         except OSError:
@@ -468,10 +495,16 @@ class Server:
 
     def _subscribe(self) -> None:
         """Ask for the topics that pages want to see often, if they are others than before."""
-        topics = frozenset(FAST).union(*(page.chosen for page in self._pages.values()))
-        if topics != self._topics:
-            self._topics = topics
-            self._ask("subscribe", topics=sorted(topics), rate=RATE, seldom=None)
+        for car in self._cars.values():
+            pages = [page for page in self._pages.values() if page.car is car]
+            unseen = bool(self._fleet) and not pages
+            wanted = frozenset(FAST).union(*(page.chosen for page in pages)), UNSEEN if unseen else RATE
+            if wanted != car.wanted:
+                car.wanted = wanted
+                if unseen:
+                    car.full = ""  # whoever looks next waits for what is new
+                which = {"robot": car.name} if self._fleet else {}
+                self._ask(None, "subscribe", topics=sorted(wanted[0]), rate=wanted[1], seldom=None, **which)
 
     def hear(self) -> None:
         """Take telemetry and hand it on."""
@@ -482,19 +515,29 @@ class Server:
             return
         if line is None:
             return
-        text = strict(line.decode())
+        if not self._fleet:
+            self._show(self._cars[""], strict(line.decode()))
+        else:
+            for each in json.loads(line, parse_constant=lambda _: None):
+                self._show(self._cars[each["name"]], json.dumps(each, separators=(",", ":")))
+
+    def _show(self, car: Car, text: str) -> None:
         if f'"{FULL}":' in text:
-            self._full = text
+            car.full = text
         for page in self._pages.values():
-            if page.player is None:
+            if page.car is car and page.player is None:
                 page.show(text)
 
     async def beat(self) -> None:
         """Send the heartbeat that the robot listens for, and pages what they should know of themselves."""
+        wanted = frozenset(FAST), UNSEEN if self._fleet else RATE
+        for car in self._cars.values():
+            car.wanted = wanted
+        self._ask(None, "subscribe", topics=sorted(wanted[0]), rate=wanted[1], seldom=None)
         self._subscribe()
         due = now()
         while True:
-            self._ask("")
+            self._ask(None, "")
             if now() >= due:
                 due = now() + STATUS
                 self._status()
@@ -515,9 +558,14 @@ def main(
     folder: str = "out/recordings",
     speed: float = 0.5,
     robots: Mapping[str, str] | None = None,
+    fleet: list[str] | None = None,
 ) -> None:
-    """Serve the page until the robot's process ends; `token`, `certificate` and `key` are files."""
-    asyncio.run(_serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}))
+    """Serve the page until the robot's process ends.
+
+    Here `token`, `certificate` and `key` are files, `robots` the addresses of others' pages, and `fleet` the names of
+    this process's robots, where there are several.
+    """
+    asyncio.run(_serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}, fleet or []))
 
 
 async def _serve(
@@ -530,6 +578,7 @@ async def _serve(
     folder: Path,
     speed: float,
     robots: Mapping[str, str],
+    fleet: list[str],
 ) -> None:
     context = None
     if certificate is not None:
@@ -537,7 +586,7 @@ async def _serve(
 
         context = tls(Path(certificate), None if key is None else Path(key))
     door = Door(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
-    server = Server(robot, door, folder, speed, robots)
+    server = Server(robot, door, folder, speed, robots, fleet)
     runner = web.AppRunner(server.application(), access_log=None, keepalive_timeout=15.0, shutdown_timeout=0.5)
     await runner.setup()
     serve = runner.server

@@ -19,7 +19,7 @@ const know = {
   page: {},  // what the server says of this page
   files: null,
   fps: 0,
-  learning: { steps: [], episodes: new Map() },
+  learning: { steps: [], episodes: new Map(), decisions: 0 },
   plot: { topic: "", field: "", fields: [], points: [], chart: null },
   send: (request) => link.send(request),
   choices: () => [...new Set([
@@ -33,8 +33,7 @@ const know = {
     subscribe()
   },
   replay: (name) => {
-    map.clear()
-    charts.forEach((chart) => chart.clear())
+    forget()
     link.send(name ? { do: "replay", name } : { do: "replay" })
   },
   signOut: async () => {
@@ -54,16 +53,13 @@ const drive = new Drive(link, { stick: $("stick"), knob: $("knob"), arm: $("arm"
 // -- from the robot
 
 function telemetry(snapshot) {
-  if (snapshot.time < know.time - 1) {
-    map.clear()
-    charts.forEach((chart) => chart.clear())
-  }
+  if (snapshot.name !== know.name || snapshot.time < know.time - 1) forget()
   know.time = snapshot.time
   know.name = snapshot.name
   if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
   else Object.assign(know.topics, snapshot.topics)
   for (const { time, text } of snapshot.topics["/events"] ?? []) {
-    if (/^episode \d+:/.test(text)) know.learning.episodes.set(`${time} ${text}`, text)
+    if (/^episode \d+: /.test(text)) know.learning.episodes.set(`${time} ${text}`, text)
   }
   map.take(know.time, know.topics, know.topics)
   for (const event of snapshot.events ?? []) occurred(event)
@@ -76,9 +72,21 @@ function telemetry(snapshot) {
   if (topic in snapshot.topics) plotted(know.time, snapshot.topics[topic])
 }
 
+// What was told of another robot, or of another run.
+function forget() {
+  map.clear()
+  charts.forEach((chart) => chart.clear())
+  know.topics = {}
+  know.learning = { steps: [], episodes: new Map(), decisions: 0 }
+  know.drawn = -1  // which sensors are drawn is found anew
+  know.choose(know.plot.topic, know.plot.field)
+  $("camera").hidden = true
+}
+
 function occurred({ topic, time, value }) {
   if (topic === know.plot.topic) plotted(time, value)
   if (topic === "/learning/step") {
+    know.learning.decisions++
     know.learning.steps.push(value)
     if (know.learning.steps.length > 2000) know.learning.steps.shift()
   } else if (Array.isArray(value?.ranges)) map.sweep(time, value)
@@ -117,8 +125,11 @@ function message({ page, told, files }) {
 
 function change(open) {
   drive.letGo()
-  if (open) link.send({ do: "files" })
-  else know.page = { ...know.page, wheel: 0 }
+  if (open) {
+    const robot = sessionStorage.getItem("robot")
+    if (robot) link.send({ do: "robot", name: robot })
+    link.send({ do: "files" })
+  } else know.page = { ...know.page, wheel: 0 }
 }
 
 function subscribe() {
@@ -193,11 +204,14 @@ function driving(by) {
 }
 
 function robots() {
-  const list = { [know.name || "robot"]: "", ...know.page.robots }
+  const { fleet = [], robots = {}, robot = "" } = know.page
+  const list = [...(fleet.length ? fleet : [know.name || "robot"]).map((name) => [name, name]), ...Object.entries(robots)]
   const select = $("robots"), text = JSON.stringify(list)
-  if (select.dataset.list === text) return
-  select.dataset.list = text
-  select.replaceChildren(...Object.entries(list).map(([name, url]) => element("option", { value: url }, name)))
+  if (select.dataset.list !== text) {
+    select.dataset.list = text
+    select.replaceChildren(...list.map(([name, value]) => element("option", { value }, name)))
+  }
+  select.value = fleet.length ? robot : list[0][1]
 }
 
 function toast(text) {
@@ -239,7 +253,13 @@ $("take").addEventListener("click", () => {
 })
 $("speed").addEventListener("input", () => setSpeed($("speed").valueAsNumber))
 $("robots").addEventListener("change", () => {
-  if ($("robots").value) location.href = $("robots").value
+  const chosen = $("robots").value
+  if (Object.values(know.page.robots ?? {}).includes(chosen)) location.href = chosen
+  else {
+    drive.letGo()
+    sessionStorage.setItem("robot", chosen)
+    link.send({ do: "robot", name: chosen })
+  }
 })
 $("follow").addEventListener("click", () => {
   map.follow = !map.follow
@@ -276,6 +296,7 @@ function repaint() {
   map.repaint()
   charts.forEach((chart) => chart.repaint())
   know.plot.chart?.repaint()
+  know.learning.charts?.forEach((chart) => chart.repaint())
 }
 const theme = localStorage.getItem("theme")
 if (theme) document.documentElement.dataset.theme = theme

@@ -1,18 +1,21 @@
-// Curves over the last 20 seconds.
+// Curves over the last 20 seconds, or over as many decisions and the like.
 
 import { colours } from "./map.js"
 
-export const SPAN = 20  // s
+const SPAN = 20  // s
 
 export class Chart {
   #points = []  // [time, value, ...]
   #colours = null
 
-  // `series` are the names of the colours; the axis reaches at least `reach` to both sides, or to the data if 0
-  constructor(canvas, series, reach = 0) {
+  // `series` are the names of the colours; the axis reaches at least `reach` to both sides, or to the data if 0;
+  // `span` is how much is shown of what goes to the right, in `unit`
+  constructor(canvas, series, reach = 0, span = SPAN, unit = " s") {
     this.canvas = canvas
     this.series = series
     this.reach = reach
+    this.span = span
+    this.unit = unit
   }
 
   repaint() { this.#colours = null }
@@ -24,7 +27,7 @@ export class Chart {
     if (last && time < last[0]) this.#points = []
     if (last && time === last[0]) return
     this.#points.push([time, ...values])
-    while (this.#points[0][0] < time - SPAN) this.#points.shift()
+    while (this.#points[0][0] < time - this.span) this.#points.shift()
   }
 
   draw() {
@@ -43,7 +46,7 @@ export class Chart {
     const margin = 0.06 * (high - low)
     ;[low, high] = [low - margin, high + margin]
     const left = 44, bottom = height - 15, end = this.#points.at(-1)?.[0] ?? 0
-    const px = (time) => left + (width - left - 4) * (1 - (end - time) / SPAN)
+    const px = (time) => left + (width - left - 4) * (1 - (end - time) / this.span)
     const py = (value) => 3 + (bottom - 3) * (high - value) / (high - low)
     c.font = "11px system-ui, sans-serif"
     c.lineWidth = 1
@@ -56,9 +59,9 @@ export class Chart {
       c.fillText(format(value), left - 5, Math.min(bottom - 4, Math.max(7, py(value))))
     }
     c.textBaseline = "alphabetic"
-    for (let age = 0; age <= SPAN; age += 5) {
+    for (let age = 0; age <= this.span; age += this.span / 4) {
       c.textAlign = age ? "center" : "right"
-      c.fillText(age ? `−${age} s` : "now", Math.max(left + 14, px(end - age)), height - 2)
+      c.fillText(age ? `−${age}${this.unit}` : "now", Math.max(left + 14, px(end - age)), height - 2)
     }
     this.series.forEach((name, index) => {
       c.strokeStyle = this.#colours[name]

@@ -65,19 +65,49 @@ const tasks = (know, panel) => {
   ]), [1, 2, 3, 4, 5]), quiet("times in ms"))
 }
 
+const RECENT = 50  // decisions that a mean reward is of
+const EPISODE = /^episode (\d+): (reached|lost) the light after ([\d.]+) s, best possible ([\d.]+) s/
+
 const learner = (know, panel) => {
-  const { steps, episodes } = know.learning
-  if (!steps.length) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
-  const last = steps.at(-1)
-  const rewards = steps.map((step) => step.reward).filter(Number.isFinite)
-  panel.replaceChildren(
-    table(null, [
-      ["episode", last.episode], ["state", last.state < 0 ? "–" : last.state], ["decisions seen", steps.length],
-      ["mean reward of the last 50", format(mean(rewards.slice(-50)))],
+  const { learning } = know, { steps, episodes } = learning
+  if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
+  const curve = (id, label) => element("canvas", { id, role: "img", ariaLabel: label })
+  if (!panel.querySelector("#episodes-chart")) {
+    panel.replaceChildren(
+      element("div", { id: "learner-now" }),
+      title("time to the light, in times of the best possible"), curve("episodes-chart", "time to the light of the last 32 episodes"),
+      title(`mean reward of ${RECENT} decisions`), curve("rewards-chart", "mean reward over the last 400 decisions"),
+      title("episodes"), element("div", { id: "learner-episodes" }))
+    learning.charts = null
+  }
+  if (!learning.charts) {
+    learning.charts = [
+      new Chart(panel.querySelector("#episodes-chart"), ["robot"], 0, 32, " ep."), new Chart(panel.querySelector("#rewards-chart"), ["robot"], 0, 400, ""),
+    ]
+    learning.seen = learning.over = 0
+  }
+  const [times, rewards] = learning.charts, last = steps.at(-1)
+  if (learning.over !== episodes.size) {
+    learning.over = episodes.size
+    times.clear()
+    for (const text of episodes.values()) {
+      const [, number, how, time, best] = text.match(EPISODE) ?? []
+      if (number) times.add(Number(number), how === "reached" ? time / best : NaN)
+    }
+    panel.querySelector("#learner-episodes").replaceChildren(
+      table(null, [...episodes.values()].slice(-30).reverse().map((text) => [text])))
+  }
+  if (learning.seen !== learning.decisions) {
+    learning.seen = learning.decisions
+    rewards.clear()
+    const known = steps.map((step) => step.reward).filter(Number.isFinite).slice(-400 - RECENT)
+    known.forEach((_, index) => { if (index >= RECENT) rewards.add(index, mean(known.slice(index - RECENT, index))) })
+    if (last) panel.querySelector("#learner-now").replaceChildren(table(null, [
+      ["episode", last.episode], ["state", last.state < 0 ? "–" : last.state], ["decisions seen", learning.decisions],
       ["values", last.values.map((value) => value.toFixed(2)).join("  ")],
-    ], [1]),
-    title("episodes"),
-    episodes.size ? table(null, [...episodes.values()].slice(-30).reverse().map((text) => [text])) : quiet("none is over yet"))
+    ], [1]))
+  }
+  learning.charts.forEach((chart) => chart.draw())
 }
 
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length
