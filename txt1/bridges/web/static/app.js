@@ -226,7 +226,7 @@ function toast(text) {
 function setSpeed(value) {
   drive.speed = value
   $("speed").value = value
-  $("speed-value").textContent = `${value.toFixed(1)} m/s`
+  $("speed-value").textContent = $("speed").ariaValueText = `${value.toFixed(1)} m/s`
 }
 
 function changeSpeed(by) {
@@ -282,6 +282,7 @@ $("tabs").addEventListener("click", ({ target }) => {
   tab = target.dataset.tab
   for (const each of $("tabs").children) each.setAttribute("aria-selected", String(each === target))
   $("panel").replaceChildren()
+  $("panel").ariaLabel = target.textContent
   if (tab === "files") link.send({ do: "files" })
   show()
 })

@@ -116,7 +116,7 @@ const plot = (know, panel) => {
   if (!panel.querySelector("#plot-chart")) {
     const topic = element("select", { id: "plot-topic", ariaLabel: "topic", onchange: () => know.choose(topic.value, "") })
     const field = element("select", { id: "plot-field", ariaLabel: "value", onchange: () => know.choose(know.plot.topic, field.value) })
-    panel.replaceChildren(topic, element("div", { className: "row" }, field), element("canvas", { id: "plot-chart" }), element("p", { id: "plot-now" }))
+    panel.replaceChildren(topic, element("div", { className: "row" }, field), element("canvas", { id: "plot-chart", role: "img", ariaLabel: "the value over the last 20 seconds" }), element("p", { id: "plot-now" }))
     know.plot.chart = new Chart(panel.querySelector("#plot-chart"), ["robot"])
     for (const [time, value] of know.plot.points) know.plot.chart.add(time, value)
   }
