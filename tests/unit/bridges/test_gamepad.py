@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from random import Random
 
 import pytest
 
 pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 'txt1[gamepad]'")
 
 from tests.unit.bridges.virtual_pad import VirtualPad
+from tests.unit.control.test_pad import by_chance, does_what_the_manual_says
 from txt1.bridges.gamepad import Devices
 from txt1.cli.gamepad import described, mapping_line, moved
 from txt1.control.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+
+HELD_AND_PRESSED = ("a", "b", "start", "y", "back", "x")
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +56,26 @@ def test_every_axis_and_button_arrives_under_its_name(devices: Devices) -> None:
         pad.press(name)
         assert only(devices).buttons == {name}
         pad.press(name, False)
+    pad.unplug()
+
+
+def test_a_pad_does_what_the_manual_says_in_a_thousand_random_sequences(devices: Devices) -> None:
+    pad, random = VirtualPad(), Random(1)
+    devices.look()
+
+    def held(reading: Reading) -> Reading:
+        """Move the pad's parts, and what SDL makes of it."""
+        for name, value in reading.axes.items():
+            pad.push(name, 2.0 * value - 1.0 if "trigger" in name else value)
+        for name in HELD_AND_PRESSED:
+            pad.press(name, name in reading.buttons)
+        there = only(devices)
+        assert there.buttons == reading.buttons
+        assert all(abs(there.axes[name] - value) < 1e-4 for name, value in reading.axes.items())  # 16 bits
+        return there
+
+    for _ in range(1000):
+        does_what_the_manual_says([(random.uniform(0.0, 0.4), held(by_chance(random))) for _ in range(8)])
     pad.unplug()
 
 

@@ -38,12 +38,6 @@ def by_chance(random: Random) -> Reading:
     return Reading(down, {name: abs(value) if "trigger" in name else value for name, value in axes.items()})
 
 
-def test_a_pad_does_what_the_manual_says_in_a_thousand_random_sequences() -> None:
-    random = Random(1)
-    for _ in range(1000):
-        does_what_the_manual_says([(random.uniform(0.0, 0.4), by_chance(random)) for _ in range(25)])
-
-
 @settings(max_examples=30, deadline=None)
 @given(steps)
 def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
