@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import sleep
 from typing import Any, Final
 
 from playwright.sync_api import sync_playwright
 
-from tests.browser.live import CHROMIUM, FLAGS, Live, live
+from tests.browser.live import CHROMIUM, FLAGS, PATIENT, Live, arrive, command, live
 
 FOLDER: Final = Path(__file__).parent / "web"
 BOX: Final = "{kind: box, x: 1.6, y: 1.5, length: 0.6, width: 0.4, theta: 0.4}"
@@ -27,6 +28,13 @@ PICTURES: Final = {
     "tall-light": ((390, 844), "light", "events"),
     "tall-dark": ((390, 844), "dark", "events"),
 }
+
+FLEET: Final = """\
+all: {sim: {room: {length: 10, width: 7}}, safety: {missed_ticks_max: 100000}}
+robots:
+  txt01: {start: [-3, 1.5, 0], drive: [0.5, 0.6]}
+  txt02: {start: [2.5, 1, 0], drive: [0.5, 0.5]}
+""" + "".join(f"  txt{k:02}: {{start: [{x}, -2, 1.57]}}\n" for k, x in zip(range(3, 11), range(-4, 4), strict=True))
 
 
 def centre(page: Any, selector: str) -> tuple[float, float]:
@@ -63,14 +71,56 @@ def shoot(browser: Any, car: Live, name: str) -> None:
     context.close()
 
 
+def shoot_fleet(browser: Any) -> None:
+    """Ten robots in one room, two of them on a circle, one driven from the page."""
+    with TemporaryDirectory() as folder:
+        plan = Path(folder, "fleet.yaml")
+        plan.write_text(FLEET)
+        with command("fleet", str(plan)) as url:
+            page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="light")
+            arrive(page, url)
+            page.wait_for_function("() => document.getElementById('robots').options.length === 10")
+            page.locator("#robots").select_option("txt03")
+            page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
+            page.locator("[data-tab=tasks]").click()
+            page.wait_for_timeout(1000)
+            drive(page, ((0, -50, 2.0), (-30, -45, 1.5)))
+            page.screenshot(path=FOLDER / "fleet.png")
+            page.mouse.up()
+            page.close()
+
+
+def shoot_learner(browser: Any) -> None:
+    """A learner at its sixteenth episode, eight times as fast as in reality."""
+    room = ("sim.room.length=6", "sim.room.width=6", *PATIENT)
+    settings = [word for setting in room for word in ("--set", setting)]
+    with command("run", "--hal", "sim", "--learn", "sweeps", "--seed", "1", "--speed", "8", *settings) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="light")
+        arrive(page, url)
+        page.locator("[data-tab=learner]").click()
+        page.wait_for_function(
+            "() => /^episode 15:/m.test(document.getElementById('panel').innerText)", timeout=300_000
+        )
+        page.wait_for_timeout(1000)
+        page.screenshot(path=FOLDER / "learner.png")
+        page.close()
+
+
 def main() -> None:
     """Make them all, or those named."""
     FOLDER.mkdir(exist_ok=True)
-    with live(ROOM) as car, sync_playwright() as playwright:
+    names = sys.argv[1:] or [*PICTURES, "fleet", "learner"]
+    with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        sleep(1.5)
-        for name in sys.argv[1:] or PICTURES:
-            shoot(browser, car, name)
+        if some := [name for name in names if name in PICTURES]:
+            with live(ROOM) as car:
+                sleep(1.5)
+                for name in some:
+                    shoot(browser, car, name)
+        if "fleet" in names:
+            shoot_fleet(browser)
+        if "learner" in names:
+            shoot_learner(browser)
         browser.close()
 
 

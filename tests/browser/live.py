@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
@@ -144,3 +147,27 @@ async def _main(
         if not started.done():
             started.set_exception(error)
         raise
+
+
+@contextmanager
+def command(*words: str) -> Iterator[str]:
+    """A command with a page, and the page's address."""
+    port = free_port()
+    with subprocess.Popen(
+        [sys.executable, "-m", "txt1", *words, "--web", str(port), "--headless"], stdout=subprocess.DEVNULL
+    ) as process:
+        try:
+            yield f"http://127.0.0.1:{port}/"
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+def arrive(page: Any, url: str) -> None:
+    """Open a page of a robot that is still on its way up."""
+    for _ in range(60):
+        try:
+            page.goto(url)
+            return
+        except Exception:
+            sleep(0.5)
+    raise AssertionError(f"nobody answers at {url}")

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from time import sleep
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.browser.conftest import opened
-from tests.browser.live import PATIENT, Live, free_port, live
+from tests.browser.live import PATIENT, Live, arrive, command, live
+from txt1.bridges.web.certificate import own_certificate
 
 pytestmark = pytest.mark.browser
 
+TOKEN = "t0ken-of-the-robot-long-enough"
+
 WIDE = (*PATIENT, "sim.room.length=12", "sim.room.width=12")
-SPEED = (
-    "parseFloat(document.getElementById('v-now').textContent.replace('\u2212', '-'))"  # of the robot that is shown, m/s
-)
+SPEED = "parseFloat(document.getElementById('v-now').textContent.replace('\u2212', '-'))"  # of the robot shown, m/s
 SIZES = {"wide": (1280, 800), "tall": (390, 844), "flat": (844, 390)}
-COUNTED = ("#stop", "#state", "#take", "#arm", "#stick", "#speed", "#map", "#theme", "#robots", "#tabs button")
 
 
 def script(name: str) -> str:
@@ -80,17 +75,6 @@ def fast(robot: Any) -> bool:
 
 def ahead(robot: Any) -> bool:
     return bool(robot.runtime.state.control.v > 0.2)
-
-
-def arrive(page: Any, url: str) -> None:
-    """Open a page of a robot that is still on its way up."""
-    for _ in range(60):
-        try:
-            page.goto(url)
-            return
-        except Exception:
-            sleep(0.5)
-    raise AssertionError(f"nobody answers at {url}")
 
 
 def is_told(page: Any, where: str, what: str, field: str = "textContent") -> None:
@@ -420,19 +404,6 @@ def ten_robots(browser: Any, fleet: str) -> None:
         page.close()
 
 
-@contextmanager
-def command(*words: str) -> Iterator[str]:
-    """A command with a page, and the page's address."""
-    port = free_port()
-    with subprocess.Popen(
-        [sys.executable, "-m", "txt1", *words, "--web", str(port), "--headless"], stdout=subprocess.DEVNULL
-    ) as process:
-        try:
-            yield f"http://127.0.0.1:{port}/"
-        finally:
-            process.send_signal(signal.SIGINT)
-
-
 def test_a_learner_s_progress_is_two_curves(browser: Any) -> None:
     with command("run", "--hal", "sim", "--learn", "sweeps", "--seed", "1", "--speed", "6", "--set", *PATIENT) as url:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
@@ -466,6 +437,33 @@ def test_a_camera_s_picture_is_on_the_page(browser: Any, tmp_path: Path) -> None
             page.locator("[data-tab=sensors]").click()
             page.wait_for_function("() => document.getElementById('panel').innerText.includes('eye')")
             assert overlaps(page) == []
+
+
+def test_the_door_opens_by_the_token_typed_or_by_the_code_and_the_pad_has_a_secure_page(
+    browser: Any, tmp_path: Path
+) -> None:
+    token = tmp_path / "token"
+    token.write_text(TOKEN)
+    token.chmod(0o600)
+    certificate, key = own_certificate(tmp_path, "127.0.0.1")
+    with live(token=str(token), certificate=str(certificate), key=str(key)) as car:
+        url = car.url.replace("http", "https")
+        typed, scanned = (browser.new_context(ignore_https_errors=True).new_page() for _ in range(2))
+        typed.goto(url)
+        for word, comes in (("a-guess", "that is not the token"), (TOKEN, "armed")):
+            typed.locator("#token").fill(word)
+            typed.get_by_role("button", name="come in").click()
+            typed.wait_for_function("(text) => document.body.innerText.includes(text)", arg=comes)
+        scanned.goto(f"{url}#token={TOKEN}")
+        is_told(scanned, "state", "'armed'")
+        for page in (typed, scanned):
+            assert TOKEN not in page.url
+            assert page.evaluate("isSecureContext && 'getGamepads' in navigator")
+        typed.locator("[data-tab=page]").click()
+        typed.get_by_role("button", name="sign out").click()
+        typed.wait_for_selector("#token")
+        for page in (typed, scanned):
+            page.context.close()
 
 
 def test_it_drives_the_virtual_board_as_well(browser: Any) -> None:
