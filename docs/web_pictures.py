@@ -6,6 +6,8 @@ A simulated robot drives in a room, and Debian's chromium, through playwright, l
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
@@ -43,14 +45,19 @@ def centre(page: Any, selector: str) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
-def drive(page: Any, steps: tuple[tuple[float, float, float], ...]) -> None:
-    """Hold the stick: pixels to the right and down, and for how many s."""
+def drive(page: Any, steps: tuple[tuple[float, float, float], ...], begin: Callable[[], object]) -> None:
+    """Hold the stick: pixels to the right and down, and for how many s; anew where a busy computer had it let go."""
     x, y = centre(page, "#stick")
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for dx, dy, seconds in steps:
-        page.mouse.move(x + dx, y + dy, steps=4)
-        page.wait_for_timeout(1000 * seconds)
+    for _ in range(5):
+        begin()
+        page.mouse.move(x, y)
+        page.mouse.down()
+        for dx, dy, seconds in steps:
+            page.mouse.move(x + dx, y + dy, steps=4)
+            page.wait_for_timeout(1000 * seconds)
+        if page.locator("#stick.held").count():
+            return
+        page.mouse.up()
 
 
 def shoot(browser: Any, car: Live, name: str) -> None:
@@ -63,8 +70,8 @@ def shoot(browser: Any, car: Live, name: str) -> None:
     page.wait_for_function("() => document.getElementById('link').textContent.endsWith('ms')")
     page.locator(f"[data-tab={tab}]").click()
     page.evaluate("scrollTo(0, 0)")
-    car.call(lambda robot: robot.place(-1.5, -0.8, 0.2))
-    drive(page, ((0, -50, 2.5), (-30, -45, 2.5), (35, -45, 2.5), (0, -55, 1.0)))
+    place = partial(car.call, lambda robot: robot.place(-1.5, -0.8, 0.2))
+    drive(page, ((0, -50, 2.5), (-30, -45, 2.5), (35, -45, 2.5), (0, -55, 1.0)), place)
     page.screenshot(path=FOLDER / f"{name}.png")
     page.mouse.up()
     car.until(lambda robot: robot.odometry.v == 0.0)
@@ -82,9 +89,7 @@ def shoot_fleet(browser: Any) -> None:
             page.wait_for_function("() => document.getElementById('robots').options.length === 10")
             page.locator("#robots").select_option("txt03")
             page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
-            page.locator("[data-tab=tasks]").click()
-            page.wait_for_timeout(1000)
-            drive(page, ((0, -50, 2.0), (-30, -45, 1.5)))
+            drive(page, ((0, -50, 2.0), (-30, -45, 1.5)), lambda: None)
             page.screenshot(path=FOLDER / "fleet.png")
             page.mouse.up()
             page.close()

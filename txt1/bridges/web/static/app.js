@@ -133,7 +133,8 @@ function change(open) {
 }
 
 function subscribe() {
-  link.send({ do: "choose", topics: [...new Set([know.plot.topic, "/learning/step", ...sensorTopics()])].filter(Boolean).slice(0, 20) })
+  const topics = [know.plot.topic, tab === "tasks" ? "/tasks" : "", "/learning/step", ...sensorTopics()]  // each look at /tasks brings one of them up to date
+  link.send({ do: "choose", topics: [...new Set(topics)].filter(Boolean).slice(0, 20) })
 }
 
 // Of the sensors those that are drawn: lasers, which count their hits, and cameras, which tell the size of a picture.
@@ -284,6 +285,7 @@ $("tabs").addEventListener("click", ({ target }) => {
   $("panel").replaceChildren()
   $("panel").ariaLabel = target.textContent
   if (tab === "files") link.send({ do: "files" })
+  subscribe()
   show()
 })
 $("theme").addEventListener("click", () => {

@@ -71,13 +71,12 @@ const EPISODE = /^episode (\d+): (reached|lost) the light after ([\d.]+) s, best
 const learner = (know, panel) => {
   const { learning } = know, { steps, episodes } = learning
   if (!steps.length && !episodes.size) return panel.replaceChildren(quiet("nothing is being learned: txt1 run --learn sweeps --web"))
-  const curve = (id, label) => element("canvas", { id, role: "img", ariaLabel: label })
+  const curve = (id, label) => element("canvas", { id, className: "low", role: "img", ariaLabel: label })
   if (!panel.querySelector("#episodes-chart")) {
     panel.replaceChildren(
-      element("div", { id: "learner-now" }),
       title("time to the light, in times of the best possible"), curve("episodes-chart", "time to the light of the last 32 episodes"),
       title(`mean reward of ${RECENT} decisions`), curve("rewards-chart", "mean reward over the last 400 decisions"),
-      title("episodes"), element("div", { id: "learner-episodes" }))
+      element("div", { id: "learner-now" }), title("episodes"), element("div", { id: "learner-episodes" }))
     learning.charts = null
   }
   if (!learning.charts) {
