@@ -229,6 +229,7 @@ class Fusion:
         """Find the pose anew: the robot was carried elsewhere."""
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
+        self._dispute = [0.0, 0.0, 0.0]
 
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""
