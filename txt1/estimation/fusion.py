@@ -9,14 +9,14 @@ fitted for a while. On losing belief its readings of the last `HORIZON` are take
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
-from math import atan2, cos, exp, hypot, inf, isfinite, sin, sqrt
+from dataclasses import dataclass
+from math import cos, exp, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from txt1.estimation.alignment import about, aligned
 from txt1.estimation.ekf import (
     GYRO,
     OMEGA,
@@ -29,8 +29,6 @@ from txt1.estimation.ekf import (
     Belief,
     Drift,
     Seven,
-    X,
-    Y,
     antenna,
     belief_of,
     encoders,
@@ -40,6 +38,8 @@ from txt1.estimation.ekf import (
     update,
     velocities,
 )
+from txt1.estimation.judge import DRIFTS, MEMORY, ONE_SIDED, Belonging, Judge, Trust
+from txt1.estimation.measurement import Kind, Measurement
 from txt1.model.kinematics import wrap_angle
 
 SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
@@ -49,52 +49,16 @@ FIRST: Final = 0.04  # s before the first step from which on readings count
 HORIZON: Final = 0.5  # s that a reading may be late
 STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
 SAME_INSTANT: Final = 1e-6  # s between readings of one instant, to which clocks and sums of times are rounded
-REJECTED_MAX: Final = 2  # readings in a row beyond the gate that cost a sensor its belief
-FITS: Final = 0.5  # s for which readings fit before a sensor is believed again,
-FITTING: Final = 3  # and at least so many of them
-SAME_MAX: Final = 5  # equal readings in a row of a sensor that stands still
-SAME_COUNTS: Final = 25  # the same of encoders that turn
-MOVING: Final = 0.1  # m/s from which a position that stays the same stands still
-MEMORY: Final = 25  # readings over which a sensor's misses are averaged
-ONE_SIDED: Final = 0.8  # mean miss, in standard deviations of one, beyond which it is no chance: 5.6 times its own
 STEERING_YAW: Final = 0.05  # rad/s by which the yaw rate may differ from the steering's, ...
 STEERING_SHARE: Final = 0.1  # ... and the share of it: understeer, and a linkage that nobody has measured
 EXPLAINS: Final = 0.7  # share of the misses that must be gone without a sensor that is to blame for them
 EQUAL: Final = 9.0  # difference of two such sums of squares that is chance
 ONE_SIDED_SO_FAR: Final = 0.28  # the same from which on the pose is told with less confidence: twice its own
-LEVER: Final = 4.0  # how much further the pose may be off than its sensor's mean miss, which follows late
 FORGOTTEN: Final = 30.0  # s in which a contradiction that nobody has settled is forgotten; chosen
 WIDER: Final = 0.1  # standard deviation of the slip that a sensor's misses leave open where nobody is to blame
-KEEPS: Final = 5.0  # s for which a sensor of the place keeps its distance from the pose, and is believed again
-KEPT: Final = 3.0  # standard deviations of the place by which that may change meanwhile
-LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the average
-DRIFTS: Final = "drifts away from the others"
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
 REST_YAW: Final = 0.001  # rad/s, likewise
-ALIGNED: Final = 0.1  # rad, the standard deviation at which a heading found from positions is good enough
 PAIRS_MAX: Final = 600  # positions that are kept to find it
-
-
-class Kind(Enum):
-    """The quantities that a measurement is of."""
-
-    STEERING = "the steering's curvature: its change since the last one, and itself, 1/m"
-    ENCODERS = "v and omega, by the encoders"
-    GYRO = "omega and the gyro's bias"
-    POSE = "x, y and theta"
-    VELOCITY = "v and omega"
-
-
-class Measurement(NamedTuple):
-    """A reading as the filter takes it."""
-
-    time: float  # when it was taken, s of the run
-    sensor: str
-    kind: Kind
-    rows: tuple[int, ...]  # those of the kind's quantities that it has
-    values: tuple[float, ...]  # m, rad, m/s, rad/s
-    sigmas: tuple[float, ...]  # their standard deviations
-    at: tuple[float, float] = (0.0, 0.0)  # where on the robot a pose is measured, x forward, y left, m
 
 
 class Estimate(NamedTuple):
@@ -113,61 +77,6 @@ class Estimate(NamedTuple):
     def sigma(self, place: int) -> float:
         """The standard deviation of one of the five."""
         return sqrt(max(self.covariance[6 * place], 0.0))
-
-
-class Trust(NamedTuple):
-    """How much a sensor is believed, and why."""
-
-    name: str
-    believed: bool
-    reason: str  # why not; empty while it is
-    used: int  # readings that were taken in
-    rejected: int  # readings that were not
-    late: int  # readings that were older than the horizon
-    surprise: float  # mean of NIS over the number of values: about 1 when its covariance is right
-    time: float | None  # of the last reading, s of the run
-
-
-@dataclass(frozen=True, slots=True)
-class Belonging:
-    """A sensor's settings."""
-
-    gate: float = 5.0  # Mahalanobis distance beyond which a reading is not believed
-    timeout: float = 1.0  # s without a reading after which it is silent
-    tells_pose: bool = False  # whether it tells x and y: then the pose is in its frame
-
-
-@dataclass(slots=True)
-class _Judge:
-    """The evidence on one sensor."""
-
-    name: str
-    settings: Belonging
-    believed: bool = True
-    reason: str = ""
-    contradicts: bool = False  # it is believed no longer, though others may be as wrong
-    used: int = 0
-    rejected: int = 0
-    late: int = 0
-    surprise: float = 1.0
-    time: float | None = None
-    since: float = 0.0  # when it was heard last, or began to be waited for
-    beyond: int = 0  # readings in a row beyond the gate
-    same: int = 0  # readings in a row that were equal
-    last: tuple[float, ...] = ()
-    heard: float = 0.0  # the last reading of one that contradicts, s of the run
-    sigmas: tuple[float, ...] = ()  # of the last reading
-    misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
-    one_sided: float = 0.0  # the largest of these
-    distance: tuple[float, float] = (inf, inf)  # from the pose to where one that is not believed has it, m
-    kept_since: float = 0.0  # ... and since when, s of the run
-    fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
-    fitting_since: float = 0.0
-
-    def trust(self) -> Trust:
-        return Trust(
-            self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
-        )  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -205,7 +114,7 @@ class Fusion:
         """What is to be told: a sensor is believed no longer, or again; whoever tells it empties the list."""
         self._wheelbase = wheelbase
         self._density = drift.density()
-        self._judges = {name: _Judge(name, settings) for name, settings in sensors.items()}
+        self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         sigmas = np.array([0.0, 0.0, 0.0, SPEED, YAW_RATE, BIASED, slip_sigma])
         self._base, self._base_time = belief_of(np.zeros(sigmas.size), np.diag(sigmas**2)), -1.0
         self._entries: list[_Entry] = []
@@ -214,7 +123,7 @@ class Fusion:
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._alone = False  # one sensor only is believed
-        self._suspect: _Judge | None = None  # whose readings miss on one side
+        self._suspect: Judge | None = None  # whose readings miss on one side
         self._dispute = [0.0, 0.0, 0.0]  # m, m, rad from the pose to where those that contradict have it
 
     def take(self, measurement: Measurement) -> None:
@@ -254,7 +163,7 @@ class Fusion:
         self._forget(now - HORIZON)
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout and judge.reason != "silent":
-                self._doubt(judge, "silent")
+                self._tell(judge.doubt("silent"))
         belief, time = (self._entries[-1].belief, self._entries[-1].time) if self._entries else self._began()
         return self._estimate(self._predicted(belief, now - time))
 
@@ -270,7 +179,7 @@ class Fusion:
                 judge.time = time
             if not isfinite(sum(measurement.values)):
                 judge.rejected += 1
-                self._doubt(judge, "no number")
+                self._tell(judge.doubt("no number"))
                 return len(entries)
         if time < self._base_time or time < self._now - HORIZON or not time <= self._now + 1e-6:
             if judge is not None:
@@ -323,7 +232,7 @@ class Fusion:
                         suspect.misses = [0.5 * miss for miss in suspect.misses]
                         culprit = self._culprit(place)
                         if culprit is not None:
-                            self._doubt(culprit, DRIFTS)
+                            self._tell(culprit.doubt(DRIFTS))
                             return self._take_out(culprit.name)
                         if suspect.settings.tells_pose:
                             offset = [miss * sigma for miss, sigma in zip(suspect.misses, suspect.sigmas, strict=False)]
@@ -335,7 +244,7 @@ class Fusion:
             entry.belief = belief
         return None
 
-    def _culprit(self, last: int) -> _Judge | None:
+    def _culprit(self, last: int) -> Judge | None:
         """The sensor without which the readings up to an entry fit best; None when they fit no better without anyone.
 
         Where two contradict one another and nobody takes sides it is the first in the order in which they are given,
@@ -352,12 +261,12 @@ class Fusion:
         culprit, ours = likely[0]
         culprit.contradicts = len(likely) > 1 or (culprit.settings.tells_pose and self._seldom(culprit))
         if culprit.contradicts and culprit.settings.tells_pose:
-            self._disputed(self._offset(culprit))
+            self._disputed(culprit.offset())
         for _, theirs in likely[1:]:
             self._disputed(sub(*pair) for pair in zip(theirs, ours, strict=True))
         return culprit
 
-    def _seldom(self, judge: _Judge) -> bool:
+    def _seldom(self, judge: Judge) -> bool:
         """Whether a sensor's misses are older than the readings that are kept, so these cannot tell who is to blame."""
         return sum(entry.measurement.sensor == judge.name for entry in self._entries) < MEMORY // 2
 
@@ -421,12 +330,27 @@ class Fusion:
             return update(belief, residual, h, sigmas, gate)[0]
         after, nis, misses = update(belief, residual, h, sigmas, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
-        self._judge(judge, measurement, belief, nis, misses)
-        if not judge.believed and self._keeps_its_distance(judge, measurement, belief, residual):
-            self._restore(judge)
+        used = judge.used
+        self._tell(judge.weigh(measurement, belief.mean[ROLLED], nis, misses))
+        if judge.used > used and judge.one_sided > ONE_SIDED:
+            self._suspect = judge
+        if self._nobody_else_knows(judge) and judge.keeps_its_distance(measurement, belief, residual):
+            self._tell(judge.restore())
             self._disputed([*residual, 0.0][:3])
             entry.wider = wider(measurement.rows, residual)
         return after
+
+    def _tell(self, news: str) -> None:
+        if news:
+            self.changes.append(news)
+
+    def _nobody_else_knows(self, judge: Judge) -> bool:
+        """Whether this sensor tells the place, and none that is believed does.
+
+        When it keeps its distance it no longer drifts; how far it was then stays a doubt of the pose.
+        """
+        knowing = (each for each in self._judges.values() if each.settings.tells_pose)
+        return judge.settings.tells_pose and not any(each.believed for each in knowing)
 
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Seven]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
@@ -456,80 +380,13 @@ class Fusion:
 
     # -- belief ----------------------------------------------------------------------------------------------------
 
-    def _judge(
-        self, judge: _Judge, measurement: Measurement, belief: Belief, nis: float, misses: Sequence[float]
-    ) -> None:
-        """Weigh a new reading by its NIS and its misses."""
-        count = len(misses)
-        fits = nis <= judge.settings.gate**2
-        judge.sigmas = measurement.sigmas
-        judge.surprise += (min(nis, 100.0 * count) / count - judge.surprise) / MEMORY
-        same = measurement.values == judge.last
-        judge.same = judge.same + 1 if same else 0
-        judge.last = measurement.values
-        if measurement.kind is Kind.ENCODERS:  # whole counts are often the same, but not for so long
-            frozen = judge.same >= SAME_COUNTS and any(measurement.values)
-        else:
-            moving = measurement.kind is not Kind.POSE or abs(belief.mean[ROLLED]) > MOVING or not judge.believed
-            frozen = judge.same >= SAME_MAX and moving
-        time = measurement.time
-        means, one_sided = judge.misses, 0.0
-        for place, miss in enumerate(misses):
-            if not -LARGE <= miss <= LARGE:
-                miss = LARGE if miss > 0.0 else -LARGE
-            means[place] = mean = means[place] + (miss - means[place]) / MEMORY
-            one_sided = max(one_sided, mean, -mean)
-        judge.one_sided = one_sided
-        if not judge.believed:
-            judge.rejected += 1
-            if not fits or frozen or (judge.reason == DRIFTS and one_sided > 2.0 * ONE_SIDED):
-                judge.fitting = 0
-                return
-            if judge.fitting == 0:
-                judge.fitting_since = time
-            judge.fitting += 1
-            if judge.fitting >= FITTING and time - judge.fitting_since >= FITS:
-                self._restore(judge)
-            return
-        if frozen:
-            self._doubt(judge, "stands still")
-            return
-        if not fits:
-            judge.rejected += 1
-            judge.beyond += 1
-            if judge.beyond >= REJECTED_MAX:
-                self._doubt(judge, "disagrees with the others")
-            return
-        judge.used += 1
-        judge.beyond = 0
-        if one_sided > ONE_SIDED:
-            self._suspect = judge
-
-    def _doubt(self, judge: _Judge, reason: str) -> None:
-        judge.fitting = judge.beyond = 0
-        judge.distance = inf, inf
-        judge.misses, judge.one_sided = [0.0, 0.0, 0.0], 0.0
-        if judge.believed:
-            self.changes.append(f"'{judge.name}' is not believed any more: {reason}")
-        judge.believed, judge.reason = False, reason
-
-    def _restore(self, judge: _Judge) -> None:
-        judge.believed, judge.reason, judge.fitting, judge.surprise = True, "", 0, 1.0
-        judge.contradicts = False
-        self.changes.append(f"'{judge.name}' is believed again")
-
     # -- contradictions that nobody settles ------------------------------------------------------------------------
 
     def _disputed(self, further: Iterable[float]) -> None:
         """Move the pose as those would have it that contradict, by m, m, rad."""
         self._dispute = [so_far + more for so_far, more in zip(self._dispute, further, strict=True)]
 
-    def _offset(self, judge: _Judge) -> list[float]:
-        """How far off x, y and theta may be by a sensor's mean misses, m, m, rad."""
-        offset = [LEVER * miss * sigma for miss, sigma in zip(judge.misses, judge.sigmas, strict=False)]
-        return [*offset, 0.0][:3]
-
-    def _contradict(self, judge: _Judge, measurement: Measurement, mean: Seven, residual: Sequence[float]) -> None:
+    def _contradict(self, judge: Judge, measurement: Measurement, mean: Seven, residual: Sequence[float]) -> None:
         """Go on as a sensor would that contradicts: its velocities less ours, since its last reading."""
         before, judge.heard = judge.heard, measurement.time
         dt = min(max(measurement.time - before, 0.0), STEP_MAX)
@@ -548,27 +405,10 @@ class Fusion:
         doubts = [x * x + y * y, x * x + y * y, theta * theta]  # in any direction: the sensor may be wrong in any
         for judge in self._judges.values():
             if judge.settings.tells_pose and judge.believed and judge.one_sided > ONE_SIDED_SO_FAR:
-                for place, (miss, offset) in enumerate(zip(judge.misses, self._offset(judge), strict=False)):
+                for place, (miss, offset) in enumerate(zip(judge.misses, judge.offset(), strict=False)):
                     if abs(miss) > ONE_SIDED_SO_FAR:
                         doubts[place] += offset * offset
         return doubts
-
-    def _keeps_its_distance(
-        self, judge: _Judge, measurement: Measurement, belief: Belief, residual: Sequence[float]
-    ) -> bool:
-        """Whether the only sensor that tells the place has been as far from the pose as now for `KEEPS` seconds.
-
-        Then it no longer drifts, and nothing else knows the place; how far it was stays a doubt of the pose.
-        """
-        others = any(each.settings.tells_pose and each.believed for each in self._judges.values())
-        if others or measurement.rows[:2] != (X, Y) or measurement.kind is not Kind.POSE:
-            return False
-        x, y = judge.distance
-        sigma = sqrt(belief.covariance[X, X] + belief.covariance[Y, Y] + measurement.sigmas[X] ** 2)
-        kept = hypot(residual[X] - x, residual[Y] - y) <= KEPT * sigma
-        if not kept or judge.same >= SAME_MAX:
-            judge.distance, judge.kept_since = (residual[X], residual[Y]), measurement.time
-        return measurement.time - judge.kept_since >= KEEPS
 
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
@@ -617,39 +457,3 @@ def wider(rows: Sequence[int], offset: Sequence[float], slip: float = 0.0) -> Ar
         spread[row, row] = each * each
     spread[SLIP, SLIP] = slip * slip
     return spread
-
-
-def aligned(pairs: deque[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:
-    """The turn (rad) and move (m) that bring positions p onto measured ones z, and their covariance; None: too vague.
-
-    Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
-    turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
-    is p, z, and sigma, m.
-    """
-    if len(pairs) < 5:
-        return None
-    px, py, zx, zy, sigma = np.array(pairs).T
-    cx, cy, dx, dy = px.mean(), py.mean(), zx.mean(), zy.mean()
-    px, py, zx, zy = px - cx, py - cy, zx - dx, zy - dy
-    spread, variance = float(px @ px + py @ py), float(np.mean(sigma**2))
-    if spread * ALIGNED**2 < variance:
-        return None
-    turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
-    c, s = cos(turn), sin(turn)
-    return (
-        turn,
-        float(dx - c * cx + s * cy),
-        float(dy - s * cx - c * cy),
-        np.diag((variance / len(pairs), variance / len(pairs), variance / spread)),
-    )
-
-
-def about(spread: Array, mean: Seven, turn: float, pairs: deque[tuple[float, ...]]) -> Array:
-    """The covariance of a frame (x, y, turn) at the centre of the pairs, at where the robot is instead."""
-    px, py = np.mean([pair[:2] for pair in pairs], axis=0)
-    dx, dy = mean[X] - float(px), mean[Y] - float(py)
-    c, s = cos(turn), sin(turn)
-    j = np.eye(3)
-    j[0, 2], j[1, 2] = -(s * dx + c * dy), c * dx - s * dy
-    moved: Array = j @ spread @ j.T
-    return moved

@@ -5,7 +5,9 @@ from math import cos, hypot, sin, sqrt, tan
 from typing import Any, Final, NamedTuple
 
 from txt1.config.schema import EstimationConfig, FusedConfig
-from txt1.estimation.fusion import Belonging, Estimate, Fusion, Kind, Measurement, Trust
+from txt1.estimation.fusion import Estimate, Fusion
+from txt1.estimation.judge import Belonging, Trust
+from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.readings import plan, tells_pose
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry

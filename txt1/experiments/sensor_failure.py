@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.errors import NotArmed
-from txt1.estimation.fusion import Measurement
+from txt1.estimation.measurement import Measurement
 from txt1.estimation.task import ENCODERS
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle

@@ -1,0 +1,26 @@
+"""Readings as the filter takes them."""
+
+from enum import Enum
+from typing import NamedTuple
+
+
+class Kind(Enum):
+    """The quantities that a measurement is of."""
+
+    STEERING = "the steering's curvature: its change since the last one, and itself, 1/m"
+    ENCODERS = "v and omega, by the encoders"
+    GYRO = "omega and the gyro's bias"
+    POSE = "x, y and theta"
+    VELOCITY = "v and omega"
+
+
+class Measurement(NamedTuple):
+    """A reading as the filter takes it."""
+
+    time: float  # when it was taken, s of the run
+    sensor: str
+    kind: Kind
+    rows: tuple[int, ...]  # those of the kind's quantities that it has
+    values: tuple[float, ...]  # m, rad, m/s, rad/s
+    sigmas: tuple[float, ...]  # their standard deviations
+    at: tuple[float, float] = (0.0, 0.0)  # where on the robot a pose is measured, x forward, y left, m
