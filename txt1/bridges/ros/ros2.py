@@ -1,6 +1,6 @@
 """The node of ROS 2: it publishes ready bytes, and hands on what it is asked for. Runs under the Python that has rclpy.
 
-The main thread serves subscriptions, services and parameters; another one publishes what the robot sends.
+The main thread takes commands, another one publishes what the robot sends, others serve whatever has to wait for it.
 """
 
 import fcntl
@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from base64 import b64decode
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from importlib import import_module
 from math import atan2
@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -63,6 +63,8 @@ class Bridge:
         self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
         self.over = False
         """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
+        self.wake: Callable[[], None] = lambda: None
+        """Tells the executor of the group below that there is another subscription."""
         self._network = addresses()
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
@@ -78,7 +80,8 @@ class Bridge:
         self._stamps, self._order = Stamps(stale), Publishers()
         self._commands: Any = None
         self._group = ReentrantCallbackGroup()
-        self._driving = MutuallyExclusiveCallbackGroup()
+        self.driving = MutuallyExclusiveCallbackGroup()
+        """What comes as a message, and the look at oneself: nothing that waits."""
         self._serve(offers)
         self._diagnostics: Any = None
         if "drive" in offers:
@@ -87,7 +90,7 @@ class Bridge:
             self._declare(parameters, stamped)
             self._subscribe(stamped)
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        node.create_timer(SECOND, self._report, callback_group=self._driving)
+        node.create_timer(SECOND, self._report, callback_group=self.driving)
 
     # -- the robot's messages ----------------------------------------------------------------------------------
 
@@ -148,9 +151,9 @@ class Bridge:
 
         self._subscribe_to_commands(TwistStamped if stamped else Twist)
         self._node.create_subscription(
-            Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self._driving
+            Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self.driving
         )
-        self._node.create_subscription(Int32MultiArray, "~/servos", self._servos, 10, callback_group=self._driving)
+        self._node.create_subscription(Int32MultiArray, "~/servos", self._servos, 10, callback_group=self.driving)
 
     def _subscribe_to_commands(self, kind: type) -> None:
         """Take commands of this type: a topic has one."""
@@ -159,7 +162,7 @@ class Bridge:
         self._stamps, self._order = Stamps(self._stale), Publishers()
         take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
         quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)  # goes together with publishers of both kinds
-        self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self._driving)
+        self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
 
     def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
         self._counts["commands"] += 1
@@ -282,6 +285,7 @@ class Bridge:
                     from geometry_msgs.msg import Twist, TwistStamped
 
                     self._subscribe_to_commands(TwistStamped if each.value else Twist)
+                    self.wake()
             return SetParametersResult(successful=True)
 
         self._node.add_on_set_parameters_callback(changed)
@@ -322,6 +326,34 @@ class Bridge:
         self._diagnostics.publish(message)
 
 
+class Driving(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is known to another Python only
+    """Serves one callback group of a node: it takes a message much sooner than an executor of many threads."""
+
+    def __init__(self, bridge: Bridge, node: Node) -> None:
+        super().__init__()
+        self._group, self._node = bridge.driving, node
+
+    def get_nodes(self) -> list[Node]:
+        """The node, which belongs to the other executor."""
+        return [self._node]
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is of the group, and ready."""
+        return entity.callback_group is self._group and bool(super().can_execute(entity))
+
+
+class Serving(MultiThreadedExecutor):  # type: ignore[misc]  # as above
+    """Serves all others, which may wait for the robot."""
+
+    def __init__(self, bridge: Bridge) -> None:
+        super().__init__(num_threads=4)
+        self._group = bridge.driving
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is of another group, and ready."""
+        return entity.callback_group is not self._group and bool(super().can_execute(entity))
+
+
 def main(
     robot: Connection,
     *,
@@ -339,21 +371,34 @@ def main(
     while not ends.is_set():
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
         node = Node(name, namespace=namespace)
-        executor = MultiThreadedExecutor(num_threads=4)
-        executor.add_node(node)
         bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
-        publishing = threading.Thread(target=_publish, args=(bridge, ends), daemon=True, name="publishing")
-        publishing.start()
+        serving, driving = Serving(bridge), Driving(bridge, node)
+        serving.add_node(node)
+        bridge.wake = driving.wake
+        threads = [
+            threading.Thread(target=_publish, args=(bridge, ends), daemon=True, name="publishing"),
+            threading.Thread(target=_serve, args=(serving,), daemon=True, name="serving"),
+        ]
+        for thread in threads:
+            thread.start()
         try:
             while not bridge.over:
-                executor.spin_once()
+                driving.spin_once()
         except ExternalShutdownException:
             ends.set()
         finally:
-            executor.shutdown(timeout_sec=1.0)
+            for executor in (driving, serving):
+                executor.shutdown(timeout_sec=1.0)
             node.destroy_node()
             rclpy.try_shutdown()
-        publishing.join()
+        for thread in threads:
+            thread.join()
+
+
+def _serve(executor: Serving) -> None:
+    """Serve until the executor is shut down."""
+    with suppress(ExternalShutdownException):
+        executor.spin()
 
 
 def _publish(bridge: Bridge, ends: threading.Event) -> None:
