@@ -8,18 +8,21 @@ branches.
 import argparse
 import contextlib
 import io
+import json
 import os
 import random
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from typing import Final
 
 from torture import page
+from torture.campaign import sources
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.protocol.decoder import Decoder
@@ -107,13 +110,11 @@ def _time_of(data: bytes, piece: int) -> float:
     return best
 
 
-def hostile_streams(sizes: tuple[int, int] = SIZES) -> list[tuple[str, float, float]]:
-    """For each adversarial stream ns a byte of the longer one, and how much more that is than of the shorter."""
-    rows = []
-    for name, unit in HOSTILE.items():
-        short, long = (_time_of((unit * (size // len(unit) + 1))[:size], 64) for size in sizes)
-        rows.append((name, long, long / short))
-    return rows
+def hostile_stream(name: str, sizes: tuple[int, int] = SIZES) -> tuple[float, float]:
+    """Of an adversarial stream ns a byte of the longer size, and how many times that is a byte of the shorter."""
+    unit = HOSTILE[name]
+    short, long = (_time_of((unit * (size // len(unit) + 1))[:size], 64) for size in sizes)
+    return long, long / short
 
 
 # -- settings ----------------------------------------------------------------------------------------------------------
@@ -318,6 +319,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--inputs", type=int, default=100_000, help="for each of the others (a tenth for recordings)")
     parser.add_argument("--seconds", type=float, default=60.0, help="for each with libFuzzer, where atheris is there")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kept", type=Path, default=Path("out/torture/fuzz.json"), help="what came out so far")
     parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
     parser.add_argument("--target", choices=TARGETS, help="with --input: hand it this file")
     parser.add_argument("--input", type=Path)
@@ -326,34 +328,69 @@ def main(words: Sequence[str] | None = None) -> int:
         TARGETS[options.target](options.input.read_bytes())
         return 0
     del rest
+    code = sources()
+    kept: dict[str, str] = {}
+    if options.kept.exists():
+        former = json.loads(options.kept.read_text())
+        kept = former["lines"] if former["code"] == code else {}
+    broken: dict[str, str] = {}  # tried again the next time
+    steps = dict(_steps(options))
+    for key, step in steps.items():
+        if key in kept:
+            continue
+        what, wrong = step()
+        line = f"| {what} |" if wrong is None else f"| {what} {wrong} |"
+        print(line, flush=True)
+        (kept if wrong is None else broken)[key] = line
+        options.kept.parent.mkdir(parents=True, exist_ok=True)
+        options.kept.write_text(json.dumps({"code": code, "lines": kept}, indent=1))
+    kept |= broken
+    known = [(key, kept[key]) for key in steps if key in kept]
     lines = ["| reader | inputs | broken |", "|---|---|---|"]
-    broken = 0
-
-    def tell(reader: str, what: str, wrong: str | None) -> None:
-        nonlocal broken
-        broken += wrong is not None
-        lines.append(f"| {reader} | {what} | {wrong or 'none'} |")
-        print(lines[-1], flush=True)
-
-    tell("decoder", feed_random(options.bytes, options.seed), None)
-    for target in TARGETS:
-        count = options.inputs // (100 if target == "recording" else 10 if target == "file" else 1)
-        tell(target, f"{count} changed and random ones", attack(target, count, options.seed))
-    try:
-        import atheris  # noqa: F401
-
-        for target in TARGETS:
-            said = guided(target, options.seconds)
-            tell(target, f"libFuzzer: {said}", said if said.startswith("broken") else None)
-    except ImportError:
-        print("atheris is not installed: no guidance by coverage", file=sys.stderr)
+    lines += [line for key, line in known if not key.startswith("stream")]
     lines += ["", "| adversarial stream | ns a byte | of four times as many bytes, a byte takes |", "|---|--:|--:|"]
-    for name, cost, growth in hostile_streams():
-        lines.append(f"| {name} | {cost:.0f} | {growth:.2f} times |")
-        print(lines[-1], flush=True)
+    lines += [line for key, line in known if key.startswith("stream")]
     if options.page:
         page.write("fuzz", "\n".join(lines))
     return 1 if broken else 0
+
+
+Step = Callable[[], tuple[str, str | None]]
+
+
+def _steps(options: argparse.Namespace) -> Iterator[tuple[str, Step]]:
+    """All that is to be done, by a name that says how much of it: cells of the table, and what broke."""
+
+    def told(reader: str, what: str, wrong: str | None) -> tuple[str, str | None]:
+        return (f"{reader} | {what} | none", None) if wrong is None else (f"{reader} | {what} |", wrong)
+
+    yield (
+        f"random {options.bytes} {options.seed}",
+        lambda: told("decoder", feed_random(options.bytes, options.seed), None),
+    )
+    for target in TARGETS:
+        count = options.inputs // (100 if target == "recording" else 10 if target == "file" else 1)
+
+        def changed(target: str = target, count: int = count) -> tuple[str, str | None]:
+            return told(target, f"{count} changed and random ones", attack(target, count, options.seed))
+
+        yield f"{target} {count} {options.seed}", changed
+    if find_spec("atheris") is None:
+        print("atheris is not installed: no guidance by coverage", file=sys.stderr)
+    for target in TARGETS if find_spec("atheris") else ():
+
+        def with_coverage(target: str = target) -> tuple[str, str | None]:
+            said = guided(target, options.seconds)
+            return told(target, f"libFuzzer: {said}", said if said.startswith("broken") else None)
+
+        yield f"guided {target} {options.seconds:g}", with_coverage
+    for name in HOSTILE:
+
+        def stream(name: str = name) -> tuple[str, str | None]:
+            cost, growth = hostile_stream(name)
+            return f"{name} | {cost:.0f} | {growth:.2f} times", None
+
+        yield f"stream {name}", stream
 
 
 if __name__ == "__main__":
