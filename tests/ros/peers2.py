@@ -318,6 +318,18 @@ def stamped():
     during("unstamped", None)
     during("not a number", 0.0, float("nan"))
     peer.run(1.5)
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+
+    peer.destroy_publisher(publisher)
+    plain = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=False)
+    asked = [Parameter(name="use_stamped_vel", value=plain)]
+    told["set"] = (
+        peer.call("rcl_interfaces/SetParameters", "/txt1/set_parameters", parameters=asked).results[0].successful
+    )
+    publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
+    peer.until(publisher.get_subscription_count)
+    peer.run(1.0, 0.1, lambda: publisher.publish(twist(0.4, 0.0)))
+    told["plain"] = peer.last["/txt1/setpoint"].twist.linear.x
     return told | {"counts": counts}
 
 

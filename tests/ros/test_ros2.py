@@ -160,6 +160,7 @@ def test_stamps_from_the_past_and_the_future_and_what_is_no_number_are_refused_a
     assert told["now"] == told["again"] == told["unstamped"] == pytest.approx(0.4)
     assert told["-1.0"] == told["20.0"] == told["-3.0"] == told["40.0"] == 0.0
     assert told["not a number"] == 0.0
+    assert told["set"] and told["plain"] == pytest.approx(0.4), "a Twist after all, by the parameter"
     assert told["counts"]["from_the_past"] == 2 and told["counts"]["from_the_future"] == 2
 
 
