@@ -40,7 +40,7 @@ class Vesc(Controller):
         self._command, self._value = Command.SET_CURRENT, 0.0
         self._servo = options.servo_centre
         self._heard = -inf  # loop time of the last command
-        self._distance = self._last = 0.0
+        self._distance = self._last = self._duty = 0.0
 
     @property
     def drives(self) -> bool:
@@ -69,6 +69,7 @@ class Vesc(Controller):
                 motor = sign * min(max(value, -1.0), 1.0) * PWM_MAX
             case Command.SET_CURRENT:  # the simulated vehicle knows no torque: 60 A are full throttle
                 motor = sign * min(max(value / 60.0, -1.0), 1.0) * PWM_MAX
+        self._duty = sign * motor / PWM_MAX
         share = (self._servo - self._options.servo_centre) / self._options.servo_range
         self.car.steer(now, motor, min(max(share, -1.0), 1.0))
 
@@ -106,8 +107,9 @@ class Vesc(Controller):
         self.step(self.steps.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
-            Command.GET_VALUES, 250, 250, 0, 0, 0, 0, 0, round(erpm), round(10.0 * self.car.voltage), 0, 0, 0, 0,
-            int(self._last * self._steps_per_m), int(self._distance * abs(self._steps_per_m)), self.fault,
+            Command.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
+            round(10.0 * self.car.voltage), 0, 0, 0, 0, int(self._last * self._steps_per_m),
+            int(self._distance * abs(self._steps_per_m)), self.fault,
             0, 0, 250, 250, 250, 0, 0,
         )  # fmt: skip
         return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")

@@ -211,7 +211,7 @@ def test_pyvesc_drives_the_car_on_the_desk_and_reads_its_values(pyvesc: Any, fir
         assert car.vehicle.state.v > 0.5
         assert values.rpm == pytest.approx(60.0 * turns * car.vehicle.state.v, rel=0.01)
         assert values.tachometer == pytest.approx(6.0 * turns * sum(car.paths) / 2.0, rel=0.01)
-        assert values.tachometer_abs == values.tachometer
+        assert (values.tachometer_abs, values.duty_cycle_now) == (values.tachometer, 0.1)
         assert values.v_in == pytest.approx(car.voltage, abs=0.2)
         assert (values.temp_fet, values.mc_fault_code) == (25.0, b"\0")
         assert car.vehicle.state.theta > 0.3
