@@ -64,7 +64,7 @@ class Bridge:
         self.over = False
         """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
         self.wake: Callable[[], None] = lambda: None
-        """Tells the executor of the group below that there is another subscription."""
+        """Wakes the executor of the group below: there is another subscription, or an end to see to."""
         self._network = addresses()
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
@@ -408,6 +408,7 @@ def _publish(bridge: Bridge, ends: threading.Event) -> None:
     if not bridge.over:
         ends.set()
         signal.raise_signal(signal.SIGTERM)
+        bridge.wake()  # the main thread sleeps in ROS, and obeys signals when it wakes
 
 
 def addresses() -> frozenset[tuple[int, str]]:
