@@ -164,7 +164,7 @@ def collect(wanted: int, duration: float, minutes: float, realtime: bool, path: 
 
 def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
     """Return the rows of the table, and the verdict in words."""
-    kinds = {pages: [each for each in found if each.pages == pages] for pages in KINDS}
+    kinds = {pages: some for pages in KINDS if (some := [each for each in found if each.pages == pages])}
     rows = [
         (KINDS[pages], str(len(some)), spread([1e3 * each.p99 for each in some], 3),
          f"{sum(each.misses for each in some)} of {sum(each.cycles for each in some)}")
@@ -172,13 +172,13 @@ def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
     ]  # fmt: skip
     beside = kinds["here"]
     middle = median(each.p99 for each in beside)
-    free, taken = (verdict(middle <= max(each.p99 for each in kinds[pages])) for pages in ("none", "elsewhere"))
+    within = {pages: verdict(middle <= max(each.p99 for each in kinds[pages])) for pages in kinds}
+    busy = f"; of those that have the processors as busy: {within['elsewhere']}" if "elsewhere" in kinds else ""
     latencies = sorted(1e3 * each for one in beside for each in one.latencies) or [0.0]
     p50, p99 = (latencies[int(share * (len(latencies) - 1))] for share in (0.5, 0.99))
     loads = sorted(each.load for each in found)
     text = (
-        f"The median p99 beside the pages is within the spread of the rounds without: {free}; of those that have the "
-        f"processors as busy: {taken}. "
+        f"The median p99 beside the pages is within the spread of the rounds without: {within['none']}{busy}. "
         f"From a page's input to the robot's set-point: {p50:.0f} ms (p50), {p99:.0f} ms (p99), of {len(latencies)} "
         f"inputs. The load of this machine of {os.cpu_count()} processors, these rounds' own included, was "
         f"{loads[0]:.1f} to {loads[-1]:.1f}; in {sum(each.realtime for each in found)} of {len(found)} rounds the "
