@@ -86,7 +86,7 @@ def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float
     if speed < limits.v_dead_band:
         v = speed = 0.0
     omega_max, radius_min = limits.omega_max, limits.radius_min
-    if radius_min > 0.0 and speed < omega_max * radius_min:
+    if speed < omega_max * radius_min:  # never where it turns in place
         omega_max = yaw_rate_max(v, radius_min)
     if not abs(omega) <= omega_max:
         omega = clip(omega, omega_max)
