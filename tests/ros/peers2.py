@@ -318,6 +318,7 @@ def stamped():
     during("unstamped", None)
     during("not a number", 0.0, float("nan"))
     peer.run(1.5)
+    counted = dict(counts)  # another subscription counts anew
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 
     peer.destroy_publisher(publisher)
@@ -330,7 +331,7 @@ def stamped():
     peer.until(publisher.get_subscription_count)
     peer.run(1.0, 0.1, lambda: publisher.publish(twist(0.4, 0.0)))
     told["plain"] = peer.last["/txt1/setpoint"].twist.linear.x
-    return told | {"counts": counts}
+    return told | {"counts": counted}
 
 
 def two():

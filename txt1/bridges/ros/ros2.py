@@ -64,7 +64,7 @@ class Bridge:
         self.over = False
         """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
         self.wake: Callable[[], None] = lambda: None
-        """Wakes the executor of the group below: there is another subscription, or an end to see to."""
+        """Wakes the main thread."""
         self._network = addresses()
         self._publishers: dict[int, tuple[Any, str]] = {}
         self._by_name: dict[str, Any] = {}
@@ -149,7 +149,13 @@ class Bridge:
         from nav_msgs.msg import Odometry
         from std_msgs.msg import Int32MultiArray
 
-        self._subscribe_to_commands(TwistStamped if stamped else Twist)
+        def subscribe() -> None:
+            self._subscribe_to_commands(TwistStamped if self._stamped else Twist)
+
+        self._stamped = stamped
+        # another executor than the subscription's own must not destroy it
+        self._changed = self._node.create_guard_condition(subscribe, callback_group=self.driving)
+        subscribe()
         self._node.create_subscription(
             Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self.driving
         )
@@ -282,10 +288,8 @@ class Bridge:
                     return SetParametersResult(successful=False, reason=text)
             for each in given:
                 if each.name == "use_stamped_vel":
-                    from geometry_msgs.msg import Twist, TwistStamped
-
-                    self._subscribe_to_commands(TwistStamped if each.value else Twist)
-                    self.wake()
+                    self._stamped = bool(each.value)
+                    self._changed.trigger()
             return SetParametersResult(successful=True)
 
         self._node.add_on_set_parameters_callback(changed)
