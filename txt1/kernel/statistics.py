@@ -1,12 +1,12 @@
 """Running statistics of durations, at a cost too small to matter.
 
 A log-linear histogram: bucket widths grow with the value, so any percentile of any number of samples is known to 3 %
-in a few kilobytes, and adding a sample is little more than keeping it until there are a thousand.
+in a few kilobytes, and adding a sample is a shift and an increment.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from itertools import accumulate
 from typing import Final, NamedTuple
 
@@ -15,7 +15,6 @@ from txt1.kernel.clock import NS_PER_S
 _SUB_BITS: Final = 5
 _SUB: Final = 1 << _SUB_BITS  # buckets per factor of two; the relative error is at most 1 / _SUB
 _EXACT: Final = 2 * _SUB  # below this many ns every value has a bucket of its own
-_NEW_MAX: Final = 1000
 
 
 class Percentiles(NamedTuple):
@@ -28,49 +27,37 @@ class Percentiles(NamedTuple):
 
 
 class Histogram:
-    """Counts of durations in ns; never forgets, never grows beyond its buckets and a few new ones."""
+    """Counts of durations in ns; never forgets, never grows."""
 
     def __init__(self) -> None:
         self._counts = [0] * (_EXACT + _SUB * (64 - _SUB_BITS))
-        self._new: list[int] = []  # not in a bucket yet: many at once are sorted into them sooner than one by one
-        self._max_ns = 0
+        self._shift = self._first = 0  # of the last one's buckets: their width, and the place of the first
+        self.max_ns = 0
 
     @property
     def count(self) -> int:
         """How many durations were counted."""
-        return sum(self._counts) + len(self._new)
-
-    @property
-    def max_ns(self) -> int:
-        """The longest in ns; 0 without samples."""
-        self._settle()
-        return self._max_ns
+        return sum(self._counts)
 
     def add(self, ns: int) -> None:
         """Count one duration in ns; a negative one counts as 0."""
-        new = self._new
-        new.append(ns)
-        if len(new) == _NEW_MAX:
-            self._settle()
-
-    def _settle(self) -> None:
-        """Put the new ones into their buckets."""
-        new = sorted(self._new)
-        self._new.clear()
-        start = 0
-        while start < len(new):
-            bucket = _bucket(new[start])
-            end = bisect_right(new, _upper_bound_ns(bucket), start)
-            self._counts[bucket] += end - start
-            start = end
-        if new:
-            self._max_ns = max(self._max_ns, new[-1])
+        bucket = ns >> self._shift
+        if not _SUB <= bucket < _EXACT:  # it is not near the last one
+            if ns < _EXACT:
+                ns = max(ns, 0)
+                self._shift = 0
+            else:
+                self._shift = ns.bit_length() - _SUB_BITS - 1
+            bucket = ns >> self._shift
+            self._first = self._shift << _SUB_BITS
+        self._counts[self._first + bucket] += 1
+        if ns > self.max_ns:
+            self.max_ns = ns
 
     def copy(self) -> Histogram:
         """Return one with the same counts, which stay as they are."""
-        self._settle()
         copied = Histogram()
-        copied._counts, copied._max_ns = self._counts.copy(), self._max_ns
+        copied._counts, copied.max_ns = self._counts.copy(), self.max_ns
         return copied
 
     def pad(self, count: int) -> None:
@@ -79,20 +66,12 @@ class Histogram:
 
     def percentiles_ns(self, *shares: float) -> list[int]:
         """The smallest durations in ns that such shares of the samples do not exceed, to 3 %; 0 without samples."""
-        longest, reached = self.max_ns, list(accumulate(self._counts))
-        return [min(_upper_bound_ns(bisect_left(reached, share * reached[-1])), longest) for share in shares]
+        reached = list(accumulate(self._counts))
+        return [min(_upper_bound_ns(bisect_left(reached, share * reached[-1])), self.max_ns) for share in shares]
 
     def percentiles(self) -> Percentiles:
         """p50, p99, p99.9 and the maximum in seconds."""
         return Percentiles(*(ns / NS_PER_S for ns in (*self.percentiles_ns(0.5, 0.99, 0.999), self.max_ns)))
-
-
-def _bucket(ns: int) -> int:
-    """The bucket into which a duration falls."""
-    if ns < _EXACT:
-        return max(ns, 0)
-    shift = ns.bit_length() - _SUB_BITS - 1
-    return (shift << _SUB_BITS) + (ns >> shift)
 
 
 def _upper_bound_ns(index: int) -> int:
