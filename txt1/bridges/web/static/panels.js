@@ -75,7 +75,7 @@ const learner = (know, panel) => {
   if (!panel.querySelector("#episodes-chart")) {
     panel.replaceChildren(
       title("time to the light, in times of the best possible"), curve("episodes-chart", "time to the light of the last 32 episodes"),
-      title(`mean reward of ${RECENT} decisions`), curve("rewards-chart", "mean reward over the last 400 decisions"),
+      title(`mean reward of the last ${RECENT} decisions`), curve("rewards-chart", "mean reward over the last 400 decisions"),
       element("div", { id: "learner-now" }), title("episodes"), element("div", { id: "learner-episodes" }))
     learning.charts = null
   }
@@ -100,7 +100,7 @@ const learner = (know, panel) => {
     learning.seen = learning.decisions
     rewards.clear()
     const known = steps.map((step) => step.reward).filter(Number.isFinite).slice(-400 - RECENT)
-    known.forEach((_, index) => { if (index >= RECENT) rewards.add(index, mean(known.slice(index - RECENT, index))) })
+    known.forEach((_, index) => rewards.add(index, mean(known.slice(Math.max(0, index + 1 - RECENT), index + 1))))
     if (last) panel.querySelector("#learner-now").replaceChildren(table(null, [
       ["episode", last.episode], ["state", last.state < 0 ? "–" : last.state], ["decisions seen", learning.decisions],
       ["values", last.values.map((value) => value.toFixed(2)).join("  ")],
