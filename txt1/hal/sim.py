@@ -45,7 +45,7 @@ class SimHal:
         self.vehicle = vehicle
         self._ground = ground
         self._wiring = None if wiring == STRAIGHT else wiring
-        self._as_counted = self.capabilities.ticks and self._wiring is None
+        self._as_counted = vehicle.body.counts_per_rev > 0 and self._wiring is None
         self.world = vehicle.world
         self.outputs = NEUTRAL
         self.indicators = Indicators()
@@ -85,7 +85,7 @@ class SimHal:
 
     def _sent(self, counts: tuple[int, int]) -> tuple[int, int] | None:
         """Encoder counts as they arrive through the wiring; None where there are no encoders."""
-        if not self.capabilities.ticks:
+        if not self.vehicle.body.counts_per_rev:
             return None
         return counts if self._wiring is None else self._wiring.sent(*counts)
 

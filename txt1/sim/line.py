@@ -125,7 +125,7 @@ class Line:
                 self._report("stall", data)
                 when = end
         if faults.merge:
-            when = ceil(round(when / faults.merge, 6)) * faults.merge
+            when = max(when, ceil(round(when / faults.merge, 6)) * faults.merge)
         self._last = when
         return when
 
