@@ -13,7 +13,7 @@ The errors of a measurement's numbers are independent, so they are taken in one 
     x' = x + w y,  P' = P - w w^T,  NIS = sum of y^2
 
 The misses are independent and of variance 1. P is kept as its upper triangle, so it is symmetric whatever is rounded.
-The products are written out, as an array costs more than all the numbers in it: a step takes two thirds of numpy's time.
+The products are written out, as an array costs more than the numbers in it: a step takes two thirds of numpy's time.
 """
 
 from collections.abc import Sequence
