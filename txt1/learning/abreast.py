@@ -1,6 +1,6 @@
 """Trials of one world side by side: the same task and the same learners as on the running robot, many times as fast.
 
-The vehicles move by `txt1.sim.fleet`, their loops and encoders run as in `txt1.learning.batch`, the light is sampled
+The vehicles move by `txt1.sim.batch`, their loops and encoders run as in `txt1.learning.batch`, the light is sampled
 every 16 ms, and a `Trial` each tells the learners when to act. Nothing else of the robot is there. All trials do their
 first episode, then all their second, so that a world which changes in mid-trial changes for everyone alike. Trials
 repeat bit for bit from the seed and their numbers. Decisions are multiples of 0.1 s apart.
@@ -25,8 +25,8 @@ from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNK
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
+from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
-from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.light import PointLight, lux_at, noise_for_jitter
 
 DECISION_MS: Final = 100  # learners are asked so often

@@ -1,6 +1,6 @@
 """Many simulated robots at once, for training that needs millions of steps (extra `fast`: numba).
 
-The vehicles are `txt1.sim.fleet`; the loops and the light are the runtime's own `txt1.control` and
+The vehicles are `txt1.sim.batch`; the loops and the light are the runtime's own `txt1.control` and
 `txt1.sim.light.lux_at`. The odometry's velocities and the filter are written out here over arrays;
 tests/unit/learning/test_batch.py holds it all against the running robot. Without numba it is the same, slowly.
 """
@@ -20,15 +20,15 @@ from txt1.kernel.processors import processors
 from txt1.learning.light import FILTER_WEIGHT
 from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
-from txt1.sim.fleet import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.light import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 
 TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.
 WEIGHT: Final = FILTER_WEIGHT ** (0.001 * TICK_MS / SAMPLE_PERIOD)  # (5.10) at 20 ms in place of 16
 
-# rows of the robots' state: those of `txt1.sim.fleet` first, then the encoders', the loops' and the light's
+# rows of the robots' state: those of `txt1.sim.batch` first, then the encoders', the loops' and the light's
 PHASE, COUNT, SENSED, LINEAR, ANGULAR, OUTPUT, FILTERED, LEAD = 7, 9, 11, 13, 16, 19, 21, 25
 ROWS: Final = 26
 

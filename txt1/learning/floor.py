@@ -26,8 +26,8 @@ from txt1.control.pid import Gains
 from txt1.learning.abreast import DECISION_MS, gains_table
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.trial import Start, Task, task_of
+from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
-from txt1.sim.fleet import LEFT, RIGHT, Array, X, Y, compiled, move
 
 BEARINGS: Final = 120  # that are driven, 3 degrees apart
 DEPENDS: Final = (

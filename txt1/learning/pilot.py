@@ -31,7 +31,7 @@ from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import LUX_MAX, LUX_MIN, Readings
 from txt1.model.odometry import Odometry
-from txt1.sim.fleet import compiled as compiled_anew
+from txt1.sim.batch import compiled as compiled_anew
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]

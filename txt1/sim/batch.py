@@ -3,7 +3,7 @@
 For vehicles that are driven and steer front and rear by opposite angles, as the velocity loops do. One pass over the
 arrays moves each of them by one piece of its tick, with the same equations in the same order; where the functions of
 `math` would break the vectors, series that are exact to the last bits of a double stand for them. Vehicles that coast
-go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_fleet.py holds the two together to 1e-12.
+go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_many_vehicles.py holds the two together to 1e-12.
 
 numba compiles it (extra `fast`). Without numba it is the same, slowly.
 """
@@ -26,7 +26,7 @@ from txt1.sim.dynamics import move as move_vehicle
 Array = NDArray[np.float64]
 
 X, Y, THETA, V, PHI, RIGHT, LEFT = range(7)
-"""Rows of a fleet's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
+"""Rows of a batch's state: as in `VehicleState`, with one steering angle, the front's; the rear's is its opposite."""
 
 SERIES_MAX: Final = pi / 4.0  # largest angle, rad, for which `sine` and `cosine` are good
 EXPONENT_MAX: Final = 0.25  # largest exponent for which `exponential` is good
@@ -164,13 +164,13 @@ _move_one = compiled(move_vehicle)
 
 
 def _move(
-    fleet: Array, motor: Array, steering: Array, drag: Array, dt: float, p: Dynamics,
+    batch: Array, motor: Array, steering: Array, drag: Array, dt: float, p: Dynamics,
     target: Array, remaining: Array,
 ) -> None:  # fmt: skip
     """Let vehicles move for `dt` seconds.
 
     Args:
-        fleet: their state, shape (7, n), changed in place.
+        batch: their state, shape (7, n), changed in place.
         motor: PWM counts, shape (n,).
         steering: PWM counts of the rear servos, the front ones get the opposite; shape (n,).
         drag: of the floor, as a share of the speed, shape (n,).
@@ -182,21 +182,21 @@ def _move(
     """
     _, _, steering_max, _, dead_band, speed_time_constant, _, _, _, _, _, _, _, _ = p
     series_suffice = steering_max <= SERIES_MAX and dt * LOSS_MAX <= EXPONENT_MAX * speed_time_constant
-    for i in range(fleet.shape[1]):
+    for i in range(batch.shape[1]):
         target[i] = steering_max * (min(max(steering[i], -STEERING_MAX), STEERING_MAX) / STEERING_MAX)
         remaining[i] = dt
         if abs(motor[i]) <= dead_band or not series_suffice:
             before = (
-                fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i], fleet[PHI, i], -fleet[PHI, i],
-                fleet[RIGHT, i], fleet[LEFT, i],
+                batch[X, i], batch[Y, i], batch[THETA, i], batch[V, i], batch[PHI, i], -batch[PHI, i],
+                batch[RIGHT, i], batch[LEFT, i],
             )  # fmt: skip
             x, y, theta, v, phi, _, right, left = _move_one(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
-            fleet[X, i], fleet[Y, i], fleet[THETA, i], fleet[V, i] = x, y, theta, v
-            fleet[PHI, i], fleet[RIGHT, i], fleet[LEFT, i] = phi, right, left
+            batch[X, i], batch[Y, i], batch[THETA, i], batch[V, i] = x, y, theta, v
+            batch[PHI, i], batch[RIGHT, i], batch[LEFT, i] = phi, right, left
             remaining[i] = 0.0
     while (
         _drive_compiled(
-            fleet[X], fleet[Y], fleet[THETA], fleet[V], fleet[PHI], fleet[RIGHT], fleet[LEFT], target, remaining,
+            batch[X], batch[Y], batch[THETA], batch[V], batch[PHI], batch[RIGHT], batch[LEFT], target, remaining,
             motor, drag, p,
         ) > 0.0
     ):  # fmt: skip

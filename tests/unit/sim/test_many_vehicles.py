@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sim_steps import Parameters, advance
 
-from txt1.sim import fleet
+from txt1.sim import batch
 from txt1.sim.dynamics import VehicleState
 
 COUNT = 40
@@ -43,14 +43,14 @@ def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64
 @settings(deadline=None, max_examples=60)
 @given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
 @pytest.mark.long
-def test_a_vehicle_moves_in_the_fleet_as_alone(p: Parameters, seed: int, dt: float) -> None:
+def test_a_vehicle_moves_in_the_batch_as_alone(p: Parameters, seed: int, dt: float) -> None:
     rng = np.random.default_rng(seed)
     before = some_vehicles(rng, p)
     motor = np.trunc(rng.uniform(-7500.0, 7500.0, COUNT)) * (rng.random(COUNT) < 0.8)
     steering = np.trunc(rng.uniform(-20000.0, 20000.0, COUNT))
     drag = 0.03 * rng.standard_normal(COUNT)
     after = before.copy()
-    fleet.move(after, motor, steering, drag, dt, p, np.empty(COUNT), np.empty(COUNT))
+    batch.move(after, motor, steering, drag, dt, p, np.empty(COUNT), np.empty(COUNT))
     for i in range(COUNT):
         x, y, theta, v, phi, right, left = before[:, i]
         alone = advance(
@@ -58,13 +58,13 @@ def test_a_vehicle_moves_in_the_fleet_as_alone(p: Parameters, seed: int, dt: flo
         )
         expected = [alone.x, alone.y, alone.theta, alone.v, alone.phi_front, alone.right, alone.left]
         difference = after[:, i] - expected
-        difference[fleet.THETA] = (difference[fleet.THETA] + 1.0) % (2.0 * pi) - 1.0
+        difference[batch.THETA] = (difference[batch.THETA] + 1.0) % (2.0 * pi) - 1.0
         assert np.abs(difference).max() < 1e-12
 
 
 def test_the_series_are_exact_to_the_last_bits() -> None:
     angles = np.linspace(-20.0, 20.0, 2001)
-    assert max(abs(fleet.sine_cosine(a)[0] - sin(a)) for a in angles) < 3e-15
-    assert max(abs(fleet.sine_cosine(a)[1] - cos(a)) for a in angles) < 3e-15
-    small = np.linspace(-fleet.EXPONENT_MAX, fleet.EXPONENT_MAX, 501)
-    assert max(abs(fleet.exponential(x) / exp(x) - 1.0) for x in small) < 1e-15
+    assert max(abs(batch.sine_cosine(a)[0] - sin(a)) for a in angles) < 3e-15
+    assert max(abs(batch.sine_cosine(a)[1] - cos(a)) for a in angles) < 3e-15
+    small = np.linspace(-batch.EXPONENT_MAX, batch.EXPONENT_MAX, 501)
+    assert max(abs(batch.exponential(x) / exp(x) - 1.0) for x in small) < 1e-15
