@@ -19,7 +19,7 @@ The products are written out, as an array costs more than the numbers in it: a s
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, inf, sin, sqrt
-from operator import mul
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 Seven = tuple[float, float, float, float, float, float, float]
 Triangle = tuple[float, ...]
 """28 numbers: the upper triangle of a covariance, row by row."""
+Row = Seven | int
+"""One of a Jacobian; the place in the state of a number that is measured itself, of which the row is the unit's."""
 
 X, Y, THETA, ROLLED, OMEGA, BIAS, SLIP = range(7)
 """Places in the state: pose (m, rad), the wheels' speed (m/s), yaw rate (rad/s), the gyro's bias (rad/s), slip.
@@ -59,6 +61,10 @@ class Belief(NamedTuple):
 
 
 _UPPER: Final = np.triu_indices(SIZE)
+_COLUMNS: Final = tuple(
+    itemgetter(*(min(row, place) * (2 * SIZE - 1 - min(row, place)) // 2 + max(row, place) for row in range(SIZE)))
+    for place in range(SIZE)
+)  # of a covariance, out of its triangle
 
 
 def belief_of(mean: Sequence[float] | Array, covariance: Array) -> Belief:
@@ -157,7 +163,7 @@ def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Bel
 
 
 def update(
-    belief: Belief, residual: Sequence[float], h: Sequence[Seven], sigmas: Sequence[float], gate: float = inf
+    belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float], gate: float = inf
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
@@ -172,11 +178,11 @@ def update(
 
     """
     change, triangle = NOTHING, belief.triangle
-    misses = []
+    misses, nis = [], 0.0
     for left, row, sigma in zip(residual, h, sigmas, strict=True):
         change, triangle, miss = absorbed(change, triangle, left, row, sigma)
         misses.append(miss)
-    nis = sum(map(mul, misses, misses))
+        nis += miss * miss
     if not nis <= gate:  # also when it is not a number
         return belief, nis, misses
     x, y, t, u, o, b, s = belief.mean
@@ -184,13 +190,12 @@ def update(
     return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds), triangle), nis, misses
 
 
-def absorbed(change: Seven, triangle: Triangle, left: float, row: Seven, noise: float) -> tuple[Seven, Triangle, float]:
+def absorbed(change: Seven, triangle: Triangle, left: float, row: Row, noise: float) -> tuple[Seven, Triangle, float]:
     """The mean's change and the covariance with a number taken in, and by how many sigma it missed.
 
     `left` is the number's residual before anything changed, `row` that of its Jacobian, `noise` its own sigma.
     """
     x, y, t, u, o, b, s = change
-    hx, hy, ht, hu, ho, hb, hs = row
     (
         xx, xy, xt, xu, xo, xb, xs,
         yy, yt, yu, yo, yb, ys,
@@ -201,17 +206,24 @@ def absorbed(change: Seven, triangle: Triangle, left: float, row: Seven, noise: 
         ss,
     ) = triangle  # fmt: skip
 
-    if hu or ho or hb or hs:  # of the motion: c = P h, its spread h c, and the part that the mean's change says already
-        cx, cy = xu * hu + xo * ho + xb * hb + xs * hs, yu * hu + yo * ho + yb * hb + ys * hs
-        ct, cu = tu * hu + to * ho + tb * hb + ts * hs, uu * hu + uo * ho + ub * hb + us * hs
-        co, cb = uo * hu + oo * ho + ob * hb + os * hs, ub * hu + ob * ho + bb * hb + bs * hs
-        cs = us * hu + os * ho + bs * hb + ss * hs
-        spread, said = cu * hu + co * ho + cb * hb + cs * hs, u * hu + o * ho + b * hb + s * hs
-    else:  # of the pose
-        cx, cy, ct = xx * hx + xy * hy + xt * ht, xy * hx + yy * hy + yt * ht, xt * hx + yt * hy + tt * ht
-        cu, co = xu * hx + yu * hy + tu * ht, xo * hx + yo * hy + to * ht
-        cb, cs = xb * hx + yb * hy + tb * ht, xs * hx + ys * hy + ts * ht
-        spread, said = cx * hx + cy * hy + ct * ht, x * hx + y * hy + t * ht
+    # c = P h, its spread h c, and the part of what is left that the mean's change says already
+    if isinstance(row, int):
+        column = _COLUMNS[row](triangle)
+        cx, cy, ct, cu, co, cb, cs = column
+        spread, said = column[row], change[row]
+    else:
+        hx, hy, ht, hu, ho, hb, hs = row
+        if hu or ho or hb or hs:  # of the motion
+            cx, cy = xu * hu + xo * ho + xb * hb + xs * hs, yu * hu + yo * ho + yb * hb + ys * hs
+            ct, cu = tu * hu + to * ho + tb * hb + ts * hs, uu * hu + uo * ho + ub * hb + us * hs
+            co, cb = uo * hu + oo * ho + ob * hb + os * hs, ub * hu + ob * ho + bb * hb + bs * hs
+            cs = us * hu + os * ho + bs * hb + ss * hs
+            spread, said = cu * hu + co * ho + cb * hb + cs * hs, u * hu + o * ho + b * hb + s * hs
+        else:  # of the pose
+            cx, cy, ct = xx * hx + xy * hy + xt * ht, xy * hx + yy * hy + yt * ht, xt * hx + yt * hy + tt * ht
+            cu, co = xu * hx + yu * hy + tu * ht, xo * hx + yo * hy + to * ht
+            cb, cs = xb * hx + yb * hy + tb * ht, xs * hx + ys * hy + ts * ht
+            spread, said = cx * hx + cy * hy + ct * ht, x * hx + y * hy + t * ht
     sigma = sqrt(spread + noise * noise)
     miss = (left - said) / sigma
 
@@ -254,10 +266,10 @@ def encoders(mean: Seven, wheelbase: float) -> tuple[tuple[float, float], tuple[
     )
 
 
-def velocities(mean: Seven) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
+def velocities(mean: Seven) -> tuple[tuple[float, float], tuple[Row, Row]]:
     """Speed and yaw rate, and the rows of the Jacobian."""
     _, _, _, rolled, omega, _, slip = mean
-    return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled), TURNING)
+    return (rolled * (1.0 - slip), omega), ((0.0, 0.0, 0.0, 1.0 - slip, 0.0, 0.0, -rolled), OMEGA)
 
 
 def antenna(mean: Seven, at: tuple[float, float]) -> tuple[tuple[float, float], tuple[Seven, Seven]]:
@@ -268,14 +280,10 @@ def antenna(mean: Seven, at: tuple[float, float]) -> tuple[tuple[float, float], 
     return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0))
 
 
-POSE: Final[tuple[Seven, Seven, Seven]] = (
-    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
-)  # fmt: skip
-"""The Jacobian of x, y and theta."""
-TURNING: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-"""That of the yaw rate, ..."""
+POSE: Final = (X, Y, THETA)
+"""The Jacobian of the pose, by rows."""
 GYRO: Final[Seven] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
-"""... and of a gyro, which tells its bias, too."""
+"""The row of a gyro, which tells its bias, too."""
 
 
 def turned(belief: Belief, turn: float, x: float, y: float, spread: Array) -> Belief:

@@ -28,6 +28,7 @@ from txt1.estimation.ekf import (
     Array,
     Belief,
     Drift,
+    Row,
     Seven,
     antenna,
     belief_of,
@@ -205,7 +206,7 @@ class Fusion:
             del entries[:old]
 
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
-        if dt < SAME_INSTANT and bend == 0.0:
+        if bend == 0.0 and dt < SAME_INSTANT:
             return belief
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, self._density), dt - STEP_MAX
@@ -349,28 +350,29 @@ class Fusion:
 
         When it keeps its distance it no longer drifts; how far it was then stays a doubt of the pose.
         """
-        knowing = (each for each in self._judges.values() if each.settings.tells_pose)
-        return judge.settings.tells_pose and not any(each.believed for each in knowing)
+        if judge.believed or not judge.settings.tells_pose:
+            return False
+        return not any(each.believed for each in self._judges.values() if each.settings.tells_pose)
 
-    def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Seven]]:
+    def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
         kind, rows, values = measurement.kind, measurement.rows, measurement.values
         expected: Sequence[float]
-        h: Sequence[Seven]
+        h: Sequence[Row]
         if kind is Kind.GYRO:
             _, _, _, _, omega, bias, _ = mean
             return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
-            expected, h = encoders(mean, self._wheelbase)
+            expected, h = told = encoders(mean, self._wheelbase)
             if self._alone:
-                h = [(*row[:-1], 0.0) for row in h]  # what looks like slip then is none
+                h = [(*row[:-1], 0.0) for row in told[1]]  # what looks like slip then is none
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
         elif measurement.at == (0.0, 0.0):
             expected, h = mean[:3], POSE
         else:
             position, at = antenna(mean, measurement.at)
-            expected, h = (*position, mean[THETA]), (*at, POSE[THETA])
+            expected, h = (*position, mean[THETA]), (*at, THETA)
         if len(values) < len(h):
             expected, h = [expected[row] for row in rows], [h[row] for row in rows]
         residual = list(map(sub, values, expected))
