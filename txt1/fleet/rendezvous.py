@@ -7,14 +7,25 @@ Each keeps an estimate c of the middle, at first its own place, and moves it tow
 All estimates become one whenever the graphs of who hears whom are, taken together over bounded times, connected
 again and again (A. Jadbabaie, J. Lin and A. S. Morse, "Coordination of groups of mobile autonomous agents using nearest
 neighbor rules", IEEE TAC 48, 2003; L. Moreau, IEEE TAC 50, 2005; R. Olfati-Saber, J. A. Fax and R. M. Murray, Proc.
-IEEE 95, 2007); where everybody hears whoever hears him, they become the mean of the starts. As cars have a size they
-meet in slots: on a circle around the middle, each in the nearest that nobody has claimed before it.
+IEEE 95, 2007); where everybody hears whoever hears him, they become the mean of the starts.
 
-Limits: everybody knows the team's names. The way to a slot goes round the others' outside and has no plan besides,
-only avoidance and, where it is blocked, chance.
+As cars have a size they meet in slots on a circle around the middle. Each claims the nearest that, as far as it has
+ever heard, nobody claims who stands there or comes before it in the team. It remembers what each has told last, so it
+does not matter who is heard just now; whoever is first in the team loses its slot to nobody but one who stands there,
+so each claim changes a finite number of times only (an auction in which rank is the price, after M. Zavlanos, L.
+Spesivtsev and G. Pappas, "A distributed auction algorithm for the assignment problem", CDC 2008).
+
+The way leads along a lane inside or outside of the slots and from there into one's own. The slots are so far apart that
+a car passes between two that stand, so there always is such a way. Where it does not become shorter for long, the car
+drives away by chance and tries anew: with every new try there is a chance, so one succeeds in the end (random walks
+out of local minima, J. Barraquand and J.-C. Latombe, "Robot motion planning: a distributed representation approach",
+IJRR 10, 1991). That is convergence with probability one, and not by a time that could be told beforehand.
+
+Limits: everybody knows the team's names, and who has claimed a slot and is lost keeps it. There is no plan beside lane,
+avoidance and chance: beside walls or obstacles it would need one.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
@@ -22,8 +33,13 @@ from txt1.fleet.air import Said
 from txt1.fleet.steering import Helmsman
 from txt1.model.kinematics import wrap_angle
 
-SPACING: Final = 1.6  # m between two slots
-ROUND: Final = 1.1  # m outside the slots, where cars drive round to their own
+SPACING: Final = 2.0  # m between two slots: a car passes between two that stand
+ROUND: Final = 1.1  # m outside or inside the slots, where cars drive round to their own
+LANES: Final = 0.1  # m beyond the circle of the slots at which a car changes from one lane to the other
+GAP: Final = 0.5  # m from that circle, within which others that stand are beside a car
+PROGRESS: Final = 0.05  # m by which the way to the slot is to become shorter ...
+PATIENCE: Final = 400  # ... within so many steps
+NEAR: Final = 0.3  # m from the middle, within which every slot is straight ahead
 SECTOR: Final = 0.35  # rad from the slot's direction within which a car drives in
 AHEAD: Final = 0.6  # rad, how far ahead on that circle it aims
 ARRIVED: Final = 0.1  # m from the slot
@@ -61,7 +77,9 @@ class Rendezvous:
         """The number of the slot that it claims."""
         self.parked = False
         """Whether it is there."""
-        self._enters = False
+        self._enters = self._inside = False
+        self._way: tuple[int | None, float, int] = None, 0.0, 0  # slot, shortest way there so far (m), steps since then
+        self._claims: dict[str, tuple[float, ...]] = {}  # the last that each of the others has told
         self._helmsman = Helmsman(self._number)
 
     @property
@@ -73,34 +91,53 @@ class Rendezvous:
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
         """A step of consensus, and one towards the slot."""
-        told = [one.data for one in heard.values() if len(one.data) == 5]
-        self.middle = agree(self.middle or (me.x, me.y), ((data[0], data[1]) for data in told), self._count)
-        self.slot = self._claim(me, told)
+        told = {name: one.data for name, one in heard.items() if len(one.data) == 5}
+        self.middle = agree(self.middle or (me.x, me.y), ((data[0], data[1]) for data in told.values()), self._count)
+        self._claims.update(told)
+        self.slot = self._claim(me)
         x, y = slot(self.middle, self.slot, self._count, self._spacing)
         self.parked = hypot(x - me.x, y - me.y) < ARRIVED
         if self.parked and not self._helmsman.blocked:
             return 0.0, 0.0
+        self._watch(me, x, y)
         x, y = self._around(me, x, y)
         speed = min(self._speed, max(0.1, hypot(x - me.x, y - me.y)))
         return self._helmsman.steer(me, x, y, speed, heard.values())
 
-    def _claim(self, me: Said, told: Sequence[tuple[float, ...]]) -> int:
+    def _claim(self, me: Said) -> int:
         """Its slot, or the nearest that nobody claims who stands there or comes first in the team."""
-        taken = {int(data[2]) for data in told if (data[3], -data[4]) > (float(self.parked), -self._number)}
+        mine = float(self.parked), -self._number
+        taken = {int(data[2]) for data in self._claims.values() if (data[3], -data[4]) > mine}
         if self.slot is not None and self.slot not in taken:
             return self.slot
         middle = self.middle or (me.x, me.y)
-        free = [number for number in range(self._count) if number not in taken] or [self._number]
+        free = [number for number in range(self._count) if number not in taken]  # one at least, as n - 1 are others
         places = {number: slot(middle, number, self._count, self._spacing) for number in free}
         return min(free, key=lambda number: hypot(places[number][0] - me.x, places[number][1] - me.y))
 
+    def _watch(self, me: Said, x: float, y: float) -> None:
+        """Take a detour when the way to the slot at (x, y), m, has not become shorter for long."""
+        way = hypot(x - me.x, y - me.y)
+        if self.slot != self._way[0] or way < self._way[1] - PROGRESS:
+            self._way = self.slot, way, 0
+        elif self._way[2] < PATIENCE:
+            self._way = *self._way[:2], self._way[2] + 1
+        else:
+            self._way = self.slot, way, 0
+            self._helmsman.detour(me, self._speed)
+
     def _around(self, me: Said, x: float, y: float) -> Point:
-        """The slot at (x, y) itself, or the next point on the way to its outside, as others stand in theirs; m."""
+        """The slot at (x, y) itself, or the next point on the lane before it, inside or outside of all slots; m."""
         middle_x, middle_y = self.middle or (me.x, me.y)
+        radius, from_middle = hypot(x - middle_x, y - middle_y), hypot(me.x - middle_x, me.y - middle_y)
+        self._inside = from_middle < radius + (LANES if self._inside else -LANES)
+        lane = max(radius - ROUND, 0.0) if self._inside else radius + ROUND
         mine = atan2(me.y - middle_y, me.x - middle_x)
         turn = wrap_angle(atan2(y - middle_y, x - middle_x) - mine)
-        self._enters = abs(turn) < (2.0 * SECTOR if self._enters else SECTOR)
+        wider = 2.0 if self._enters else 1.0
+        self._enters = abs(turn) < wider * SECTOR or from_middle < wider * NEAR
         if self._enters:
             return x, y
-        outside, angle = hypot(x - middle_x, y - middle_y) + ROUND, mine + min(max(turn, -AHEAD), AHEAD)
-        return middle_x + outside * cos(angle), middle_y + outside * sin(angle)
+        ahead = 0.0 if abs(from_middle - radius) < GAP else AHEAD  # between two slots: out of there first
+        angle = mine + min(max(turn, -ahead), ahead)
+        return middle_x + lane * cos(angle), middle_y + lane * sin(angle)

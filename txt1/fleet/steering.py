@@ -35,17 +35,24 @@ DETOUR: Final = 3.0  # m, how far along x and y the other point may be
 CLEAR: Final = REACH + 0.08  # m between a centre and a wall
 
 
-def toward(me: Said, x: float, y: float, speed: float, room: float = 1.0) -> tuple[float, float]:
+def within(me: Said, x: float, y: float, room: float = 1.0) -> bool:
+    """Whether a point lies within `room` times a turning circle, so that no arc leads there."""
+    alpha = atan2(y - me.y, x - me.x) - me.theta
+    return hypot(x - me.x, y - me.y) < room * 2.0 * RADIUS_MIN * abs(sin(alpha))
+
+
+def toward(me: Said, x: float, y: float, speed: float, room: float = 0.0) -> tuple[float, float]:
     """Velocities on the arc that leads to a point, forward or back, m/s and rad/s.
 
-    Where a point lies within `room` times a turning circle: straight on, away from it.
+    Where a point lies within a turning circle: away from it, forward or back by the sign of `room` where that is not
+    0, and turning meanwhile towards the arc that leads back to it, as in a three-point turn.
     """
     distance = hypot(x - me.x, y - me.y)
     alpha = wrap_angle(atan2(y - me.y, x - me.x) - me.theta)
-    ahead = cos(alpha) >= 0.0
-    if distance < room * 2.0 * RADIUS_MIN * abs(sin(alpha)):  # within a turning circle: away from it first
-        return (-speed if ahead else speed), 0.0
-    v = speed if ahead else -speed
+    v = copysign(speed, cos(alpha))
+    if room or within(me, x, y):
+        v = copysign(speed, room or -v)
+        return v, copysign(speed / RADIUS_MIN, -v * sin(alpha))
     return v, v * 2.0 * sin(alpha) / max(distance, 1e-6)
 
 
@@ -98,24 +105,28 @@ class Helmsman:
         limited = allowed(me, v, others, self._room)
         self._still = self._still + 1 if abs(limited) < 0.03 else 0
         if self._still > BLOCKED:
-            self._still, (ahead, side, turn) = 0, self._rng.uniform(-1.0, 1.0, 3)
-            self._out = int(self._rng.integers(10, 60)), -v, float(turn) * abs(v) / RADIUS_MIN
-            steps = int(self._rng.integers(40, 160))
-            self._detour = (
-                steps,
-                self._inside(me.x + DETOUR * float(ahead), 0),
-                self._inside(me.y + DETOUR * float(side), 1),
-            )
+            self.detour(me, v)
         return limited, omega * limited / v if v else 0.0
+
+    def detour(self, me: Said, v: float) -> None:
+        """Drive away by chance for a while, against v, m/s, and then to some other point first."""
+        self._still, (ahead, side, turn) = 0, self._rng.uniform(-1.0, 1.0, 3)
+        self._out = int(self._rng.integers(10, 60)), -v, float(turn) * abs(v) / RADIUS_MIN
+        steps = int(self._rng.integers(40, 160))
+        self._detour = (
+            steps,
+            self._inside(me.x + DETOUR * float(ahead), 0),
+            self._inside(me.y + DETOUR * float(side), 1),
+        )
 
     def _toward(self, me: Said, x: float, y: float, speed: float) -> tuple[float, float]:
         """As `toward`; making room goes on in its direction until there is enough and some more."""
-        v, omega = toward(me, x, y, speed, 1.4 if self._making_room else 1.0)
-        if omega != 0.0:
+        if not within(me, x, y, 1.4 if self._making_room else 1.0):
             self._making_room = 0.0
-            return v, omega
-        self._making_room = self._making_room or copysign(1.0, v)
-        return self._making_room * speed, 0.0
+        v, omega = toward(me, x, y, speed, self._making_room)
+        if self._making_room or within(me, x, y):
+            self._making_room = copysign(1.0, v)
+        return v, omega
 
     def _inside(self, at: float, axis: int) -> float:
         if self._room is None:
