@@ -1,31 +1,41 @@
 """The laws of `txt1.fleet` over many seeds, with cars on paper (`benchmarks.cars`), and figures for docs/fleet.md.
 
-``python -m benchmarks.cooperation --figures docs/fleet`` draws; ``--share 0.1`` does a tenth of it.
+``python -m benchmarks.cooperation --figures docs/fleet`` draws; ``--share 0.1`` does a tenth of it. What came out is
+kept as it comes (``--kept``), so the same command goes on where it was ended; a run counts while its law is the same.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import inspect
+import json
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import hypot
 from pathlib import Path
 from random import Random
 from statistics import mean, stdev
-from typing import Final
+from types import ModuleType
+from typing import Any, Final
 
+from benchmarks import cars as paper
 from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
+from txt1.fleet import air, steering
 from txt1.fleet.air import Pose
 from txt1.fleet.convoy import GAP, HEADWAY, Follower, Leader, amplification
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.plan import names
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import FOUND, Search
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 
 NEAR: Final = 2.0  # m within which robots hear one another in every graph
 EDGES_FOR: Final = 0.5  # s that a graph of who hears whom lasts
 ROOM: Final = (6.0, 6.0)  # m, of the coverage
 HALL: Final = (10.0, 10.0)  # m, of the search
+SHIFT: Final = 10.0  # h of coverage by cars that begin somewhere else each time
 
 
 def apart(random: Random, count: int, half: float) -> list[Pose]:
@@ -38,7 +48,7 @@ def apart(random: Random, count: int, half: float) -> list[Pose]:
     return poses
 
 
-def convoy(seed: int, *, leader_lost: bool = False) -> tuple[list[float], int, float]:
+def convoy(seed: int, leader_lost: bool = False) -> tuple[list[float], int, float]:
     """The spread of each follower's spacing error (m), contacts, and the fastest robot's speed at the end (m/s)."""
     random, team = Random(seed), names(10)
     radius, swing = random.choice([0.0, 6.0, 8.0]), random.uniform(0.05, 0.2)
@@ -93,10 +103,10 @@ def rendezvous(seed: int, limit: float = 1200.0) -> tuple[int, float | None, int
     return len(team), None, touched
 
 
-def coverage(hours: float, count: int = 4) -> tuple[float, int, float]:
+def coverage(seed: int, hours: float = SHIFT, count: int = 4) -> tuple[float, int, float]:
     """The smallest share of the floor visited in any ten minutes, contacts, and the nearest two centres (m)."""
     team = names(count)
-    starts = dict(zip(team, apart(Random(1), count, 2.2), strict=True))
+    starts = dict(zip(team, apart(Random(seed), count, 2.2), strict=True))
     laws = {name: Coverage(name, team, ROOM) for name in team}
     cars, least, touched, nearest = Cars(starts, laws), 1.0, 0, 9.0
     for step, time in enumerate(cars.run(3600.0 * hours)):
@@ -123,30 +133,70 @@ def search(seed: int, count: int, limit: float = 600.0) -> float:
     return limit
 
 
+class Kept:
+    """What came out so far, in a file of lines; `minutes` after which no run is begun any more."""
+
+    def __init__(self, file: Path, minutes: float | None) -> None:
+        self._file, self._minutes, self._began = file, minutes, stopwatch_ns()
+        lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+        self._known = {(row["run"], row["law"], tuple(row["given"])): row["came"] for row in map(json.loads, lines)}
+
+    def each(self, run: Callable[..., Any], laws: Sequence[type], given: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """What comes of a run by these laws with each of the arguments, of those begun before time is over."""
+        origins: list[type | ModuleType] = [*laws, steering, air, paper]
+        files = [Path(str(inspect.getsourcefile(one))) for one in origins]
+        sources = [inspect.getsource(run).encode(), *(file.read_bytes() for file in files)]
+        code = hashlib.sha256(b"".join(sources)).hexdigest()[:12]
+        results = []
+        for arguments in given:
+            key = run.__name__, code, arguments
+            if key not in self._known:
+                if self._minutes is not None and stopwatch_ns() - self._began > 60.0 * self._minutes * NS_PER_S:
+                    continue
+                self._known[key] = run(*arguments)
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                with self._file.open("a", encoding="utf-8") as rows:
+                    row = {"run": key[0], "law": code, "given": arguments, "came": self._known[key]}
+                    print(json.dumps(row), file=rows)
+            results.append(self._known[key])
+        return results
+
+
 def main() -> None:
     """Print the results, and draw the figures where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--share", type=float, default=1.0, help="of the seeds and hours")
     parser.add_argument("--figures", type=Path, help="draw into this folder")
     parser.add_argument("--only", choices=("convoy", "rendezvous", "coverage", "search"), help="one law")
+    parser.add_argument("--kept", type=Path, default=Path("out/cooperation.jsonl"), help="what came out so far")
+    parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
     arguments = parser.parse_args()
     share, only, folder = arguments.share, arguments.only, arguments.figures
+    kept = Kept(arguments.kept, arguments.minutes)
     if only in (None, "convoy"):
-        _convoy(max(2, round(100 * share)), folder)
+        _convoy(kept, max(2, round(100 * share)), folder)
     if only in (None, "rendezvous"):
-        _rendezvous(max(2, round(1000 * share)), folder)
+        _rendezvous(kept, max(2, round(1000 * share)), folder)
     if only in (None, "coverage"):
-        hours = max(0.3, 100.0 * share)
-        least, touched, nearest = coverage(hours)
-        row = (f"{hours:g}", f"{least:.3f}", str(touched), f"{nearest:.3f} m")
-        table("Coverage of 6 x 6 m by 4 cars", ("hours", "least share in 10 min", "contacts", "nearest"), [row])
+        _coverage(kept, max(1, round(100.0 / SHIFT * share)))
     if only in (None, "search"):
-        _search(max(3, round(100 * share)), folder)
+        _search(kept, max(3, round(100 * share)), folder)
 
 
-def _convoy(seeds: int, folder: Path | None) -> None:
-    runs = [convoy(seed) for seed in range(seeds)]
-    lost = [convoy(seed, leader_lost=True) for seed in range(seeds)]
+def _coverage(kept: Kept, shifts: int) -> None:
+    runs = kept.each(coverage, [Coverage], [(seed,) for seed in range(shifts)])
+    row = (
+        f"{SHIFT * len(runs):g}", f"{min(least for least, _, _ in runs):.3f}",
+        str(sum(touched for _, touched, _ in runs)), f"{min(nearest for *_, nearest in runs):.3f} m",
+    )  # fmt: skip
+    heads = ("hours", "least share in 10 min", "contacts", "nearest")
+    table(f"Coverage of 6 x 6 m by 4 cars, {len(runs)} times {SHIFT:g} h", heads, [row])
+
+
+def _convoy(kept: Kept, count: int, folder: Path | None) -> None:
+    runs = kept.each(convoy, [Follower], [(seed,) for seed in range(count)])
+    lost = kept.each(convoy, [Follower], [(seed, True) for seed in range(count)])
+    seeds = len(runs)
     grown = sum(any(b > 1.02 * a + 0.001 for a, b in pairwise(spreads)) for spreads, _, _ in runs)
     rows = [(str(at + 2), f"{1e3 * mean(spreads[at] for spreads, _, _ in runs):.1f} mm") for at in range(9)]
     table(
@@ -172,16 +222,13 @@ def _convoy(seeds: int, folder: Path | None) -> None:
         figure.savefig(folder / "convoy.png", dpi=90)
 
 
-def _rendezvous(seeds: int, folder: Path | None) -> None:
-    runs = [rendezvous(seed) for seed in range(seeds)]
+def _rendezvous(kept: Kept, seeds: int, folder: Path | None) -> None:
+    runs = kept.each(rendezvous, [Rendezvous], [(seed,) for seed in range(seeds)])
     times = [time for _, time, _ in runs if time is not None]
     row = (
-        str(seeds),
-        str(len(times)),
-        f"{mean(times):.1f} s",
-        f"{max(times):.1f} s",
+        str(len(runs)), str(len(times)), f"{mean(times):.1f} s", f"{max(times):.1f} s",
         str(sum(t > 0 for *_, t in runs)),
-    )
+    )  # fmt: skip
     heads = ("graphs", "converged", "mean", "longest", "runs with contact")
     table("Rendezvous of 2 to 8 cars over random switching graphs", heads, [row])
     if folder is not None:
@@ -194,8 +241,10 @@ def _rendezvous(seeds: int, folder: Path | None) -> None:
         figure.savefig(folder / "rendezvous.png", dpi=90)
 
 
-def _search(seeds: int, folder: Path | None) -> None:
-    times = {count: [search(seed, count) for seed in range(seeds)] for count in (1, 2, 4, 8)}
+def _search(kept: Kept, seeds: int, folder: Path | None) -> None:
+    times = {
+        count: kept.each(search, [Search, Coverage], [(seed, count) for seed in range(seeds)]) for count in (1, 2, 4, 8)
+    }
     half = {count: 1.96 * stdev(each) / len(each) ** 0.5 for count, each in times.items()}
     rows = [(str(n), f"{mean(each):.1f} s", f"+-{half[n]:.1f} s", f"{max(each):.0f} s") for n, each in times.items()]
     heads = ("robots", "mean time to the light", "95 %", "longest")

@@ -25,6 +25,7 @@ BEHIND: Final = 2.0  # m that it costs more to drive back
 WITHIN: Final = 4.0  # m that it costs more to make room first
 REACHED: Final = 0.3  # m
 PATIENCE: Final = 300  # steps for one target
+LOOK: Final = 5  # steps between two looks at who is where; nobody comes further than 0.1 m meanwhile
 
 
 class Coverage:
@@ -40,6 +41,7 @@ class Coverage:
         """When each square was visited last, s of the listener; -inf: never."""
         self._goal: tuple[float, float] | None = None
         self._steps = 0
+        self._looked = 0  # steps until the next look
         self._helmsman = Helmsman(sorted(team).index(name), room)
 
     def share(self, now: float, within: float) -> float:
@@ -48,8 +50,11 @@ class Coverage:
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
         """Towards what was not visited for longest, at the speed that is allowed."""
-        for one in (me, *heard.values()):
-            self._visit(one, me.time)
+        self._looked -= 1
+        if self._looked < 0:
+            self._looked = LOOK - 1
+            for one in (me, *heard.values()):
+                self._visit(one, me.time)
         goal = self._goal
         if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < REACHED or self._steps > PATIENCE:
             goal, self._steps = self._choose(me, heard), 0
