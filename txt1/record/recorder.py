@@ -1,13 +1,14 @@
 """The recorder: whatever a robot's bus carries, in batches, to where it is kept or shown.
 
 In the loop it only keeps references. Every batch goes to another thread, which makes bytes of it and writes them. On
-the real clock a writer that falls behind loses batches, which are counted; in virtual time the simulation waits, and at
-full speed, where nobody else does, the loop writes itself: taking turns with a thread costs a tenth of the run.
+the real clock a writer that falls behind loses batches, which are counted; in virtual time the simulation waits. At
+full speed the loop makes the bytes itself, as taking turns with a thread for the interpreter costs a tenth of the run;
+the thread compresses and writes them meanwhile, which needs no interpreter.
 """
 
 import asyncio
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.errors import RecordingError
@@ -77,6 +78,7 @@ class Recorder:
         self._shared = writer is not None
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: set[asyncio.Future[None]] = set()
+        self._writing: Future[None] | None = None  # at full speed: the block before
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
 
     @property
@@ -131,7 +133,7 @@ class Recorder:
     def _hand_over(self) -> None:
         """Give the batch to the writer, or drop it where it is too far behind."""
         if self._full_speed:
-            self._write_here()
+            self._encode_here()
         elif self._virtual or len(self._jobs) <= BACKLOG:
             job = self._loop.run_in_executor(self._writer, self._write, self._take_batch())
             self._jobs.add(job)
@@ -141,24 +143,43 @@ class Recorder:
             skipped = self._skipped + len(self._samples)
             self._samples, self._events, self._skipped = [], [], skipped
 
-    def _write_here(self) -> None:
-        """Write the batch in the loop: at full speed nothing is late by it, and a thread would cost a hand-over."""
-        self._write(self._take_batch())
+    def _encode_here(self) -> None:
+        """Make the batch's bytes in the loop, and have the thread write them when it has written those before."""
+        if self._writing is not None:
+            self._writing.result()
+        if self._failure is None:
+            block = self._encode(self._take_batch())
+            if block is not None:
+                self._writing = self._writer.submit(self._write_block, block)
 
     # -- in the writer's thread --------------------------------------------------------------------------------
 
     def _write(self, batch: _Batch) -> None:
-        if self._failure is not None:
-            return
+        block = self._encode(batch) if self._failure is None else None
+        if block is not None:
+            self._write_block(block)
+
+    def _encode(self, batch: _Batch) -> Block | None:
+        """The batch's bytes; None when they cannot be made, and `_failure` says why."""
         try:
             if batch.skipped and batch.samples:
                 self._encoder.skip(batch.samples[0][1], batch.skipped)
-            block = self._encoder.block(batch.samples, batch.events)
+            return self._encoder.block(batch.samples, batch.events)
+        except Exception as error:
+            self._fail(error)
+            return None
+
+    def _write_block(self, block: Block) -> None:
+        try:
             for sink in self._sinks:
                 self._not_written += sink.write(block)
-        except RecordingError as error:
-            self._failure = error
         except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        if isinstance(error, RecordingError):
+            self._failure = error
+        else:
             self._failure = RecordingError(f"the recorder failed: {error!r}")
             self._failure.__cause__ = error
 
