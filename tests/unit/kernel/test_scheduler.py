@@ -981,8 +981,22 @@ def test_run_times_are_measured_in_real_time() -> None:
         scheduler.start()
         scheduler.end_at(2.0)
         await scheduler.ended
-        busy, lazy = (s.run_time for s in scheduler.statistics().values())
-        assert busy.count == lazy.count == 100
-        assert 0.0 < lazy.percentiles().p50 < busy.percentiles().p50
+        busy, lazy = scheduler.statistics().values()
+        assert busy.cycles == lazy.cycles == 100
+        assert busy.run_time.count == lazy.run_time.count == 13  # the first of every eight
+        assert 0.0 < lazy.run_time.percentiles().p50 < busy.run_time.percentiles().p50
 
     run(main(), speed="max")
+
+
+def test_in_real_time_the_run_time_of_every_cycle_is_measured() -> None:
+    async def main() -> None:
+        scheduler = Scheduler(no_fault)
+        scheduler.add("idle", 1, 0.002, idle)
+        scheduler.start()
+        scheduler.end_at(0.05)
+        await scheduler.ended
+        (idling,) = scheduler.statistics().values()
+        assert idling.run_time.count == idling.cycles > 0
+
+    run(main())

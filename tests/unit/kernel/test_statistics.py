@@ -74,11 +74,10 @@ def test_padding_counts_as_many_zeros_as_are_missing() -> None:
 
 def test_a_cycle_whose_lateness_was_not_added_was_in_time() -> None:
     statistics = TaskStatistics()
-    for _ in range(100):
-        statistics.run_time.add(1000)
+    statistics.cycles = 100
     statistics.lateness.add(500)
-    statistics.run_time.add(1000)
-    assert (statistics.cycles, statistics.lateness.count) == (101, 101)
+    statistics.cycles += 1
+    assert statistics.lateness.count == 101
     assert (statistics.lateness.percentiles_ns(0.5)[0], statistics.lateness.max_ns) == (0, 500)
 
 
