@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import accumulate, chain, groupby, repeat
 from math import nan
 from operator import itemgetter
@@ -22,6 +22,7 @@ from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 from txt1.record.layout import CODES, HEADER, Layout, encode
 from txt1.telemetry.messages import fields
+from txt1.telemetry.ready import Ready
 from txt1.telemetry.topics import Topic
 
 RECORD: Final = struct.Struct("<BQHIQQ")
@@ -31,12 +32,17 @@ _BEHIND_LENGTH: Final = RECORD.size - 9
 _TIMES: Final = ((11, "I"), (15, "Q"), (23, "Q"))
 """Of that head what differs from message to message, sequence and times: offset and struct code."""
 _STAMP: Final = struct.Struct("<iI")
+_STAMPED: Final = ("std_msgs/Header", "builtin_interfaces/Time")
+"""Messages that begin with one of these begin with a time stamp."""
 
 
 Sample = tuple[float, tuple[Topic[Any], ...], list[Any]]
 """The time of a controller cycle, s of the run, its topics and their values, None where there is none."""
 Event = tuple[int, float, Topic[Any], Any]
-"""A message between the samples: how many of its batch come before it, its time, s of the run, topic and value."""
+"""A message between the samples: how many of its batch come before it, its time, s of the run, topic and value.
+
+In place of the value there may be the message itself (`Ready`).
+"""
 
 
 class Channel(NamedTuple):
@@ -91,10 +97,19 @@ class Encoder:
         self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
         self._makers: dict[Topic[Any], _Make] = {}
 
-    def skip(self, topics: Sequence[Topic[Any]], samples: int) -> None:
-        """Leave a gap in the sequence numbers of topics where samples were lost."""
-        for topic in topics:
-            self._sequences[self._number(topic)] += samples
+    def skip(self, lost: Mapping[Topic[Any], int]) -> None:
+        """Leave gaps in the sequence numbers of topics, of so many messages each."""
+        for topic, count in lost.items():
+            self._sequences[self._number(topic)] += count
+
+    def ready(self, topic: Topic[Any], value: Any, time: float) -> Ready:
+        """Make a message, `time` in s of the run; RecordingError: the value is none of the topic's."""
+        stamp = round(time * NS_PER_S) + self._epoch_ns
+        try:
+            record = (self._makers.get(topic) or self._maker(topic))(value, (0, stamp, stamp, *divmod(stamp, NS_PER_S)))
+        except _REFUSED as error:
+            raise _no_message(topic, value, error) from error
+        return Ready(record[RECORD.size :], self._epoch_ns, _stamp_place(topic))
 
     def block(self, samples: Sequence[Sample], events: Sequence[Event]) -> Block:
         """Return the records of a batch; `events` by rising position."""
@@ -120,10 +135,14 @@ class Encoder:
             channel = channels.get(topic) or self._number(topic)
             sequence = sequences[channel]
             sequences[channel] = sequence + 1
+            when = sequence, stamp, stamp, sec, nanosec
             try:
-                record = (makers.get(topic) or self._maker(topic))(value, (sequence, stamp, stamp, sec, nanosec))
-            except (TypeError, ValueError, AttributeError, struct.error) as error:
-                raise RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}") from error
+                if type(value) is Ready:
+                    record = _framed(value, self._epoch_ns, channel, when)
+                else:
+                    record = (makers.get(topic) or self._maker(topic))(value, when)
+            except _REFUSED as error:
+                raise _no_message(topic, value, error) from error
             pieces.append(record)
             if channel not in entries:
                 entries[channel] = []
@@ -172,6 +191,13 @@ class Encoder:
         return self._makers[topic]
 
 
+_REFUSED: Final = (TypeError, ValueError, AttributeError, struct.error)
+
+
+def _no_message(topic: Topic[Any], value: Any, error: Exception) -> RecordingError:
+    return RecordingError(f"{topic.name}: no {topic.message} can be made of {value!r}: {error}")
+
+
 _When = tuple[int, int, int, int, int]
 """Sequence number, log time, publish time, and the stamp's s and ns: the numbers of `_TIMES` and of the stamp."""
 _Make = Callable[[Any, _When], bytes]
@@ -196,6 +222,24 @@ def _template(channel: int, layout: Layout) -> tuple[bytes, list[tuple[int, str]
     stamp = next((place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")), None)
     stamps = [] if stamp is None else [(RECORD.size + stamp, "i"), (RECORD.size + stamp + 4, "I")]
     return data, [*_TIMES, *stamps]
+
+
+@cache
+def _stamp_place(topic: Topic[Any]) -> int | None:
+    """Where the time stamp stands in a topic's messages; None where they have none."""
+    if not topic.paths:
+        return len(HEADER) if fields(topic.message)[0].type in _STAMPED else None
+    places = Layout(topic.message, topic.constants).places.items()
+    return next((place for path, (place, _) in places if path.endswith("stamp.sec")), None)
+
+
+def _framed(ready: Ready, epoch_ns: int, channel: int, when: _When) -> bytes:
+    """The record of a message that is made already; it gets another stamp where that is of another epoch."""
+    data: bytes | bytearray = ready.data
+    if ready.epoch != epoch_ns and ready.stamp is not None:
+        data = bytearray(data)
+        _STAMP.pack_into(data, ready.stamp, *when[3:])
+    return RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(data), channel, *when[:3]) + data
 
 
 def _packer(template: bytes, places: Iterable[tuple[int, str]]) -> Callable[[Iterable[float]], bytes]:
@@ -233,7 +277,7 @@ def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
 def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
     """What makes records of fields; those of plain fields are laid out once for the same texts and lengths."""
     head, *rest = fields(topic.message)
-    stamped = head.type in ("std_msgs/Header", "builtin_interfaces/Time")
+    stamped = head.type in _STAMPED
     kinds = {*CODES, "string"} if stamped and not topic.constants else set()
     plain = stamped and all(
         field.type in kinds and not (field.array and (field.length or field.type == "string")) for field in rest

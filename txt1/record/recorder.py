@@ -1,13 +1,15 @@
 """The recorder: whatever a robot's bus carries, in batches, to where it is kept or shown.
 
-In the loop it only keeps references. Every batch goes to another thread, which makes bytes of it and writes them. On
-the real clock a writer that falls behind loses batches, which are counted; in virtual time the simulation waits. At
-full speed the loop makes the bytes itself, as taking turns with a thread for the interpreter costs a tenth of the run;
-the thread compresses and writes them meanwhile, which needs no interpreter.
+In the loop it only keeps references, unless a bridge wants the messages at once (`Recorder.tap`). Every batch goes to
+another thread, which makes bytes of it and writes them. On the real clock a writer that falls behind loses batches,
+which are counted; in virtual time the simulation waits. At full speed the loop makes the bytes itself, as taking turns
+with a thread for the interpreter costs a tenth of the run; the thread compresses and writes them meanwhile, which needs
+no interpreter.
 """
 
 import asyncio
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -16,6 +18,7 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.record.encoder import Block, Channel, Encoder, Event, Sample
 from txt1.runtime import Runtime
 from txt1.tasks.controller import PERIOD
+from txt1.telemetry.bus import Take, Unsubscribe
 from txt1.telemetry.topics import Topic
 
 BATCH: Final = 0.5  # s between two batches on the real clock: what a crash may lose, with what the disk needs
@@ -38,7 +41,7 @@ class Sink(Protocol):
 class _Batch(NamedTuple):
     samples: list[Sample]
     events: list[Event]
-    skipped: int  # samples lost before it
+    lost: Counter[Topic[Any]]  # messages lost before it
 
 
 class Recorder:
@@ -71,15 +74,21 @@ class Recorder:
         self._batch_samples = max(1, round(batch / PERIOD))
         self._samples: list[Sample] = []
         self._events: list[Event] = []
-        self._skipped = 0
+        self._ready: list[Event] = []  # messages that are made already, before those
+        self._cycles = 0  # in the batch
+        self._lost: Counter[Topic[Any]] = Counter()
+        self._taps: list[Take] = []
         self._told = False
         self._failure: RecordingError | None = None
         self._encoder = Encoder(epoch, runtime.bus.full_name, channels)
+        self._making = Encoder(epoch)  # in the loop
         self._shared = writer is not None
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: set[asyncio.Future[None]] = set()
         self._writing: Future[None] | None = None  # at full speed: the block before
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
+        if runtime.bus.maker is None:
+            runtime.bus.maker = self
 
     @property
     def dropped(self) -> int:
@@ -103,6 +112,9 @@ class Recorder:
 
     async def _finish(self) -> None:
         self._leave()
+        self.make()
+        if self._runtime.bus.maker is self:
+            self._runtime.bus.maker = None
         await self._loop.run_in_executor(self._writer, self._write, self._take_batch())  # behind all before it
 
     async def written(self) -> None:
@@ -110,24 +122,53 @@ class Recorder:
         if self._jobs:
             await asyncio.wait(self._jobs)
 
+    # -- for bridges: in the loop ------------------------------------------------------------------------------
+
+    def tap(self, take: Take) -> Unsubscribe:
+        """Have `take` told every message from now on, as it is made, until the function returned is called.
+
+        As long as somebody is told, messages are made in the loop and not in the writer's thread.
+        """
+        self._make()
+        self._taps.append(take)
+        return lambda: self._taps.remove(take)
+
+    def make(self) -> None:
+        """Make messages of what has been told up to now, if anybody wants them."""
+        if self._taps:
+            self._make()
+
+    def _make(self) -> None:
+        samples, events, self._samples, self._events = self._samples, self._events, [], []
+        try:
+            for time, topic, value in _in_order(samples, events):
+                message = self._making.ready(topic, value, time)
+                self._ready.append((0, time, topic, message))
+                for take in self._taps:
+                    take(topic, message, time)
+        except Exception as error:
+            self._fail(error)
+
     # -- in the loop -------------------------------------------------------------------------------------------
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
         self._events.append((len(self._samples), time, topic, value))
 
     def _take_cycle(self, topics: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
-        if len(self._samples) >= self._batch_samples:
+        if self._cycles >= self._batch_samples:
             self._hand_over()
             if self._failure is not None:
                 raise self._failure
             if self.dropped and not self._told:
                 self._told = True
                 self._runtime.state.tell(now, "the recording loses messages: the disk is full or too slow")
+        self._cycles += 1
         self._samples.append((now, topics, values))
 
     def _take_batch(self) -> _Batch:
-        batch = _Batch(self._samples, self._events, self._skipped)
-        self._samples, self._events, self._skipped = [], [], 0
+        self.make()
+        batch = _Batch(self._samples, self._ready + self._events, self._lost)
+        self._samples, self._events, self._ready, self._cycles, self._lost = [], [], [], 0, Counter()
         return batch
 
     def _hand_over(self) -> None:
@@ -139,9 +180,10 @@ class Recorder:
             self._jobs.add(job)
             job.add_done_callback(self._jobs.discard)
         else:
-            self._overflowed += sum(len(topics) for _, topics, _ in self._samples) + len(self._events)
-            skipped = self._skipped + len(self._samples)
-            self._samples, self._events, self._skipped = [], [], skipped
+            batch = self._take_batch()
+            lost = Counter(topic for _, topic, _ in _in_order(batch.samples, batch.events))
+            self._overflowed += lost.total()
+            self._lost = batch.lost + lost
 
     def _encode_here(self) -> None:
         """Make the batch's bytes in the loop, and have the thread write them when it has written those before."""
@@ -162,8 +204,7 @@ class Recorder:
     def _encode(self, batch: _Batch) -> Block | None:
         """The batch's bytes; None when they cannot be made, and `_failure` says why."""
         try:
-            if batch.skipped and batch.samples:
-                self._encoder.skip(batch.samples[0][1], batch.skipped)
+            self._encoder.skip(batch.lost)
             return self._encoder.block(batch.samples, batch.events)
         except Exception as error:
             self._fail(error)
@@ -189,3 +230,18 @@ class Recorder:
                 sink.close(self.dropped)
             except RecordingError as error:
                 self._failure = self._failure or error
+
+
+def _in_order(samples: Sequence[Sample], events: Sequence[Event]) -> Iterator[tuple[float, Topic[Any], Any]]:
+    """Time, topic and value of everything, as it came."""
+    done = 0
+
+    def until(end: int) -> Iterator[tuple[float, Topic[Any], Any]]:
+        for now, topics, values in samples[done:end]:
+            yield from ((now, topic, value) for topic, value in zip(topics, values, strict=True) if value is not None)
+
+    for position, time, topic, value in events:
+        yield from until(position)
+        done = position
+        yield time, topic, value
+    yield from until(len(samples))

@@ -40,6 +40,8 @@ GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE + 0.3492)
 LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
 CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
 TRACKER_MOUNT: Final = Mount()
+OPTICAL: Final = "base_camera_optical_link"
+"""The camera's frame as those who read its pictures have it (REP 103): z ahead, x to the right."""
 
 
 def heading(orientation: Quaternion) -> float:
@@ -313,7 +315,7 @@ def image_topic(name: str) -> Topic[Image]:
     """The topic ``/sensors/NAME`` of a camera."""
     return reading_topic(
         name, Image, "pixels", "pictures of a camera", _COMPRESSED, (), lambda image: {"data": image.data},
-        {"header": {"frame_id": "base_camera_link"}, "format": "jpeg"},
+        {"header": {"frame_id": OPTICAL}, "format": "jpeg"},
     )  # fmt: skip
 
 
@@ -358,5 +360,5 @@ def depth_topic(name: str) -> Topic[DepthImage]:
         lambda image: {
             "height": image.height, "width": image.width, "step": 2 * image.width, "data": image.data,
         },
-        {"header": {"frame_id": "base_camera_link"}, "encoding": "16UC1"},
+        {"header": {"frame_id": OPTICAL}, "encoding": "16UC1"},
     )  # fmt: skip

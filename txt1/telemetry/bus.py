@@ -5,6 +5,7 @@ from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 from zlib import crc32
 
+from txt1.telemetry.ready import Maker
 from txt1.telemetry.topics import Rule, Topic
 
 T = TypeVar("T")
@@ -42,6 +43,8 @@ class Bus:
 
     def __init__(self, name: str = "", cycles_per_second: int = 50, begin: Callable[[], None] = lambda: None) -> None:
         self.name = name
+        self.maker: Maker | None = None
+        """Who makes messages of everything here, where somebody does: the first recorder."""
         self._second = cycles_per_second
         self._begin: Callable[[], None] | None = begin
         self._count = 0

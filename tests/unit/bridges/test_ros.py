@@ -18,14 +18,14 @@ from urdf_parser_py.urdf import URDF
 from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
 from txt1.bridges.ros.feed import Feed
 from txt1.bridges.ros.stamps import Publishers, Stamps
-from txt1.bridges.ros.topics import JOINTS, OPTICAL, TO_OPTICAL, recorded, turned
+from txt1.bridges.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
 from txt1.bridges.ros.urdf import MOUNTS, links_of, robot_description
 from txt1.kernel.loop import run
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import Layout
 from txt1.record.rosbag1 import Converter
 from txt1.robot import Robot
-from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 

@@ -31,6 +31,7 @@ from txt1.record.encoder import Encoder, Event
 from txt1.runtime import Runtime
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, origin
+from txt1.telemetry.ready import Maker, Ready
 from txt1.telemetry.topics import Rule, Topic
 
 EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
@@ -73,17 +74,27 @@ def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterato
     yield Publication("robot_description", "latched", DESCRIPTION), robot_description(name, geometry, links)
 
 
+def _nothing() -> None:
+    """Nobody has to be told."""
+
+
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 
 
 class Feed:
-    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator."""
+    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator.
+
+    A message that is recorded as it is is made by the recorder, once for both.
+    """
 
     def __init__(self, runtime: Runtime, say: Callable[[str], None]) -> None:
         self._runtime, self._say = runtime, say
         self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         """Whether ROS is to have the robot's time instead of the time of day."""
-        self._leave: Callable[[], None] = lambda: None
+        self._listens = False
+        self._leave: Callable[[], None] = _nothing
+        self._maker: Maker | None = None  # the recorder whose messages are taken
+        self._untap: Callable[[], None] = _nothing
         self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
         self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
         self._refused: set[Topic[Any]] = set()  # topics of which a value was no message
@@ -103,11 +114,16 @@ class Feed:
         for publication, value in description(runtime.name, runtime.config.geometry, self._kinds):
             self._tell(publication, value, runtime.now)
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
+        self._listens = True
+        self._follow()
 
     def end(self) -> None:
         """Collect nothing more."""
+        self._listens = False
         self._leave()
-        self._leave = lambda: None
+        self._untap()
+        self._leave = self._untap = _nothing
+        self._maker = None
         self._events.clear()
 
     def missing(self, message: str, name: str) -> None:
@@ -120,6 +136,10 @@ class Feed:
 
     def line(self, more: Mapping[str, object]) -> bytes | None:
         """All messages since the last time, channels that are new, and more; None when there is nothing."""
+        if self._listens:
+            self._follow()
+            if self._maker is not None:
+                self._maker.make()
         if not self._events and not any(more.values()):
             return None
         if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
@@ -138,6 +158,13 @@ class Feed:
         return line_of(round((self._runtime.now + self._epoch) * NS_PER_S), new, messages, **more)
 
     # -- inside ------------------------------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        """Take messages from the recorder, where there is one now."""
+        maker = self._runtime.bus.maker
+        if maker is not self._maker:
+            self._untap()
+            self._maker, self._untap = maker, _nothing if maker is None else maker.tap(self._take_made)
 
     def _encoded(self, events: list[Event]) -> Iterable[Any]:
         try:
@@ -178,8 +205,15 @@ class Feed:
         return found
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
+        made = self._maker is not None and self._maker is self._runtime.bus.maker
         for publication in self._publications_of(topic):
-            self._events.append((0, time, publication.topic, value))
+            if not (made and publication.topic is topic):
+                self._events.append((0, time, publication.topic, value))
+
+    def _take_made(self, topic: Topic[Any], message: Ready, time: float) -> None:
+        for publication in self._publications_of(topic):
+            if publication.topic is topic:
+                self._events.append((0, time, topic, message))
 
     def _tell(self, publication: Publication, value: Any, time: float) -> None:
         if publication.topic.message not in self._lacking:

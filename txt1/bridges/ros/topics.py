@@ -12,7 +12,7 @@ from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
 from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.sensors.readings import DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.sensors.readings import OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
 from txt1.tasks.encoder import ROOM
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import TOPICS, Rule, Topic
@@ -64,8 +64,6 @@ define(
 define("rosgraph_msgs/Clock", "builtin_interfaces/Time clock")
 
 
-OPTICAL: Final = "base_camera_optical_link"
-"""The camera's frame as those who read its pictures have it (REP 103): z ahead, x to the right."""
 TO_OPTICAL: Final = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
 
 # -- frames ------------------------------------------------------------------------------------------------------
@@ -193,7 +191,12 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
         own = Topic("/fix", FixReading, FIX.units, FIX.message, FIX.rule, FIX.about, FIX.constants, (), FIX.make)
         return Publication(f"{place}fix", "sensor", own), Publication(f"~{topic.name}", "sensor", topic)
     if topic.type in (Image, DepthImage):
-        seen = replace(topic, constants={**topic.constants, "header": {"frame_id": OPTICAL}})
+        header = {"frame_id": OPTICAL}
+        seen = (
+            topic
+            if topic.constants.get("header") == header
+            else replace(topic, constants={**topic.constants, "header": header})
+        )
         told = Publication(f"{place}{known}", "sensor", seen)
         beside = f"{place}{'depth/' if topic.type is DepthImage else ''}camera_info"
         return told, Publication(beside, "sensor", _camera_info(beside))

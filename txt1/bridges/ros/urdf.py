@@ -7,9 +7,9 @@ from math import tau
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring  # nosec: nothing is read
 
-from txt1.bridges.ros.topics import AXLES, OPTICAL, WHEELS
+from txt1.bridges.ros.topics import AXLES, WHEELS
 from txt1.model.vehicle import Geometry
-from txt1.sensors.readings import BASE, DepthImage, FixReading, Image, ImuReading, Scan
+from txt1.sensors.readings import BASE, OPTICAL, DepthImage, FixReading, Image, ImuReading, Scan
 
 Links = dict[str, tuple[str, float, float, float]]
 """Of links without joints by their names: the one above, and where they are in it, m; none but `OPTICAL` is turned."""
