@@ -46,6 +46,11 @@ class Peer(Node):
                 raise TimeoutError(str(true))
             rclpy.spin_once(self, timeout_sec=0.02)
 
+    def linked(self):
+        """Wait until the robot may be armed, a second after its start."""
+        self.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
+        self.until(lambda: (mode := self.last.get("/txt1/mode")) is not None and mode.link_alive)
+
     def call(self, service, name, **fields):
         package, _, kind_name = service.partition("/")
         found = getattr(import_module(f"{package}.srv"), kind_name)
@@ -105,10 +110,9 @@ def circle():
     peer.hear("/diagnostics", "diagnostic_msgs/DiagnosticArray")
     peer.hear("/txt1/setpoint", "geometry_msgs/TwistStamped")
     peer.hear("/txt1/pwm", "txt1_msgs/Pwm")
-    peer.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
     publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
-    peer.until(lambda: peer.seen["odom"] > 10 and "txt1/mode" and peer.last.get("/txt1/mode") is not None)
-    peer.until(lambda: peer.last["/txt1/mode"].armed or peer.call("std_srvs/Trigger", "/txt1/arm").success)
+    peer.linked()
+    peer.until(lambda: peer.last["/txt1/mode"].armed and peer.seen["odom"] > 10)
 
     def turns():
         peer.run(0.5, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
@@ -155,7 +159,7 @@ def services():
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 
     peer = Peer()
-    peer.hear("/txt1/mode", "txt1_msgs/Mode", LATCHED)
+    peer.linked()
     told = {}
     for name in ("arm", "load_gains", "disarm", "stop"):
         told[name] = peer.call("std_srvs/Trigger", f"/txt1/{name}").success
@@ -199,7 +203,7 @@ def goal():
     peer.hear("odom", "nav_msgs/Odometry")
     client = ActionClient(peer, DriveTo, "/txt1/drive_to")
     assert client.wait_for_server(30.0)
-    peer.until(lambda: peer.seen["odom"] > 10)
+    peer.linked()
     peer.call("std_srvs/Trigger", "/txt1/arm")
     peer.call("std_srvs/Trigger", "/txt1/load_gains")
     feedback = []
@@ -375,6 +379,20 @@ def clock(peer=None):
         "behind": 1e-9 * peer.get_clock().now().nanoseconds - stamp.sec - 1e-9 * stamp.nanosec,
         "now": 1e-9 * peer.get_clock().now().nanoseconds,
     }
+
+
+def raw():
+    """The bytes of messages, as they come."""
+    peer, heard = Peer(), {}
+    for topic, message, quality in (
+        ("odom", "nav_msgs/Odometry", 10), ("/txt1/setpoint", "geometry_msgs/TwistStamped", 10),
+        ("scan", "sensor_msgs/LaserScan", SENSOR), ("camera/depth/image_raw", "sensor_msgs/Image", SENSOR),
+        ("battery_state", "sensor_msgs/BatteryState", LATCHED), ("/txt1/mode", "txt1_msgs/Mode", LATCHED),
+    ):  # fmt: skip
+        taken = heard[topic] = []
+        peer.create_subscription(kind(message), topic, lambda data, taken=taken: taken.append(data), quality, raw=True)
+    peer.until(lambda: all(heard.values()) and len(heard["odom"]) > 100)
+    return {topic: [data.hex() for data in taken] for topic, taken in heard.items()}
 
 
 def replayed():

@@ -22,6 +22,7 @@ from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, wit
 from txt1.bridges.ros.install import outdated
 from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.errors import ConfigError
+from txt1.record.reading import Reading
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent
@@ -244,6 +245,21 @@ def test_virtual_time_is_ros_s_time_for_who_asks_for_it(ros: RosPython, domain: 
         told = ask(ros, domain, "clock")
     assert told["times real"] == pytest.approx(3.0, rel=0.3)
     assert -0.05 <= told["behind"] < 1.0 and told["now"] < 1000.0
+
+
+def test_a_program_gets_the_bytes_that_are_recorded(ros: RosPython, domain: dict[str, str], tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    with robot(domain, "--speed", "1", "--log", str(file), *SENSORS):
+        told = ask(ros, domain, "raw")
+    recorded: dict[str, list[str]] = {}
+    for item in Reading(file):
+        data = item.message.data
+        padding = bytes(-len(data) % 4)  # which DDS adds
+        recorded.setdefault(item.name, []).append((data + padding).hex())
+    names = {"/txt1/setpoint": "/setpoint", "/txt1/mode": "/mode", "odom": "/odom", "battery_state": "/battery1"}
+    names |= {"scan": "/sensors/laser", "camera/depth/image_raw": "/sensors/depth"}
+    for name, messages in told.items():
+        assert messages and set(messages) <= set(recorded[names[name]]), name
 
 
 def test_nodes_of_the_other_distribution_understand_it_and_are_understood(
