@@ -12,8 +12,9 @@ DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 AGAIN ?=
+BARE ?=
 
-.PHONY: run test test-long test-web test-ros lint wheel bench docs clean
+.PHONY: run test test-long test-web test-ros try-bare lint wheel bench docs clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -35,6 +36,9 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 	@test -z "$(KILTED)" || TXT1_ROS2_HOME=$(KILTED) $(BIN)/python -m txt1 ros2 install --distribution kilted || true
 	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
 	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros $(AGAIN)
+
+try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes
+	$(BIN)/python tests/bare.py $(BARE)
 
 lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff check .
