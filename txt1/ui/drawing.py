@@ -28,6 +28,14 @@ STALE_KEYS: Final = frozenset("wasdm")
 REPAINT: Final = 20  # every so many frames all lines are sent again, over what other programs may have written
 
 
+def drawn(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> list[str]:
+    """Return the lines of a frame with the sequences of its colours, as far as TERM and NO_COLOR want any."""
+    console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
+    with console.capture() as capture:
+        console.print(render(snapshot, viewer, width, height), end="", crop=False)  # it fits
+    return capture.get().split("\n")[:height]
+
+
 class Painter:
     """Draws frames, and sends only the lines that differ from the last one."""
 
@@ -39,10 +47,7 @@ class Painter:
     def paint(self, snapshot: Snapshot | None, viewer: Viewer) -> None:
         """Draw one frame."""
         size = width, height = window()
-        console = Console(file=StringIO(), force_terminal=True, width=width, height=height, highlight=False)
-        with console.capture() as capture:
-            console.print(render(snapshot, viewer, width, height), end="", crop=False)  # it fits
-        lines = capture.get().split("\n")[:height]
+        lines = drawn(snapshot, viewer, width, height)
         output = "\x1b[0m\x1b[2J" if size != self.size else ""
         repaint = size != self.size or self._frames % REPAINT == 0
         for row, (line, shown) in enumerate(zip_longest(lines, self._shown), start=1):
