@@ -114,9 +114,8 @@ def bare_debian(root: Path, suite: str) -> tuple[Shell, Shell, str]:
     enter = ["unshare", "--mount", "--fork", "sh", "-c", ENTER, str(root)]
     subprocess.run(["chroot", root, "useradd", "--create-home", "somebody"], check=False, stderr=subprocess.DEVNULL)
     home = root / "home/somebody"
-    for left in home.iterdir():
-        if left.is_dir() and left.name != ".cache":
-            shutil.rmtree(left)
+    for left in (each for each in home.iterdir() if each.is_dir()):
+        shutil.rmtree(left)
     copied(home / "txt1")
     subprocess.run(["chroot", root, "chown", "--recursive", "somebody:", "/home/somebody"], check=True)
     certificate = {"SSL_CERT_FILE": "/etc/ssl/certs/ca-certificates.crt"}

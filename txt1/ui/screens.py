@@ -12,6 +12,8 @@ through all of them. They are imported in the drawing process only; one that fai
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from itertools import accumulate
+from textwrap import wrap
 from typing import Final, NamedTuple
 
 from rich.align import Align
@@ -62,7 +64,9 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
         return Align.center(waiting, vertical="middle", height=height)
     names = list(installed())
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
-    body = _help(viewer) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))
+    body = (
+        _help(viewer, width, height - 5) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))
+    )
     header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot, viewer), _keys(viewer, width)
     layout = Layout()
     layout.split_column(Layout(header, size=1), Layout(state, size=1), Layout(body), Layout(keys, size=1))
@@ -131,7 +135,8 @@ def _keys(viewer: Viewer, width: int) -> Text:
     return line
 
 
-def _help(viewer: Viewer) -> RenderableType:
+def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
+    """The keys, in at most `room` rows; where there are more, the last says so."""
     driving = (
         ("SPACE", "EMERGENCY STOP: outputs neutral at once and latched, until m"),
         ("m", "arm: opens the safety gate; also the way back from an emergency stop"),
@@ -145,11 +150,16 @@ def _help(viewer: Viewer) -> RenderableType:
         ("e", "ESC off, or on again: behind a line 3.2 s later, disarmed"),
         ("?", "this help, and back"),
         ("q", "quit: outputs neutral, terminal as it was"),
-        (),
+        ("", ""),
         (DASH, "a value that this hardware layer cannot know"),
         ("on?", "asked for, and confirmed by nobody"),
         ("BUZZER", "link lost or battery low"),
         ("RX TX", "toggle with every message received and sent"),
     )
     rows = driving if viewer.keys == DRIVING else tuple(viewer.keys.items())
+    taken = [max(1, len(wrap(text, max(1, width - 12)))) for _, text in rows]
+    shown = sum(until <= room for until in accumulate(taken))
+    if shown < len(rows):
+        shown = sum(until < room for until in accumulate(taken))
+        rows = (*rows[:shown], ("…", "and more, in a larger window"))
     return table("HELP", (NAME, Column(fold=True)), rows, border="cyan")

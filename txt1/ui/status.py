@@ -1,5 +1,7 @@
 """The STATUS screen: state, batteries, gains in force, faults and the latest events."""
 
+from collections.abc import Sequence
+
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 
@@ -21,6 +23,8 @@ from txt1.ui.viewer import Viewer
 
 LEFT = 43  # columns of the left half in a window of 80
 LEFT_ROWS = 21
+ROBOT_ROWS = 12  # of a narrow window, border included
+NARROW = 72  # columns below which there is no room for two halves
 EVENT_ROWS = 8  # rows kept for the events, border included, however many faults there are
 _BATTERY_STYLES = {BatteryState.WARNING: WARNING, BatteryState.BAD: BAD}
 _NUMBER = Column(right=True)
@@ -40,7 +44,9 @@ def state_of(snapshot: Snapshot) -> str:
 
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """STATUS for a body of width x rows cells; a large window has room for a small map."""
+    """STATUS for a body of width x rows cells; a large window has room for a small map, a narrow one not for gains."""
+    if width < NARROW:
+        return _narrow(snapshot, width, rows)
     left_width = max(LEFT, width * 2 // 5)
     layout = Layout()
     left, right = Layout(size=left_width), Layout()
@@ -53,15 +59,30 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rendera
         left.update(state)
     faults = _faults(snapshot, max(1, rows - EVENT_ROWS - 2))
     latest = snapshot.get(fields.EVENTS, ())[: -max(1, rows - len(faults) - 4) - 1 : -1]
-    events = tuple((f"{event.time:.1f}", clean(event.text)) for event in latest)
     right.split_column(
         Layout(table("faults", (Column(fold=True), Column(style=WARNING, right=True)), faults), size=len(faults) + 2),
-        Layout(table("events (s)", (Column(style=DIM, right=True), Column(fold=True)), events, gap=1)),
+        Layout(_events(latest)),
     )
     return layout
 
 
+def _narrow(snapshot: Snapshot, width: int, rows: int) -> RenderableType:
+    """One column: the robot with its battery and faults, and below it as many events as there is room for."""
+    battery = snapshot.get(BATTERIES[0], fields.Battery())
+    values = [number(battery.battery1, 2, "V"), number(battery.battery2, 2, "V"), _charge(battery), _left(battery)]
+    told = _in_a_line(_faults(snapshot, 100), width - 15)
+    robot = table("robot", FIELDS, (*_fields(snapshot), ("battery", "  ".join(values)), ("faults", told)))
+    latest = snapshot.get(fields.EVENTS, ())[: -max(1, rows - ROBOT_ROWS) - 1 : -1]
+    layout = Layout()
+    layout.split_column(Layout(robot, size=ROBOT_ROWS), Layout(_events(latest)))
+    return layout
+
+
 def _robot(snapshot: Snapshot) -> Kept:
+    return table("robot", FIELDS, _fields(snapshot))
+
+
+def _fields(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     can, control = snapshot.get(fields.CAPABILITIES, Capabilities()), snapshot.get(SETPOINT, Control())
     mode, command = snapshot.get(MODE, Mode()), snapshot.get(fields.COMMAND)
     link = styled("alive", GOOD) if mode.link.alive else styled("lost", BAD)
@@ -75,7 +96,7 @@ def _robot(snapshot: Snapshot) -> Kept:
         drives += styled(f", refused {refused}", WARNING)
     power = (("ATX", mode.power.atx), ("ESC", mode.power.esc))
     switches = (f"{name} {_switch(on, mode.power)}" for name, on in power)
-    rows = (
+    return (
         ("state", state_of(snapshot)),
         ("link", link),
         ("odometry", control.source.value if can.pwm else DASH),
@@ -85,7 +106,6 @@ def _robot(snapshot: Snapshot) -> Kept:
         ("set-point", _velocity(control.v, control.omega)),
         ("power", "  ".join(switches) if can.power else DASH),
     )
-    return table("robot", FIELDS, rows)
 
 
 def _switch(on: bool | None, power: Power) -> str:
@@ -101,14 +121,24 @@ def _velocity(v: float, omega: float) -> str:
 
 def _batteries(snapshot: Snapshot) -> Kept:
     battery = snapshot.get(BATTERIES[0], fields.Battery())
-    state = battery.state
     rows = (
-        ("battery", DASH if state is None else styled(state.value, _BATTERY_STYLES.get(state, GOOD))),
+        ("battery", _charge(battery)),
         ("battery 1", number(battery.battery1, 2, "V")),
         ("battery 2", number(battery.battery2, 2, "V")),
-        ("remaining", number(None if battery.remaining is None else battery.remaining / 60.0, 0, "min")),
+        ("remaining", _left(battery)),
     )
     return table("battery", FIELDS, rows)
+
+
+def _charge(battery: fields.Battery) -> str:
+    """Good, warning or bad."""
+    state = battery.state
+    return DASH if state is None else styled(state.value, _BATTERY_STYLES.get(state, GOOD))
+
+
+def _left(battery: fields.Battery) -> str:
+    """The time that is left."""
+    return number(None if battery.remaining is None else battery.remaining / 60.0, 0, "min")
 
 
 def _gains(snapshot: Snapshot) -> Kept:
@@ -127,6 +157,23 @@ def _gains(snapshot: Snapshot) -> Kept:
 def gain_cells(gains: Gains | None) -> list[str]:
     """Kp, Ki and Kd with three decimals each, as the protocol carries them; dashes for None."""
     return [number(gain, 3) for gain in gains or (None, None, None)]
+
+
+def _events(events: Sequence[fields.Event]) -> Kept:
+    """When each happened, in s, and the whole of it."""
+    rows = tuple((f"{event.time:.1f}", clean(event.text)) for event in events)
+    return table("events (s)", (Column(style=DIM, right=True), Column(fold=True)), rows, gap=1)
+
+
+def _in_a_line(faults: Sequence[tuple[str, ...]], room: int) -> str:
+    """The counters in at most `room` cells, and how many others there are."""
+    told = ""
+    for number_of, (name, count) in enumerate(faults):
+        more = f"{told}  {name} {count}".strip()
+        if len(more) > room - len("  and 99 more") and number_of:
+            return f"{told}  and {len(faults) - number_of} more"
+        told = more
+    return told
 
 
 def _faults(snapshot: Snapshot, room: int) -> tuple[tuple[str, ...], ...]:
