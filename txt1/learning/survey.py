@@ -1,0 +1,230 @@
+"""A survey of light sensors: where they sit, how bright each reads, by which power light falls, where the light is.
+
+It is made from an episode's rows, one a decision: distance, turn, four log readings, their four variances (infinite
+for a sensor of no use). With sensors at p, of brightness g, power n and a turn of s h for the h that odometry says,
+
+    survey, light  <-  argmin  sum (z - g + n log|light - p|)^2        (Gauss-Newton, what lies far off counts less)
+
+and between surveys a Kalman filter keeps the light's place in the robot's frame.
+"""
+
+from functools import partial
+from math import cos, exp, hypot, inf, log, pi, sin, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.sim.batch import compiled as compiled_anew
+
+Array = NDArray[np.float64]
+Place = tuple[float, float]  # (forward, left) of the robot, in odometry's metres
+Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
+
+SENSORS: Final = 4
+POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
+NUMBERS: Final = 14
+TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
+compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
+
+
+@compiled
+def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
+    """The light in the robot's frame after the robot went on, which odometry tells but for a share `slip`."""
+    x, y, xx, yy, xy = belief
+    c, s = cos(turn), sin(turn)
+    x, y = x - distance * cos(0.5 * turn), y - distance * sin(0.5 * turn)
+    xx += slip * slip * (distance * distance + turn * turn * y * y)
+    yy += slip * slip * turn * turn * x * x
+    xy -= slip * slip * turn * turn * x * y
+    x, y = c * x + s * y, c * y - s * x
+    return (
+        x, y, c * c * xx + s * s * yy + 2.0 * c * s * xy, c * c * yy + s * s * xx - 2.0 * c * s * xy,
+        c * s * (yy - xx) + (c * c - s * s) * xy,
+    )  # fmt: skip
+
+
+@compiled
+def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Belief, float, int]:
+    """The light's place after readings; the sum of their squared misfits, in deviations, and how many they were."""
+    x, y, xx, yy, xy = belief
+    total, count = 0.0, 0
+    for k in range(SENSORS):
+        if noise[k] == inf:
+            continue
+        apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
+        square = apart_x * apart_x + apart_y * apart_y + 1e-4
+        slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
+        miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+        along_x, along_y = xx * slope_x + xy * slope_y, xy * slope_x + yy * slope_y
+        variance = slope_x * along_x + slope_y * along_y + noise[k]
+        total += miss * miss / variance
+        count += 1
+        step_x, step_y = along_x / variance * miss, along_y / variance * miss
+        short = min(1.0, 0.5 * hypot(x, y) / max(hypot(step_x, step_y), 1e-9))
+        x, y = x + short * step_x, y + short * step_y
+        xx, yy, xy = (
+            xx - along_x * along_x / variance, yy - along_y * along_y / variance, xy - along_x * along_y / variance,
+        )  # fmt: skip
+    return (x, y, xx, yy, xy), total, count
+
+
+@compiled
+def sighted(survey: Array, z: Array, noise: Array) -> Belief:
+    """Place of the light from one set of readings: the best of sixteen bearings, by Gauss-Newton."""
+    level, weights = 0.0, 1e-12
+    for k in range(SENSORS):
+        if noise[k] < inf:
+            level += (survey[k] - z[k]) / noise[k]
+            weights += 1.0 / noise[k]
+    far = exp(min(max(level / weights / survey[POWER], -3.0), 3.0))
+    best = inf
+    found = (far, 0.0, far * far, far * far, 0.0)
+    for guess in range(16):
+        x, y = far * cos(guess * pi / 8.0), far * sin(guess * pi / 8.0)
+        xx = yy = xy = cost = 0.0
+        for _ in range(6):
+            xx = yy = 1e-2 / (far * far)
+            xy = to_x = to_y = cost = 0.0
+            for k in range(SENSORS):
+                if noise[k] == inf:
+                    continue
+                apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
+                square = apart_x * apart_x + apart_y * apart_y + 1e-4
+                slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
+                miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+                cost += miss * miss / noise[k]
+                xx += slope_x * slope_x / noise[k]
+                yy += slope_y * slope_y / noise[k]
+                xy += slope_x * slope_y / noise[k]
+                to_x += slope_x * miss / noise[k]
+                to_y += slope_y * miss / noise[k]
+            area = xx * yy - xy * xy
+            step_x, step_y = (yy * to_x - xy * to_y) / area, (xx * to_y - xy * to_x) / area
+            short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
+            x, y = x + short * step_x, y + short * step_y
+        if cost < best:
+            best = cost
+            area = xx * yy - xy * xy
+            found = (x, y, yy / area, xx / area, -xy / area)
+    return found
+
+
+@compiled
+def seen_along(survey: Array, rows: Array, slip: float) -> Belief:
+    """Place of the light at the end of an episode's rows, as the survey has it."""
+    belief: Belief = sighted(survey, rows[0, 2:6], rows[0, 6:])
+    for k in range(1, rows.shape[0]):
+        turn = survey[SCALE] * rows[k, 1]
+        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
+        belief, _, _ = corrected(belief, survey, rows[k, 2:6], rows[k, 6:])
+        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
+    return belief
+
+
+def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
+    """The way on the map of an episode: x, y and heading after each decision; it begins at 0, 0, 0."""
+    heading = np.cumsum(turn)
+    middle = heading - 0.5 * turn
+    return np.cumsum(distance * np.cos(middle)), np.cumsum(distance * np.sin(middle)), heading
+
+
+@compiled
+def _cost(
+    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, gradient: Array, normal: Array
+) -> float:
+    """Cost of a survey and of the light's places; `gradient` and `normal` are overwritten with its slopes."""
+    gradient[:] = 0.0
+    normal[:] = 0.0
+    level = (survey[0] + survey[1] + survey[2] + survey[3]) / SENSORS
+    cost = 0.0
+    for i in range(NUMBERS):
+        off = survey[i] - (level if i < SENSORS else mean[i])
+        cost += off * off / square[i]
+        gradient[i] += off / square[i]
+        normal[i, i] += 1.0 / square[i]
+    column = np.zeros(7, np.int64)
+    slope = np.zeros(7)
+    x = y = heading = x_by = y_by = heading_by = 0.0  # on the map, and how they change with the scale of turns
+    for t in range(rows.shape[0]):
+        e = which[t]
+        if t > 0 and which[t - 1] != e:
+            x = y = heading = x_by = y_by = heading_by = 0.0
+        distance, turn = rows[t, 0], rows[t, 1]
+        for half in range(2):  # the readings are those of the middle of a decision's way
+            middle, middle_by = (
+                heading + (0.25 + 0.5 * half) * survey[SCALE] * turn,
+                heading_by + (0.25 + 0.5 * half) * turn,
+            )
+            c, s = cos(middle), sin(middle)
+            x, y = x + 0.5 * distance * c, y + 0.5 * distance * s
+            x_by, y_by = x_by - 0.5 * distance * s * middle_by, y_by + 0.5 * distance * c * middle_by
+            if half == 1:
+                continue
+            here, here_by = heading + 0.5 * survey[SCALE] * turn, heading_by + 0.5 * turn
+            c, s = cos(here), sin(here)
+            east, north = lights[e, 0] - x, lights[e, 1] - y
+            ahead, left = c * east + s * north, c * north - s * east
+            ahead_by = left * here_by - c * x_by - s * y_by
+            left_by = -ahead * here_by - c * y_by + s * x_by
+            for k in range(SENSORS):
+                if rows[t, 6 + k] == inf:
+                    continue
+                root = 1.0 / sqrt(rows[t, 6 + k])
+                apart_x, apart_y = ahead - survey[PLACES + 2 * k], left - survey[PLACES + 2 * k + 1]
+                far = apart_x * apart_x + apart_y * apart_y + 1e-4
+                miss = (survey[k] - 0.5 * survey[POWER] * log(far) - rows[t, 2 + k]) * root
+                by_x, by_y = -survey[POWER] * apart_x / far * root, -survey[POWER] * apart_y / far * root
+                cost += TAIL * log(1.0 + miss * miss / TAIL)
+                trust = 1.0 / (1.0 + miss * miss / TAIL)
+                column[0], slope[0] = k, root
+                column[1], slope[1] = POWER, -0.5 * log(far) * root
+                column[2], slope[2] = PLACES + 2 * k, -by_x
+                column[3], slope[3] = PLACES + 2 * k + 1, -by_y
+                column[4], slope[4] = SCALE, by_x * ahead_by + by_y * left_by
+                column[5], slope[5] = NUMBERS + 2 * e, by_x * c - by_y * s
+                column[6], slope[6] = NUMBERS + 2 * e + 1, by_x * s + by_y * c
+                for i in range(7):
+                    gradient[column[i]] += trust * miss * slope[i]
+                    for j in range(7):
+                        normal[column[i], column[j]] += trust * slope[i] * slope[j]
+        heading, heading_by = heading + survey[SCALE] * turn, heading_by + turn
+    return cost
+
+
+@compiled
+def surveyed(
+    rows: Array, which: Array, survey: Array, lights: Array, mean: Array, square: Array, rounds: int
+) -> tuple[Array, Array, float, Array]:
+    """A survey by Gauss-Newton from a guess; the light's place in each episode, the cost, and the last's covariance.
+
+    `rows` are those of all decisions: distance, turn, four log readings, their four variances; `which` tells the
+    episode of each. Deviations from `mean` cost their square over `square`, brightnesses those from each other.
+    """
+    size = NUMBERS + 2 * lights.shape[0]
+    gradient, normal = np.zeros(size), np.zeros((size, size))
+    new_gradient, new_normal = np.zeros(size), np.zeros((size, size))
+    cost = _cost(rows, which, survey, lights, mean, square, gradient, normal)
+    damping = 1e-2
+    for _ in range(rounds):
+        damped = normal.copy()
+        for i in range(size):
+            damped[i, i] += damping * normal[i, i] + 1e-6
+        step = np.linalg.solve(damped, gradient)
+        trial = survey - step[:NUMBERS]
+        trial[POWER] = min(max(trial[POWER], 0.5), 6.0)
+        trial[SCALE] = min(max(trial[SCALE], 0.5), 2.0)
+        moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
+        new = _cost(rows, which, trial, moved_lights, mean, square, new_gradient, new_normal)
+        if new < cost:
+            gain = cost - new
+            survey, lights, cost = trial, moved_lights, new
+            gradient[:], normal[:] = new_gradient, new_normal
+            damping *= 0.3
+            if gain < 1e-3 * cost:
+                break
+        else:
+            damping *= 8.0
+    for i in range(size):
+        normal[i, i] += 1e-6
+    return survey, lights, cost, np.linalg.inv(normal)[-2:, -2:].copy()
