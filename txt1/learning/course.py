@@ -6,7 +6,7 @@ by least squares that forget; a plan is "a for m decisions, then b", with b for 
 """
 
 from functools import partial
-from math import atan2, cos, hypot, inf, pi, sin, sqrt
+from math import acos, atan2, cos, erfc, floor, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,33 +74,34 @@ def learn_effects(
 
 
 @compiled
-def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> float:
-    """Distance along an arc to the circle of radius `goal` around a light at (ahead, left); inf: it misses it."""
+def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> tuple[float, float]:
+    """Distance along an arc to a circle of radius `goal` around the light at (ahead, left), how deep it enters.
+
+    A depth below 0 is by how much it misses it; the distance is then that to the place nearest to the light.
+    """
     if abs(curvature) < 1e-3:
-        if abs(left) > goal or ahead < 0.0:
-            return inf
-        return ahead - sqrt(goal * goal - left * left)
+        if ahead < 0.0:
+            return 0.0, goal - hypot(ahead, left)
+        return ahead - sqrt(max(goal * goal - left * left, 0.0)), goal - abs(left)
     if curvature < 0.0:
         left = -left
     radius = 1.0 / abs(curvature)
     rho = hypot(ahead, left - radius)
     cosine = (rho * rho + radius * radius - goal * goal) / (2.0 * rho * radius + 1e-12)
-    if abs(cosine) > 1.0:
-        return inf
-    angle = atan2(left - radius, ahead) - np.arccos(cosine) + 0.5 * pi
-    length: float = radius * (angle - 2.0 * pi * np.floor(angle / (2.0 * pi)))
-    return length
+    angle = atan2(left - radius, ahead) - acos(min(max(cosine, -1.0), 1.0)) + 0.5 * pi
+    return radius * (angle - 2.0 * pi * floor(angle / (2.0 * pi))), goal - abs(rho - radius)
 
 
 @compiled
 def quickest(
     ahead: float, left: float, distance: float, curvature: float, pending: NDArray[np.int64], k: Array, c: Array,
-    every: Array, scale: float, goal: float, horizon: int,
+    every: Array, scale: float, goal: float, doubt: float, horizon: int,
 ) -> tuple[int, float]:  # fmt: skip
-    """The first action of the quickest plan "a for m decisions, then b", and how many decisions it takes.
+    """The first action of the plan "a for m decisions, then b" that is quickest on average, and its decisions.
 
-    The light is at (ahead, left); distance and curvature are those of the last decision. Actions that are under way
-    come first. `k`, `c` and `every` (with the action that stands for none): see `Effects`.
+    The light is at (ahead, left), which like the goal's distance has the standard deviation `doubt`: a plan that grazes
+    the goal may miss it, and then costs a circle more. Distance and curvature are those of the last decision. Actions
+    that are under way come first. `k`, `c` and `every` (with the action that stands for none): see `Effects`.
     """
     settle = 6  # decisions after which distance and curvature of an action have come to rest
     for a in pending:
@@ -110,6 +111,9 @@ def quickest(
         cos_turn, sin_turn = cos(turn), sin(turn)
         x, y = ahead - distance * cos(0.5 * turn), left - distance * sin(0.5 * turn)
         ahead, left = cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x
+    sharpest = 1e-3
+    for b in range(c.shape[1]):
+        sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
     best, action = inf, 0
     for a in range(c.shape[1]):
         at_x, at_y, step, bend = ahead, left, distance, curvature
@@ -137,10 +141,9 @@ def quickest(
                         d, e = c[0, b] / (1.0 - k[0]), scale * c[1, b] / (1.0 - k[1])
                         if abs(d) < 1e-9:
                             continue
-                        length = _to_circle(x, y, e, goal) if d > 0.0 else _to_circle(-x, y, -e, goal)
-                        if length == inf:  # as long as if it went there after another circle
-                            length = r + 2.0 * pi / max(abs(e), 1e-3) + 100.0 * abs(d)
-                        time += length / abs(d)
+                        length, deep = _to_circle(x, y, e, goal) if d > 0.0 else _to_circle(-x, y, -e, goal)
+                        misses = 0.5 * erfc(deep / doubt * sqrt(0.5))
+                        time += (length + misses * 2.0 * pi / sharpest) / abs(d)
                     if time < best:
                         best, action = time, a if m > 0 else b
             step = k[0] * step + c[0, a]

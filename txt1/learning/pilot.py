@@ -6,15 +6,18 @@ tells how far it went and how much it turned (perhaps by a wrong scale). Lengths
 
     z     <- log of the mean of the readings since the last decision
     d, h  <- distance and turn since then, by odometry
-    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action that was in force (least squares that forget)
-    q     <- place of the light in the robot's frame: moved by d, h, corrected by z (Kalman filter)
-    if lost, or at an episode's end:
+    learn   d' = k d + c(a),  (h/d)' = l (h/d) + e(a),  a: the action that was in force (`course`)
+    Q     <- places of the light in the robot's frame that z allows, at first; then each is moved by d, h and
+             corrected by z (Kalman filters), and those that the readings speak against are dropped (`survey`)
+    if lost, or late, or at an episode's end:
         survey: p, g, n, s and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
-    a     <- first action of the quickest plan "a for m decisions, then b" to the goal's distance
+    a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from the
+             likeliest q, on average: what grazes the goal may miss it, and go round once more (`course`)
 
-with sensors at p, of brightness g, power n, and a turn of s h for the h that odometry says. It is lost at first,
-when the readings fit no longer, and when it has not arrived in twice the time that it had planned: then it forgets its
-survey, tries each action again, and surveys anew from several guesses at where the light is.
+with sensors at p, of brightness g, power n, and a turn of s h for the h that odometry says. The goal's distance is the
+mean of those at which episodes ended well. It is lost at first, when the readings fit no longer, and when it is late by
+half of what it had planned although it surveyed anew: then it forgets its survey, tries each action again, and surveys
+from several guesses at where the light is.
 """
 
 from dataclasses import dataclass
@@ -36,7 +39,7 @@ from txt1.learning.survey import (
     Array,
     Belief,
     Place,
-    corrected,
+    followed,
     moved,
     seen_along,
     sighted,
@@ -61,7 +64,7 @@ class Settings:
     doubt: Positive = 2.5  # mean square of the readings' misfit, in its own deviations, from which it is lost
     slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
     model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
-    aim: Share = 0.95  # of the goal's distance that a plan is to reach: what grazes the goal might miss it
+    graze: Share = 0.06  # standard deviation of the goal's distance, as a share: what grazes the goal might miss it
     ahead: PositiveInt = 130  # decisions after which a plan's first action ends at the latest
     delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
 
@@ -94,6 +97,7 @@ class PilotAgent:
         self.survey[POWER], self.survey[SCALE] = 2.0, 1.0
         self.spread = np.full(SENSORS, 0.1)  # mean square of one sample, as a share of its mean
         self.goal = 0.0  # distance from the light at which an episode ends; 0: not known
+        self._goals = 0  # episodes that it is the mean of
         self.lost = True
         self.misfit = 1.0
         self._rng = rng
@@ -117,9 +121,11 @@ class PilotAgent:
         self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
         self._due = 0.0
         self._acting = False
-        self._light: Belief | None = None  # its place in the robot's frame
+        self._lights: list[tuple[Belief, float]] = []  # its likely places in the robot's frame, the likeliest first
         self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
-        self._deadline = inf
+        self._near = self.goal  # the goal's distance as it shows in this episode
+        self._arrival = inf  # decision at which it is there at the latest if all goes well
+        self._surveyed = False  # whether it surveyed again in this episode for being late
         self.plan = inf  # decisions that the plan takes
 
     def see(self, readings: Readings, odometry: Odometry) -> None:
@@ -142,12 +148,14 @@ class PilotAgent:
         self._acting, self._due = True, now + self.settings.period
         self._learn(odometry)
         if self._light is not None:  # it is here, and the episode goes on: the goal is nearer to the light
-            self.goal = min(self.goal, 0.98 * hypot(*self._light[:2]))
+            self._near = min(self._near, 0.98 * hypot(*self._light[:2]))
         if self.lost and len(self._rows) % self.settings.anew == 0:
             self._survey_anew()
-        if not self.lost and (self.misfit > self.settings.doubt or len(self._rows) > self._deadline):
+        if not self.lost and self.misfit > self.settings.doubt:
             self._lose()
         a = self._choose()
+        if not self.lost and len(self._rows) + self.plan > self._arrival:
+            self._late()
         self._taken = [a, *self._taken[:-1]]
         return a
 
@@ -159,12 +167,13 @@ class PilotAgent:
             self._past.append(np.array(self._rows))
         if success and self._light is not None:
             seen = 0.5 * (self._range[0] + self._range[1])  # outside before, inside now
-            self.goal += (seen - self.goal) * (1.0 if self.goal == 0.0 or self.lost else 0.3)
+            self._goals = 1 if self.lost else self._goals + 1
+            self.goal += (seen - self.goal) / min(self._goals, 10)
             self.lost = False
             self.misfit = 1.0
         self._trim()
         if self._past:
-            self._survey_on()
+            self._survey_on(self._past)
 
     # -- learning ------------------------------------------------------------------------------------------------
 
@@ -212,18 +221,32 @@ class PilotAgent:
 
     def _track(self, distance: float, turn: float, z: Array, noise: Array) -> None:
         """Move the light's place in the robot's frame, and correct it by the readings of the middle of the way."""
-        slip = self.settings.slip
-        if self._light is not None:
+        if self._lights:
             turn *= float(self.survey[SCALE])
-            halfway = moved(self._light, 0.5 * distance, 0.5 * turn, slip)
-            there, square, count = corrected(halfway, self.survey, z, noise)
+            self._lights, square, count = followed(
+                self._lights, self.survey, z, noise, distance, turn, self.settings.slip
+            )
             if count:
                 self.misfit += 0.05 * (square / count - self.misfit)
-            self._light = moved(there, 0.5 * distance, 0.5 * turn, slip)
         elif not self.lost:
-            self._light = sighted(self.survey, z, noise)
+            self._lights = sighted(self.survey, z, noise)
         if self._light is not None:
             self._range = self._range[1], hypot(*self._light[:2])
+
+    def _late(self) -> None:
+        """Survey again with what was seen in this episode; forget the survey where that was done before."""
+        if self._surveyed:
+            return self._lose()
+        self._surveyed, self._arrival = True, inf
+        rows = np.array(self._rows[-self.settings.window :])
+        light, doubt = self._survey_on([*self._past, rows])
+        self._follow(rows, light, doubt)
+        return None
+
+    @property
+    def _light(self) -> Belief | None:
+        """The light's likeliest place in the robot's frame; None: not known."""
+        return self._lights[0][0] if self._lights else None
 
     def _lose(self) -> None:
         """Forget the survey: nothing fits."""
@@ -231,8 +254,8 @@ class PilotAgent:
         self.misfit = 1.0
         self._past = []
         self._rows = self._rows[-10:]
-        self._light = None
-        self._deadline = inf
+        self._lights = []
+        self._arrival = inf
         self._untried = self._all()
 
     def _trim(self) -> None:
@@ -269,23 +292,29 @@ class PilotAgent:
                     best, self.survey = cost, found
                     self._follow(rows, lights[0], doubt)
 
-    def _follow(self, rows: Array, light: Array, doubt: Array) -> None:
+    def _follow(self, rows: Array, on_the_map: Array, doubt: Array) -> None:
         """Have the light where a survey put it on the map of this episode."""
         x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
-        on_map = light[0], light[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
+        on_map = on_the_map[0], on_the_map[1], doubt[0, 0], doubt[1, 1], doubt[0, 1]
         distance, bearing = hypot(x[-1], y[-1]), atan2(y[-1], x[-1])
         there = moved(moved(on_map, 0.0, bearing, 0.0), distance, 0.0, 0.0)
-        self._light = moved(there, 0.0, heading[-1] - bearing, 0.0)
-        self._range = self._range[1], hypot(*self._light[:2])
+        light = moved(there, 0.0, heading[-1] - bearing, 0.0)
+        self._lights = [(light, 0.0)]
+        self._range = self._range[1], hypot(*light[:2])
 
-    def _survey_on(self) -> None:
-        """Survey again from what is known, with the latest episodes."""
+    def _survey_on(self, episodes: list[Array]) -> tuple[Array, Array]:
+        """Survey with these episodes, from what is known and from sensors in the middle; the last one's light."""
         mean, square = self._prior()
-        lights = np.array([self._sight(rows) for rows in self._past])
-        which = np.repeat(np.arange(len(self._past)), [len(rows) for rows in self._past])
-        found, _, cost, _ = surveyed(np.concatenate(self._past), which, self.survey, lights, mean, square, 6)
+        lights = np.array([self._sight(rows) for rows in episodes])
+        which = np.repeat(np.arange(len(episodes)), [len(rows) for rows in episodes])
+        anew = np.concatenate([self.survey[:PLACES], mean[PLACES:]])
+        found = [
+            surveyed(np.concatenate(episodes), which, guess, lights, mean, square, 6) for guess in (self.survey, anew)
+        ]
+        survey, lights, cost, doubt = min(found, key=lambda one: one[2])
         if isfinite(cost):
-            self.survey = found
+            self.survey = survey
+        return lights[-1], doubt
 
     def _sight(self, rows: Array) -> Place:
         """Where the light was on the map of an episode, as far as the survey tells."""
@@ -304,13 +333,14 @@ class PilotAgent:
         delay = int((self.effects.error * (1.0 + 0.02 * np.arange(self.settings.delays))).argmin())
         k, c = self.effects.k[delay], self.effects.c[delay]
         pending = np.array(self._taken[:delay][::-1], np.int64)
-        goal = self.settings.aim * self.goal or 0.25 * sqrt(self._prior()[1][PLACES])
+        goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
+        doubt = hypot(sqrt(0.5 * (self._light[2] + self._light[3])), self.settings.graze * goal)
         a, self.plan = quickest(
             self._light[0], self._light[1], self._pace[0], self._pace[1], pending, k,
-            c[:, : self.actions].copy(), c, float(self.survey[SCALE]), goal, self.settings.ahead,
+            c[:, : self.actions].copy(), c, float(self.survey[SCALE]), goal, doubt, self.settings.ahead,
         )  # fmt: skip
-        if self._deadline == inf:
-            self._deadline = len(self._rows) + 2.0 * self.plan + 20.0
+        if self._arrival == inf:
+            self._arrival = len(self._rows) + 1.5 * self.plan + 2.0 * self.settings.tries
         return int(a)
 
     def decision(self, odometry: Odometry) -> Decision:
@@ -341,6 +371,7 @@ class PilotAgent:
         effects = {name: getattr(self.effects, name).tolist() for name in ("sums", "error", "k", "c")}
         return {
             "effects": effects, "survey": self.survey.tolist(), "spread": self.spread.tolist(), "goal": self.goal,
+            "goals": self._goals,
             "lost": self.lost, "untried": list(self._untried), "episode": self.episode,
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
             "rng": self._rng.bit_generator.state,
@@ -352,7 +383,7 @@ class PilotAgent:
             setattr(self.effects, name, np.array(kept))
         self.survey, self.spread = np.array(memory["survey"]), np.array(memory["spread"])
         self.goal, self.lost, self.episode = float(memory["goal"]), bool(memory["lost"]), int(memory["episode"])
-        self._untried = list(memory["untried"])
+        self._goals, self._untried = int(memory["goals"]), list(memory["untried"])
         self._past = [np.array(rows) for rows in memory["past"]]
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
@@ -365,5 +396,5 @@ def _compile() -> None:
     surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
     seen_along(survey, rows, 0.1)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
-    quickest(1.0, 0.0, 0.1, 0.0, pending, np.zeros(2), c[:, :2].copy(), c, 1.0, 0.5, 2)
+    quickest(1.0, 0.0, 0.1, 0.0, pending, np.zeros(2), c[:, :2].copy(), c, 1.0, 0.5, 0.1, 2)
     Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)

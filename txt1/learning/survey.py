@@ -24,6 +24,7 @@ Belief = tuple[float, float, float, float, float]  # the light's place (forward,
 SENSORS: Final = 4
 POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
 NUMBERS: Final = 14
+UNLIKELY: Final = 20.0  # square of the misfit, in deviations, by which a place of the light is less likely, and dropped
 TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
 compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
 
@@ -70,16 +71,18 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
 
 
 @compiled
-def sighted(survey: Array, z: Array, noise: Array) -> Belief:
-    """Place of the light from one set of readings: the best of sixteen bearings, by Gauss-Newton."""
+def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]:
+    """Places of the light that one set of readings allows, with the cost of each: by Gauss-Newton from 16 bearings.
+
+    With two sensors, or three in a line, there are two of them.
+    """
     level, weights = 0.0, 1e-12
     for k in range(SENSORS):
         if noise[k] < inf:
             level += (survey[k] - z[k]) / noise[k]
             weights += 1.0 / noise[k]
     far = exp(min(max(level / weights / survey[POWER], -3.0), 3.0))
-    best = inf
-    found = (far, 0.0, far * far, far * far, 0.0)
+    found = [((far, 0.0, far * far, far * far, 0.0), inf)]
     for guess in range(16):
         x, y = far * cos(guess * pi / 8.0), far * sin(guess * pi / 8.0)
         xx = yy = xy = cost = 0.0
@@ -103,22 +106,55 @@ def sighted(survey: Array, z: Array, noise: Array) -> Belief:
             step_x, step_y = (yy * to_x - xy * to_y) / area, (xx * to_y - xy * to_x) / area
             short = min(1.0, 0.5 * far / max(hypot(step_x, step_y), 1e-9))
             x, y = x + short * step_x, y + short * step_y
-        if cost < best:
-            best = cost
-            area = xx * yy - xy * xy
-            found = (x, y, yy / area, xx / area, -xy / area)
-    return found
+        area = xx * yy - xy * xy
+        one = ((x, y, yy / area, xx / area, -xy / area), cost)
+        new = True
+        for i in range(len(found)):
+            if hypot(found[i][0][0] - x, found[i][0][1] - y) < 0.25 * far or found[i][1] == inf:
+                new = False
+                if cost < found[i][1]:
+                    found[i] = one
+                break
+        if new:
+            found.append(one)
+    best = min([cost for _, cost in found])
+    return [one for one in found if one[1] <= best + UNLIKELY]
+
+
+@compiled
+def followed(
+    lights: list[tuple[Belief, float]], survey: Array, z: Array, noise: Array, distance: float, turn: float, slip: float
+) -> tuple[list[tuple[Belief, float]], float, int]:
+    """Places of the light after a decision, those that the readings still allow, the likeliest first.
+
+    Also the squared misfit of the likeliest, in deviations, and how many readings it is the sum over. Readings are
+    those of the middle of the way; `turn` is true to scale.
+    """
+    after = [(belief, cost, 0.0, 0) for belief, cost in lights]
+    for i in range(len(after)):
+        belief, cost, _, _ = after[i]
+        belief = moved(belief, 0.5 * distance, 0.5 * turn, slip)
+        belief, square, count = corrected(belief, survey, z, noise)
+        after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip), cost + square, square, count
+    best = 0
+    for i in range(len(after)):
+        if after[i][1] < after[best][1]:
+            best = i
+    kept = [(after[best][0], 0.0)]
+    for i in range(len(after)):
+        if i != best and after[i][1] - after[best][1] <= UNLIKELY:
+            kept.append((after[i][0], after[i][1] - after[best][1]))
+    return kept, after[best][2], after[best][3]
 
 
 @compiled
 def seen_along(survey: Array, rows: Array, slip: float) -> Belief:
     """Place of the light at the end of an episode's rows, as the survey has it."""
-    belief: Belief = sighted(survey, rows[0, 2:6], rows[0, 6:])
+    lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
     for k in range(1, rows.shape[0]):
         turn = survey[SCALE] * rows[k, 1]
-        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
-        belief, _, _ = corrected(belief, survey, rows[k, 2:6], rows[k, 6:])
-        belief = moved(belief, 0.5 * rows[k, 0], 0.5 * turn, slip)
+        lights, _, _ = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip)
+    belief: Belief = lights[0][0]
     return belief
 
 
