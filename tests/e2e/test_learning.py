@@ -329,7 +329,7 @@ def test_learn_refuses_what_it_cannot_use_in_one_line(tmp_path: Path, capsys: py
     assert learn(done, "--resume") == 2
     assert "no experiment.json to say of what" in capsys.readouterr().err
     assert execute(["learn", "--agent", "genius", "--out", str(tmp_path / "x")]) == 2
-    assert "there is no learner 'genius'; installed: pilot, sweeps, thesis" in capsys.readouterr().err
+    assert "there is no learner 'genius'; installed: neural, pilot, sweeps, taxis, thesis" in capsys.readouterr().err
 
 
 def test_a_damaged_trial_is_not_carried_on_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,7 +16,7 @@ from txt1.cli.trials import conduct
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.kernel.processors import processors
-from txt1.learning import experiment, plots, suite
+from txt1.learning import compare, experiment, plots, suite
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
 from txt1.learning.floor import floor_of
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
     add(parser, {
-        "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default", default="thesis"),
+        "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
         "--trials": takes("N", "each from scratch; 5 by default", count, default=5),
         "--episodes": takes("N", "of each trial; 31 by default", count, default=31),
         "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
@@ -39,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-pictures": flag("draw none: of many trials in a sweep they would cost the most"),
         "--worlds": takes("DIR", "learners in all worlds of DIR (config/worlds), and four drawn by --seed", Path),
         "--world": takes("NAMES", "only these of them, separated by commas"),
+        "--compare": takes("FILE", "contenders in one world, per seconds driven: raw results in FILE.jsonl, carried on "
+                           f"when it is there; those of --agent, or {', '.join(compare.ALL)}", Path),
         "--floor": flag("only the best time that full knowledge reaches, of every start"),
         "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
     } | LOG | ROBOT | ARM)  # fmt: skip
@@ -49,12 +51,15 @@ def main(arguments: argparse.Namespace) -> int:
     config = loaded(arguments).config
     if arguments.floor:
         return _floor(config, arguments.trials, arguments.episodes)
+    if arguments.compare:
+        return _compare(arguments, config)
     if arguments.worlds:
         return _worlds(arguments, config)
-    make(arguments.agent, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
+    name = arguments.agent or "thesis"
+    make(name, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
     speed = robot_speed(arguments, config)
     plan = Plan(
-        arguments.agent, arguments.trials, arguments.episodes, config.seed, config, speed,
+        name, arguments.trials, arguments.episodes, config.seed, config, speed,
         arguments.jobs or (processors() if speed == "max" else 1), bool(arguments.arm), arguments.log,
     )  # fmt: skip
 
@@ -130,7 +135,7 @@ def _floor(config: Config, trials: int, episodes: int) -> int:
 
 def _worlds(arguments: argparse.Namespace, config: Config) -> int:
     """Have learners learn in a suite of worlds; the exit code."""
-    agents = arguments.agent.split(",")
+    agents = (arguments.agent or "thesis").split(",")
     for name in agents:
         make(name, config, np.random.default_rng(0))
     names = arguments.world.split(",") if arguments.world else []
@@ -147,4 +152,19 @@ def _worlds(arguments: argparse.Namespace, config: Config) -> int:
         bool(arguments.resume), tell,
     )  # fmt: skip
     say(f"the table is in {out / 'table.md'}, the raw results beside it")
+    return OK
+
+
+def _compare(arguments: argparse.Namespace, config: Config) -> int:
+    """Compare contenders; the exit code."""
+    names = arguments.agent.split(",") if arguments.agent else compare.ALL
+    file = arguments.compare.with_suffix(".jsonl")
+
+    def tell(line: dict[str, Any]) -> None:
+        print(f"{line['contender']:<10} trial {line['trial']:<4} {compare.told(line)}", flush=True)
+
+    jobs = arguments.jobs or processors()
+    compare.compare(file, names, config, arguments.trials, arguments.episodes, config.seed, jobs, tell)
+    print(file.with_suffix(".md").read_text(encoding="utf-8"))
+    say(f"raw results in {file}, the table and a figure beside it")
     return OK

@@ -283,6 +283,14 @@ class LearningConfig(Section):
     """Settings of the learner sweeps, handed to it as they are."""
     pilot: dict[str, Any] = {}
     """The same of the learner pilot."""
+    neural: dict[str, Any] = {}
+    """The same of the learner neural."""
+    taxis: dict[str, Any] = {}
+    """The same of the learner taxis."""
+    ppo: dict[str, Any] = {}
+    """Settings of Stable-Baselines3's PPO, a contender of txt1 learn --compare."""
+    dqn: dict[str, Any] = {}
+    """The same of its DQN."""
     options: dict[str, Any] = {}
     """The same of a learner from another package."""
 

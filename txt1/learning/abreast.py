@@ -118,6 +118,13 @@ class Abreast:
         self._car = car_of(config.car, config.geometry)
         self._schedule = gains_table(config.control.schedule())
 
+    def place(self, which: NDArray[np.intp], poses: Array) -> None:
+        """Put some down at poses (m, rad), at rest, as new; shape (len(which), 3)."""
+        for each in (self.robots, self.odometry, self.frozen):
+            each[:, which] = 0.0
+        self.robots[:3, which] = poses.T
+        self.robots[PHASE : PHASE + 2, which] = self._rng.random((2, len(which)))
+
     def advance(self, which: NDArray[np.intp], commands: Array, ticks: int) -> tuple[Array, Array]:
         """Let some drive on at commands (v, omega), shape (len(which), 2); their samples, and the odometry with each.
 

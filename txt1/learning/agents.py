@@ -18,14 +18,22 @@ import numpy as np
 
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
-from txt1.learning import pilot, sweeps, thesis
+from txt1.learning import neural, pilot, sweeps, taxis, thesis
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import RELEARN, load
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 
 LEARNERS: Final = Registry(
-    "learner", "txt1.learners", {"thesis": thesis.create, "sweeps": sweeps.create, "pilot": pilot.create}
+    "learner",
+    "txt1.learners",
+    {
+        "thesis": thesis.create,
+        "sweeps": sweeps.create,
+        "pilot": pilot.create,
+        "neural": neural.create,
+        "taxis": taxis.create,
+    },
 )
 
 

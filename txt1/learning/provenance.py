@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("txt1", "numpy", "numba", "pydantic")
+PACKAGES = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
 
 
 @cache

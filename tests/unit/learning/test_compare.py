@@ -1,0 +1,96 @@
+"""Contenders beside each other: what the raw file becomes, and when it is carried on."""
+
+from __future__ import annotations
+
+import json
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from txt1.config import load
+from txt1.errors import ConfigError
+from txt1.learning import compare
+from txt1.learning.provenance import provenance
+
+CONFIG = load().config
+QUICK, SLOW, LOST = [5.0, 1, 4.0, 4.5], [9.0, 1, 4.0, 4.5], [300.0, 0, 4.0, 4.5]  # time, success, optimum, floor
+
+
+def line(rows: list[list[float]], name: str = "pilot", number: int = 1) -> dict[str, Any]:
+    return {"contender": name, "trial": number, "curve": [[0.0, rows]]}
+
+
+def raw(file: Path, lines: list[dict[str, Any]], **other: Any) -> Path:
+    told = CONFIG.model_dump(mode="json", exclude={"seed"})
+    head = {"format": compare.FORMAT, "version": 1, "seed": 1, "episodes": 12, "columns": compare.COLUMNS,
+            "config": told, "provenance": provenance()} | other  # fmt: skip
+    file.write_text("".join(json.dumps(each) + "\n" for each in [head, *lines]))
+    return file
+
+
+def test_a_failure_is_counted_and_is_in_no_ratio() -> None:
+    one = compare.figures([line([LOST] * 7 + [QUICK] * 4 + [LOST])])
+    assert (one["episodes"], one["failures"], one["success"]) == (5, 1, 0.8)
+    assert one["to_floor"] == pytest.approx(5.0 / 4.5) and one["to_optimum"] == pytest.approx(1.25)
+    assert one["driven"] == 7 * 300.0 + 4 * 5.0 + 300.0, "the robot drove them"
+
+
+def test_who_is_skilled_has_ten_in_a_row_near_the_floor_and_the_seconds_before_count() -> None:
+    assert compare.until_skill(line([LOST, SLOW, SLOW] + [QUICK] * 10)) == 309.0
+    assert compare.until_skill(line([QUICK] * 9 + [LOST] + [QUICK] * 9)) == inf
+    assert compare.until_skill(line([SLOW] * 12)) == inf
+    trained = {"contender": "ppo", "trial": 1, "curve": [[100.0, [LOST] * 10], [200.0, [QUICK] * 10]]}
+    assert compare.until_skill(trained) == 200.0
+
+
+def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(tmp_path: Path) -> None:
+    head, lines = compare.read(raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([LOST] * 12, "thesis")]))
+    rows = compare.table(head, lines).splitlines()
+    assert rows[2].startswith("| thesis | 1 | 0.00 %") and "| - |" in rows[2] and "never" in rows[2]
+    assert rows[3].startswith("| pilot | 1 | 100.00 %") and "1.111" in rows[3]
+
+
+def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_done_without(tmp_path: Path) -> None:
+    file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([SLOW] * 12, number=2)])
+    file.write_text(file.read_text() + '{"contender": "pil')
+    lines = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, 1)
+    assert [each["trial"] for each in lines] == [1, 2]
+    assert "| pilot | 2 |" in file.with_suffix(".md").read_text()
+    assert file.with_suffix(".png").stat().st_size > 10_000
+    assert len(compare.read(file)[1]) == 2
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"seed": 2}, "another seed"),
+        ({"config": {}}, "another config"),
+        ({"provenance": {"code": "0123456789abcdef"}}, "other code (0123456789abcdef"),
+    ],
+)
+def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[str, Any], told: str) -> None:
+    with pytest.raises(ConfigError, match="--compare") as caught:
+        compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, 1)
+    assert told in str(caught.value)
+
+
+@pytest.mark.long
+def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
+    told: list[str] = []
+    for count in (1, 2):
+        compare.compare(
+            tmp_path / "a.jsonl",
+            ["sweeps", "thesis-10"],
+            CONFIG,
+            count,
+            1,
+            1,
+            1,
+            lambda x: told.append(compare.told(x)),
+        )
+    assert len(told) == 4
+    assert {(each["contender"], each["trial"]) for each in compare.read(tmp_path / "a.jsonl")[1]} == {
+        (name, k) for name in ("sweeps", "thesis-10") for k in (1, 2)
+    }

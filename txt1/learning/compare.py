@@ -1,0 +1,355 @@
+"""Contenders beside each other in one world, per seconds driven: raw results in a file, a table and a figure of them.
+
+    NAME.jsonl   the first line says what was done, with which configuration, versions and code; then a line for each
+                 contender and trial, in the order they were done: see `run`
+    NAME.md      the table, NAME.png the figure: both from that file alone
+
+All have the same starts, the same simulated robot, and look for the goal ten times a second. Those that learn while
+they drive (`txt1.learning.agents`) are judged by the episodes in which they learn. PPO and DQN are trained by several
+robots at once and judged at checkpoints, apart, by their best actions: the seconds of these tests are not counted.
+
+Failures are counted apart and are in no ratio; the time they took is among the seconds driven.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from math import inf
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.errors import ConfigError, LightFault, MissingExtra
+from txt1.learning.abreast import trials
+from txt1.learning.agents import LEARNERS, make
+from txt1.learning.floor import floor_of, known_floor
+from txt1.learning.provenance import provenance
+from txt1.learning.qtable import replace_file
+from txt1.learning.trial import starts, stream, task_of
+
+FORMAT: Final = "txt1 comparison"
+TRAINED: Final = ("ppo", "dqn")  # of Stable-Baselines3
+LONG: Final = 20  # trials of those, at most: they train long
+VARIANTS: Final[dict[str, tuple[str, dict[str, Any]]]] = {  # contenders that are a learner with other settings
+    "thesis-10": ("thesis", {"learning.thesis.period": 0.1}),  # at the others' decision rate
+}
+ALL: Final = ("thesis", "thesis-10", "sweeps", "pilot", "neural", "taxis", *TRAINED)
+CHECKPOINTS: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10_000.0, 20_000.0)  # s driven
+TRAIN, TEST = 7, 8  # mark streams of random values
+LEARNED: Final = 7  # episodes after which a learner is judged
+SKILL: Final = 10  # episodes in a row that have to succeed, in so many times their floors together:
+SKILLED: Final = 1.25
+RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
+COLUMNS: Final = ("time_s", "success", "optimal_time_s", "floor_s")
+
+Line = dict[str, Any]
+Rows = NDArray[np.float64]  # of episodes, by COLUMNS
+
+
+def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Line:
+    """A contender's trial as a line of the file: JSON values.
+
+    `curve` is a list of [seconds driven before, rows by COLUMNS]: one pair for who learns as he drives, one for each
+    checkpoint of who is trained. `refused` says why there is none: sensors that a learner does not believe.
+    """
+    floor, task = known_floor(config) or floor_of(config), task_of(config)
+    where = starts(seed, number, episodes)
+    line: Line = {"contender": name, "trial": number}
+    curve: list[tuple[float, list[list[float]]]] = []
+
+    def rows(outcomes: Sequence[tuple[float, bool]]) -> list[list[float]]:
+        return [
+            [round(time, 3), int(success), round(start.optimal_time(task), 3), round(floor.time(start), 3)]
+            for (time, success), start in zip(outcomes, where, strict=True)
+        ]
+
+    if name in TRAINED:
+        from txt1.learning import sb3
+
+        test = int(stream(seed, number, TEST).integers(2**31))
+
+        def check(driven: float, model: Any) -> None:
+            curve.append((round(driven, 1), rows(sb3.drive(model, config, where, test))))
+
+        sb3.train(name, config, int(stream(seed, number, TRAIN).integers(2**31)), CHECKPOINTS, check)
+    else:
+        agent, values = VARIANTS.get(name, (name, {}))
+        own = with_values(config, values) if values else config
+        try:
+            (trial,) = trials(own, lambda rng: make(agent, own, rng), [number], episodes, seed)
+        except LightFault as fault:
+            return {**line, "refused": str(fault), "curve": []}
+        curve.append((0.0, rows([(one.time, one.success) for one in trial.episodes])))
+    return {**line, "curve": curve}
+
+
+def compare(
+    file: Path, names: Sequence[str], config: Config, count: int, episodes: int, seed: int, jobs: int,
+    tell: Callable[[Line], None] = lambda line: None,
+) -> list[Line]:  # fmt: skip
+    """Do the trials that the file does not hold yet, write each as it is done, then table and figure; all lines.
+
+    Raises ConfigError: there is no such contender, or the file is of another comparison or of other code;
+    MissingExtra: PPO or DQN without Stable-Baselines3.
+    """
+    for name in names:
+        if name in TRAINED:
+            from txt1.learning import sb3  # noqa: F401 - says that the extra is missing
+        else:
+            LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
+    told = config.model_dump(mode="json", exclude={"seed"})
+    head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
+    lines = _begun(file, {**head, "provenance": provenance()})
+    done = {(line["contender"], line["trial"]) for line in lines}
+    missing = [
+        (name, number) for number in range(1, count + 1) for name in names
+        if (name, number) not in done and (name not in TRAINED or number <= LONG)
+    ]  # fmt: skip
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, file.open("a", encoding="utf-8") as kept:
+        try:
+            for future in as_completed([pool.submit(run, *pair, config, episodes, seed) for pair in missing]):
+                line = future.result()
+                print(json.dumps(line, separators=(",", ":")), file=kept, flush=True)
+                lines.append(line)
+                tell(line)
+        finally:
+            pool.shutdown(cancel_futures=True)
+    report(file)
+    return lines
+
+
+def _begun(file: Path, head: Line) -> list[Line]:
+    """The lines of a file that is to be carried on; a new one gets its first line."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(file, json.dumps(head) + "\n")
+        return []
+    before, lines = read(file)
+    for key in ("format", "seed", "episodes", "config"):
+        if before.get(key) != json.loads(json.dumps(head[key])):
+            raise ConfigError(f"--compare {file}: was begun with another {key}; repeat that, or give another file")
+    if before["provenance"]["code"] != head["provenance"]["code"]:
+        raise ConfigError(
+            f"--compare {file}: was begun by other code ({before['provenance']['code']}, this is "
+            f"{head['provenance']['code']}); go on with the version that began it, or give another file"
+        )
+    whole = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+    replace_file(file, json.dumps(before) + "\n" + whole)  # without a line that was cut off
+    return lines
+
+
+def read(file: Path) -> tuple[Line, list[Line]]:
+    """The first line of a raw file, and all others; one that was cut off at the end is left out."""
+    texts = file.read_text(encoding="utf-8").splitlines()
+    try:
+        head = json.loads(texts[0])
+        assert head["format"] == FORMAT
+    except (IndexError, ValueError, KeyError, TypeError, AssertionError):
+        raise ConfigError(f"--compare {file}: is no comparison of this program; give another file") from None
+    lines = []
+    for number, text in enumerate(texts[1:], 2):
+        try:
+            lines.append(json.loads(text))
+        except ValueError:
+            if number < len(texts):
+                raise ConfigError(f"--compare {file}: line {number} is damaged; delete it") from None
+    return head, lines
+
+
+# -- figures --------------------------------------------------------------------------------------------------------
+
+
+def judged(lines: Sequence[Line]) -> list[Rows]:
+    """The episodes by which each trial of a contender is judged: after the 7th, or at the last checkpoint."""
+    found = []
+    for line in lines:
+        rows = np.array(line["curve"][-1][1], float)
+        found.append(rows if line["contender"] in TRAINED else rows[min(LEARNED, len(rows) - 1) :])
+    return found
+
+
+def until_skill(line: Line) -> float:
+    """Seconds driven until the first `SKILL` episodes in a row that all succeed, in `SKILLED` times their floors.
+
+    Infinite: never. Of who is trained the first episodes of each checkpoint's test are looked at.
+    """
+    for driven, rows in line["curve"]:
+        data = np.array(rows, float)
+        before = driven + np.concatenate([[0.0], data[:, 0].cumsum()])
+        last = 1 if line["contender"] in TRAINED else len(data) - SKILL + 1
+        for k in range(max(0, last)):
+            some = data[k : k + SKILL]
+            if len(some) == SKILL and some[:, 1].all() and some[:, 0].sum() <= SKILLED * some[:, 3].sum():
+                return float(before[k])
+    return inf
+
+
+def told(line: Line) -> str:
+    """A trial in a few words."""
+    if not line["curve"]:
+        return f"refused: {line['refused']}"
+    (rows,) = judged([line])
+    won = rows[rows[:, 1] == 1.0]
+    ratio = f"{won[:, 0].sum() / won[:, 3].sum():.3f}" if len(won) else "-"
+    return f"{len(won)} of {len(rows)} reached, ratio {ratio}, skilled after (s) {_seconds(until_skill(line))}"
+
+
+def figures(lines: Sequence[Line]) -> Line:
+    """What the trials of one contender amount to; intervals of 95 % over trials."""
+    sound = [line for line in lines if line["curve"]]
+    found: Line = {"trials": len(lines), "refused": len(lines) - len(sound)}
+    if not sound:
+        return found
+    late = judged(sound)
+    every = np.concatenate(late)
+    rng = np.random.default_rng(0)
+    again = [rng.integers(0, len(late), len(late)) for _ in range(RESAMPLES)]
+    sums = np.array([[*(rows[rows[:, 1] == 1.0].sum(axis=0)), (rows[:, 1] == 1.0).sum(), len(rows)] for rows in late])
+    drawn = np.array([sums[which].sum(axis=0) for which in again])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = drawn[:, 0] / drawn[:, 3]
+    skill = np.array([until_skill(line) for line in sound])
+    medians = [float(np.median(skill[which])) for which in again]
+    won = every[every[:, 1] == 1.0]
+    found |= {
+        "episodes": len(every), "failures": len(every) - len(won), "success": len(won) / len(every),
+        "success_95": _interval(drawn[:, 4] / drawn[:, 5]),
+        "to_floor": float(won[:, 0].sum() / won[:, 3].sum()) if len(won) else None,
+        "to_floor_95": _interval(ratios[np.isfinite(ratios)]) if len(won) else None,
+        "to_optimum": float(won[:, 0].sum() / won[:, 2].sum()) if len(won) else None,
+        "skilled": int(np.isfinite(skill).sum()), "until_skill": float(np.median(skill)),
+        "until_skill_95": _interval(np.array(medians)),
+        "driven": float(np.median([line["curve"][-1][0] if line["contender"] in TRAINED
+                                   else np.array(line["curve"][-1][1])[:, 0].sum() for line in sound])),
+    }  # fmt: skip
+    return found
+
+
+def _interval(values: NDArray[np.float64]) -> list[float]:
+    """The middle 95 % of values, which may be infinite."""
+    ordered = np.sort(values)
+    return [float(ordered[int(share * (len(ordered) - 1))]) for share in (0.025, 0.975)]
+
+
+def _seconds(value: float) -> str:
+    return "never" if value == inf else f"{value:.0f}"
+
+
+def table(head: Line, lines: Sequence[Line]) -> str:
+    """The table in Markdown, those first that have the most failures, then the largest ratio."""
+    by: dict[str, list[Line]] = {}
+    for line in lines:
+        by.setdefault(line["contender"], []).append(line)
+    all_of = {name: figures(some) for name, some in by.items()}
+    worst_first = sorted(
+        all_of, key=lambda name: (all_of[name].get("success", -1.0), -(all_of[name].get("to_floor") or inf))
+    )
+    rows = [
+        "| contender | trials | success | failures of episodes | time to the floor's, of successes | to the optimum | "
+        "seconds until skilled, median | skilled | seconds driven, median |",
+        "|---" * 9 + "|",
+    ]
+    for name in worst_first:
+        one = all_of[name]
+        if "episodes" not in one:
+            rows.append(f"| {name} | {one['trials']} | refuses the sensors" + " | -" * 6 + " |")
+            continue
+        ratio = "-"
+        if one["to_floor"] is not None:
+            ratio = "{:.3f} ({:.3f} to {:.3f})".format(one["to_floor"], *one["to_floor_95"])
+        skill = "{} ({} to {})".format(_seconds(one["until_skill"]), *map(_seconds, one["until_skill_95"]))
+        cells = (
+            name, one["trials"], "{:.2f} % ({:.2f} to {:.2f})".format(
+                100.0 * one["success"], *(100.0 * share for share in one["success_95"])
+            ),
+            f"{one['failures']} of {one['episodes']}", ratio,
+            "-" if one["to_optimum"] is None else f"{one['to_optimum']:.3f}", skill,
+            f"{one['skilled']} of {one['trials'] - one['refused']}", f"{one['driven']:.0f}",
+        )  # fmt: skip
+        rows.append("| " + " | ".join(map(str, cells)) + " |")
+    made = head["provenance"]
+    versions = ", ".join(f"{name} {made[name]}" for name in made if name not in ("code", "platform"))
+    return "\n".join([
+        *rows, "",
+        f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
+        f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor.",
+        f"Code {made['code']}; {versions}; {made['platform']}.", "",
+    ])  # fmt: skip
+
+
+def curves(lines: Sequence[Line]) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Of each contender, along its episodes or checkpoints: seconds driven, success and ratio with their intervals."""
+    by: dict[str, list[Line]] = {}
+    for line in lines:
+        if line["curve"]:
+            by.setdefault(line["contender"], []).append(line)
+    found = {}
+    rng = np.random.default_rng(0)
+    for name, some in by.items():
+        if name in TRAINED:
+            data = np.array(
+                [[rows for _, rows in line["curve"]] for line in some]
+            )  # trial, checkpoint, episode, column
+            driven = np.array([[each for each, _ in line["curve"]] for line in some])
+        else:
+            data = np.array([line["curve"][0][1] for line in some])[:, :, None]
+            driven = data[:, :, 0, 0].cumsum(axis=1)
+        won = data[..., 1] == 1.0
+        sums = np.stack(
+            [(data[..., 0] * won).sum(2), (data[..., 3] * won).sum(2), won.sum(2), np.ones(won.shape).sum(2)]
+        )
+        drawn = sums[:, rng.integers(0, len(some), (RESAMPLES, len(some)))].sum(axis=2)
+        all_sums = sums.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratios, ratio = drawn[0] / drawn[1], all_sums[0] / all_sums[1]
+        found[name] = {
+            "driven": np.median(driven, axis=0), "success": all_sums[2] / all_sums[3], "ratio": ratio,
+            "success_95": np.percentile(drawn[2] / drawn[3], (2.5, 97.5), axis=0),
+            "ratio_95": np.nanpercentile(np.where(np.isfinite(ratios), ratios, np.nan), (2.5, 97.5), axis=0),
+        }  # fmt: skip
+    return found
+
+
+def report(file: Path) -> None:
+    """Write the table beside the raw file and, where matplotlib is installed, the figure."""
+    head, lines = read(file)
+    replace_file(file.with_suffix(".md"), table(head, lines))
+    if lines:
+        draw(file.with_suffix(".png"), lines)
+
+
+COLOURS: Final = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#000000", "#999999")  # Okabe, Ito
+
+
+def draw(picture: Path, lines: Sequence[Line]) -> None:
+    """Success, and the ratio of successes to the floor, over seconds driven; raises MissingExtra."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtra("drawing pictures", "plots") from None
+    figure = Figure(figsize=(9.0, 7.0), dpi=120, layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    order = [name for name in ALL if any(line["contender"] == name for line in lines)]
+    for name, one in sorted(curves(lines).items(), key=lambda pair: order.index(pair[0]) if pair[0] in order else 99):
+        colour = COLOURS[ALL.index(name)] if name in ALL else "0.4"
+        n = sum(line["contender"] == name for line in lines)
+        style = {"color": colour, "ls": "--" if name in TRAINED else "-", "marker": "o" if name in TRAINED else "."}
+        for axes, what, factor in ((upper, "success", 100.0), (lower, "ratio", 1.0)):
+            axes.plot(one["driven"], factor * one[what], ms=4, label=f"{name}, {n} trials", **style)
+            axes.fill_between(one["driven"], *(factor * one[f"{what}_95"]), color=colour, alpha=0.2, lw=0.0)
+    upper.set(ylabel="episodes that reach the light, %", ylim=(-3.0, 103.0), xscale="log")
+    lower.set(ylabel="time of successes / floor", yscale="log", xlabel="seconds driven, median of trials")
+    lower.set_yticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0], ["1", "1.5", "2", "3", "5", "10", "20"], minor=False)
+    lower.minorticks_off()
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8, frameon=False)
+    figure.suptitle(
+        "Learners per seconds driven; bands of 95 % over trials; dashed: trained, tested at checkpoints", fontsize=9
+    )
+    figure.savefig(picture)

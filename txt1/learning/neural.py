@@ -1,0 +1,382 @@
+"""A learner of the raw readings: an ensemble of small networks that foretell them, and a search over plans.
+
+It is told nothing of its sensors, its actions or its speed, nor that there is a light: only that bright is good. The
+thesis's outlook (chapter 6) asks for a neural learner; this one is of the kind of
+
+    K. Chua, R. Calandra, R. McAllister, S. Levine: Deep Reinforcement Learning in a Handful of Trials using
+    Probabilistic Dynamics Models. NeurIPS 2018 (an ensemble, each on samples of its own, and planning with all of it)
+    D. Hafner et al.: Learning Latent Dynamics for Planning from Pixels. ICML 2019 (trained on many steps ahead)
+
+    x     <- logarithms of the mean readings since the last decision: their mean, and each one's difference to it
+    h     <- encode(the last `history` of x, odometry's distance and turn, and actions)           for each network
+    learn   h' = h + C tanh(A [h, a]),  x = D h:  so that x is foretold `ahead` decisions on        (Adam)
+    a     <- first action of the plan "a for m decisions, then b" with the brightest foretold course, mean of networks
+
+The last actions are part of what it encodes, so delays are. It trains all the while, half of each sample on what it saw
+last, so that it follows a world that changes. At first, and when an episode takes long, it tries actions at random.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config, checked
+from txt1.learning.agent import Decision
+from txt1.learning.qtable import StoredTable
+from txt1.model.kinematics import wrap_angle
+from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.odometry import Odometry
+from txt1.units import Positive, PositiveInt
+
+Array = NDArray[np.float64]
+Weights = dict[str, Array]  # each with the networks along its first axis
+
+SEEN: Final = 5  # numbers of x: the mean of the logarithms, and four differences
+ROW: Final = SEEN + 3  # of what is kept of a decision: x, distance, turn, and the action before
+GAIN: Final = 3.0  # factor on logarithms, so that the networks' numbers are about 1
+SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)  # decisions after which a plan goes on with another action
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The hyper-parameters, which `learning.neural` sets."""
+
+    period: Positive = 0.1  # time from one decision to the next, s
+    members: PositiveInt = 3  # networks
+    hidden: PositiveInt = 32  # units of each layer
+    latent: PositiveInt = 10  # numbers of the state that is foretold
+    history: PositiveInt = 5  # decisions that it is encoded from
+    ahead: PositiveInt = 25  # decisions foretold, in training and for a plan
+    batch: PositiveInt = 32  # samples of a step of training, each network its own
+    steps: PositiveInt = 2  # of training after each decision
+    between: PositiveInt = 60  # and after each episode
+    rate: Positive = 3e-3  # Adam's
+    tries: PositiveInt = 5  # decisions for which each action is tried at first, in one go
+    blind: PositiveInt = 40  # decisions at first that are taken at random
+    patience: Positive = 3.0  # an episode is long from so many times the usual one
+    memory: PositiveInt = 6000  # decisions kept to train on
+    latest: PositiveInt = 600  # those from which half of the samples come
+
+
+SETTINGS: Final = Settings()
+
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "NeuralAgent":
+    """Return a learner as configured, or one that drives by stored networks; ValueError: they have another shape."""
+    settings = checked(Settings, config.learning.neural, "learning.neural")
+    agent = NeuralAgent(rng, len(config.learning.actions), settings)
+    if table is not None:
+        agent.drive_by(table)
+    return agent
+
+
+class NeuralAgent:
+    """The learner; see the module."""
+
+    name = "neural"
+
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        self.settings = settings
+        self.actions = actions
+        self.episode = 0
+        self.training = True
+        one = settings
+        self.weights = initial(rng, one.members, one.history * (SEEN + 2 + actions), one.hidden, one.latent, actions)
+        self.adam = [{name: np.zeros_like(w) for name, w in self.weights.items()} for _ in range(2)]
+        self.steps = 0  # of training so far
+        self.rows: Array = np.zeros((0, ROW))  # of the decisions kept
+        self.last: NDArray[np.int64] = np.zeros(0, np.int64)  # of each row, the number of its episode's last
+        self.usual = 0.0  # decisions that a success takes, on average; 0: none yet
+        self.level: Array | None = None  # the first readings' logarithms
+        self.scale = np.zeros(2)  # largest distance and turn of a decision so far, in odometry's units
+        self._plans = plans(actions, one.ahead)
+        self._rng = rng
+        self._before = self._copy()
+        self.begin()
+
+    # -- the learner as the trial sees it ------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._before = self._copy()
+        self._samples: list[Readings] = []  # since the last decision
+        self._first = len(self.rows)  # the episode's first row
+        self._at: Odometry | None = None
+        self._a = -1
+        self._due = 0.0
+        self._random = 0  # decisions for which the action in force was drawn, yet to come
+        self._untried = [int(a) for a in self._rng.permutation(self.actions)] if not len(self.rows) else []
+        self._values: tuple[float, ...] = ()
+        self._error: float | None = None
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        del odometry
+        self._samples.append(readings)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen anything."""
+        return len(self._samples) > 5
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        del odometry
+        return self._a >= 0 and now < self._due - 1e-9
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from what came of the last action, and choose the next one."""
+        self._due = now + self.settings.period
+        self._take(odometry)
+        if self.training:
+            self._train(self.settings.steps)
+        self._a = self._choose()
+        return self._a
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The episode is over."""
+        self._take(odometry)
+        self.episode += 1
+        if success:
+            took = float(len(self.rows) - self._first)
+            self.usual += (took - self.usual) * (0.3 if self.usual else 1.0)
+        if self.training:
+            self._train(self.settings.between)
+        if len(self.rows) > self.settings.memory:
+            gone = len(self.rows) - self.settings.memory
+            self.rows, self.last = self.rows[gone:], self.last[gone:] - gone
+
+    # -- what it does --------------------------------------------------------------------------------------------
+
+    def _take(self, odometry: Odometry) -> None:
+        """Keep what was seen since the last decision."""
+        lux = np.nan_to_num(np.array(self._samples)) if self._samples else np.full((1, 4), LUX_MIN)
+        self._samples = []
+        z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
+        if self.level is None:
+            self.level = z
+        z = GAIN * (z - self.level)
+        row = np.zeros(ROW)
+        row[0] = z.mean()
+        row[1:SEEN] = z - row[0]
+        if self._at is not None:
+            apart = odometry.x - self._at.x, odometry.y - self._at.y
+            row[SEEN : SEEN + 2] = sqrt(apart[0] ** 2 + apart[1] ** 2), wrap_angle(odometry.theta - self._at.theta)
+        self.scale = np.maximum(self.scale, np.abs(row[SEEN : SEEN + 2]))
+        row[-1] = self._a
+        self._at = odometry
+        self.rows = np.concatenate([self.rows, row[None]])
+        self.last = np.concatenate([self.last, [0]])
+        self.last[self._first :] = len(self.rows) - 1
+
+    def _choose(self) -> int:
+        if self._random > 0:
+            self._random -= 1
+            return self._a
+        if self._untried:
+            self._random = self.settings.tries - 1
+            return self._untried.pop()
+        late = self.usual and len(self.rows) - self._first > self.settings.patience * self.usual
+        if self.training and (len(self.rows) < self.settings.blind or (late and self._rng.random() < 0.05)):
+            self._random = int(self._rng.integers(3, 20))
+            return int(self._rng.integers(self.actions))
+        return self._best()
+
+    def _best(self) -> int:
+        """The first action of the plan whose course is foretold to be the brightest."""
+        here = np.array([len(self.rows) - 1])
+        seen = self._history(np.tile(here, (self.settings.members, 1)))
+        given = np.broadcast_to(self._plans, (self.settings.members, *self._plans.shape))
+        course, _ = foretell(self.weights, np.repeat(seen, len(self._plans), axis=1), given)
+        bright = course[..., 0].mean(axis=(0, 2)) / GAIN
+        self._values = tuple(float(bright[self._plans[:, 0] == a].max()) for a in range(self.actions))
+        return int(self._plans[bright.argmax(), 0])
+
+    def _history(self, which: NDArray[np.int64]) -> Array:
+        """What is encoded of rows, shape (networks, samples, numbers): the row, and those before it in its episode."""
+        back = np.arange(self.settings.history)
+        rows = which[..., None] - back
+        first = self._firsts(which)[..., None]
+        kept = self.rows[np.maximum(rows, first)]
+        moved = kept[..., SEEN : SEEN + 2] / np.maximum(self.scale, 1e-9)
+        taken = (kept[..., -1:] == np.arange(self.actions)) * 1.0
+        return np.concatenate([kept[..., :SEEN], moved, taken], axis=-1).reshape(*which.shape, -1)
+
+    def _firsts(self, which: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The first row of each one's episode."""
+        return np.searchsorted(self.last, self.last[which])
+
+    def _train(self, steps: int) -> None:
+        """Adam steps on samples of all that is kept, half of them of the latest."""
+        one, count = self.settings, len(self.rows)
+        if count < 2 * one.history:
+            return
+        for _ in range(steps):
+            half = one.batch // 2
+            recent = self._rng.integers(max(0, count - one.latest), count - 1, (one.members, half))
+            any_of = self._rng.integers(0, count - 1, (one.members, one.batch - half))
+            which = np.concatenate([recent, any_of], axis=1)
+            on = which[..., None] + np.arange(1, one.ahead + 1)
+            there = on <= self.last[which][..., None]
+            on = np.minimum(on, count - 1)
+            given = np.where(there, self.rows[on, -1], 0.0).astype(np.int64)
+            self._error, slopes = slopes_of(
+                self.weights, self._history(which), given, self.rows[on, :SEEN], there * 1.0
+            )
+            self.steps += 1
+            adam(self.weights, slopes, self.adam, self.steps, one.rate)
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """No state of a table; the mean square of the last forecasts' error, negative; the best course by action."""
+        del odometry
+        return Decision(None, None if self._error is None else -self._error, self._values)
+
+    # -- what it keeps -------------------------------------------------------------------------------------------
+
+    def _copy(self) -> tuple[Any, ...]:
+        copies = [{name: w.copy() for name, w in each.items()} for each in (self.weights, *self.adam)]
+        rest = self.steps, self.rows, self.last, self.usual, self.level, self.scale, self.episode
+        return copies, rest, self._rng.bit_generator.state
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        (self.weights, *self.adam), rest, self._rng.bit_generator.state = self._before
+        self.steps, self.rows, self.last, self.usual, self.level, self.scale, self.episode = rest
+
+    def table(self) -> StoredTable:
+        """The networks: a row for each, all its weights one after the other."""
+        values = np.concatenate([w.reshape(self.settings.members, -1) for w in self.weights.values()], axis=1)
+        about = {
+            "agent": self.name, "episodes": self.episode, "scale": self.scale.tolist(), "actions": self.actions,
+            "level": None if self.level is None else self.level.tolist(),
+        }  # fmt: skip
+        return StoredTable(values, about)
+
+    def drive_by(self, table: StoredTable) -> None:
+        """Take the weights of a stored table, and learn no more; ValueError: they have another shape."""
+        values = table.shaped(*self.table().values.shape)
+        at = 0
+        for name, w in self.weights.items():
+            size = w[0].size
+            self.weights[name] = values[:, at : at + size].reshape(w.shape).copy()
+            at += size
+        self.scale = np.array(table.about["scale"])
+        self.level = None if table.about["level"] is None else np.array(table.about["level"])
+        self.training = False
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        nets = [{name: w.tolist() for name, w in each.items()} for each in (self.weights, *self.adam)]
+        return {
+            "nets": nets, "steps": self.steps, "rows": self.rows.tolist(), "last": self.last.tolist(),
+            "usual": self.usual, "level": None if self.level is None else self.level.tolist(),
+            "scale": self.scale.tolist(), "episode": self.episode, "rng": self._rng.bit_generator.state,
+        }  # fmt: skip
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""
+        nets = [{name: np.array(w) for name, w in each.items()} for each in memory["nets"]]
+        self.weights, *self.adam = nets
+        self.steps, self.usual, self.episode = int(memory["steps"]), float(memory["usual"]), int(memory["episode"])
+        self.rows = np.array(memory["rows"], float).reshape(-1, ROW)
+        self.last = np.array(memory["last"], np.int64)
+        self.level = None if memory["level"] is None else np.array(memory["level"])
+        self.scale = np.array(memory["scale"])
+        self._rng.bit_generator.state = memory["rng"]
+        self.begin()
+
+
+def plans(actions: int, ahead: int) -> NDArray[np.int64]:
+    """All plans "a for m decisions, then b", shape (plans, ahead)."""
+    found = [[a] * ahead for a in range(actions)]
+    for m in SWITCHES:
+        if m < ahead:
+            found += [[a] * m + [b] * (ahead - m) for a in range(actions) for b in range(actions) if b != a]
+    return np.array(found)
+
+
+# -- the networks, all at once ---------------------------------------------------------------------------------------
+
+
+def initial(rng: np.random.Generator, members: int, seen: int, hidden: int, latent: int, actions: int) -> Weights:
+    """Random weights; what is foretold at first is nothing."""
+
+    def some(rows: int, columns: int, share: float = 1.0) -> Array:
+        return share / sqrt(rows) * rng.standard_normal((members, rows, columns))
+
+    return {
+        "in": some(seen, hidden), "in_bias": np.zeros((members, 1, hidden)), "to": some(hidden, latent),
+        "straight": some(seen, latent, 0.3), "h": some(latent, hidden), "a": some(actions, hidden),
+        "bias": np.zeros((members, 1, hidden)), "back": some(hidden, latent, 0.1), "out": some(latent, SEEN, 0.3),
+        "out_bias": np.zeros((members, 1, SEEN)),
+    }  # fmt: skip
+
+
+def foretell(w: Weights, seen: Array, given: NDArray[np.int64]) -> tuple[Array, tuple[Array, ...]]:
+    """What is foretold, shape (networks, samples, ahead, SEEN), and what `slopes_of` needs.
+
+    `seen` is what is encoded, shape (networks, samples, numbers), `given` the actions (networks, samples, ahead).
+    """
+    u = np.tanh(seen @ w["in"] + w["in_bias"])
+    h = u @ w["to"] + seen @ w["straight"]
+    members, samples, ahead = given.shape
+    by_action = w["a"][np.arange(members)[:, None, None], given] + w["bias"][:, :, None]
+    states, units = np.empty((members, samples, ahead + 1, h.shape[-1])), np.empty_like(by_action)
+    states[:, :, 0] = h
+    for k in range(ahead):
+        v = np.tanh(h @ w["h"] + by_action[:, :, k])
+        h = h + v @ w["back"]
+        units[:, :, k], states[:, :, k + 1] = v, h
+    course = states[:, :, 1:].reshape(members, samples * ahead, -1) @ w["out"] + w["out_bias"]
+    return course.reshape(members, samples, ahead, SEEN), (u, states, units)
+
+
+def slopes_of(w: Weights, seen: Array, given: NDArray[np.int64], came: Array, there: Array) -> tuple[float, Weights]:
+    """Mean square of the forecasts' error, and its slopes by all weights; `there`: 1 where something came."""
+    course, (u, states, units) = foretell(w, seen, given)
+    members, samples, ahead = given.shape
+    weight = there / np.maximum(there.sum(axis=(1, 2), keepdims=True), 1.0)
+    miss = (course - came) * weight[..., None]
+    error = float((miss * (course - came)).sum() / members)
+
+    def flat(x: Array) -> Array:
+        return x.reshape(members, samples * ahead, -1)
+
+    def turned(x: Array) -> Array:
+        return x.swapaxes(1, 2)
+
+    by_state = (flat(miss) @ turned(w["out"])).reshape(members, samples, ahead, -1)
+    by_unit = np.empty_like(units)
+    steps = np.empty_like(by_state)
+    h_back, back = turned(w["h"]), turned(w["back"])
+    g = np.zeros_like(states[:, :, 0])
+    for k in range(ahead - 1, -1, -1):
+        g = g + by_state[:, :, k]
+        steps[:, :, k] = g
+        v = units[:, :, k]
+        by_unit[:, :, k] = (g @ back) * (1.0 - v * v)
+        g = g + by_unit[:, :, k] @ h_back
+    one_of = (given[..., None] == np.arange(w["a"].shape[1])) * 1.0
+    by_u = (g @ turned(w["to"])) * (1.0 - u * u)
+    return error, {
+        "in": turned(seen) @ by_u, "in_bias": by_u.sum(axis=1, keepdims=True), "to": turned(u) @ g,
+        "straight": turned(seen) @ g, "h": turned(flat(states[:, :, :-1])) @ flat(by_unit),
+        "a": turned(flat(one_of)) @ flat(by_unit), "bias": flat(by_unit).sum(axis=1, keepdims=True),
+        "back": turned(flat(units)) @ flat(steps), "out": turned(flat(states[:, :, 1:])) @ flat(miss),
+        "out_bias": flat(miss).sum(axis=1, keepdims=True),
+    }  # fmt: skip
+
+
+def adam(w: Weights, slopes: Weights, moments: list[Weights], step: int, rate: float) -> None:
+    """One step of Adam (Kingma, Ba: Adam. ICLR 2015), in place; slopes longer than 1 are shortened to that."""
+    first, second = moments
+    length = sqrt(sum(float((g * g).sum()) for g in slopes.values()))
+    shorter = min(1.0, 1.0 / max(length, 1e-9))
+    for name, g in slopes.items():
+        g = shorter * g
+        first[name] += 0.1 * (g - first[name])
+        second[name] += 0.001 * (g * g - second[name])
+        w[name] -= rate * (first[name] / (1.0 - 0.9**step)) / (np.sqrt(second[name] / (1.0 - 0.999**step)) + 1e-8)

@@ -1,0 +1,208 @@
+"""A learner that finds the light as small animals find what they like: by taxis, with synapses that it learns.
+
+    x     <- sensors' logarithms, quickly averaged, less their mean and less what each is used to, in its own deviations
+    r     <- change of the mean logarithm since the last decision: it gets brighter
+    delta <- r + gamma v.x' - v.x,   v <- v + alpha delta e_v                             (what a place promises)
+    w     <- w + beta delta e_w,   e_w <- lambda e_w + (1[a] - pi) x  when a is chosen     (synapses to the muscles)
+    when it tumbles: a <- drawn from pi = softmax(w x); else the action in force goes on
+
+It tumbles the more seldom, the more quickly it gets brighter. It is made of
+
+- run and tumble, with adaptation: runs up the gradient are longer, as the change of concentration in time tells
+  (H. C. Berg, D. A. Brown: Chemotaxis in Escherichia coli analysed by three-dimensional tracking. Nature 239, 1972);
+- steering beside it, by what differs between the sensors (Y. Iino, K. Yoshida: Parallel use of two behavioral
+  mechanisms for chemotaxis in Caenorhabditis elegans. J. Neurosci. 29, 2009: pirouettes and weathervane);
+- synapses that are learned by the product of what came in, what was done, and a reward that all of them hear of,
+  through a trace that fades (A. G. Barto, R. S. Sutton, C. W. Anderson: Neuronlike adaptive elements that can solve
+  difficult learning control problems. IEEE Trans. SMC 13, 1983; A. G. Barto, R. S. Sutton: Landmark learning. Biol.
+  Cybern. 42, 1981, where such a net finds a tree by its smell).
+
+It knows neither where its sensors sit nor what its actions do, plans nothing, keeps no map, and needs no odometry.
+"""
+
+from dataclasses import dataclass
+from math import exp
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.config import Config, checked
+from txt1.learning.agent import Decision
+from txt1.learning.qtable import StoredTable
+from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.odometry import Odometry
+from txt1.units import NotNegative, Positive, Share
+
+Array = NDArray[np.float64]
+
+SENSORS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The hyper-parameters, which `learning.taxis` sets."""
+
+    period: Positive = 0.1  # time from one decision to the next, s
+    quick: Share = 0.7  # weight of the past in what it senses, per decision: 0.3 s
+    slow: Share = 0.9  # the same for the brightness that tumbles are compared with: 1 s
+    used: Share = 0.998  # the same for what a sensor is used to, and how much it varies: 50 s
+    gamma: Share = 0.95  # of what a place promises, per decision
+    fades: Share = 0.85  # what is left of a trace after a decision
+    alpha: Positive = 0.02  # learning rate of promises
+    beta: Positive = 0.3  # of synapses
+    tumble: Positive = 0.3  # probability of a tumble in a decision while the brightness stays
+    pirouette: NotNegative = 0.05  # probability of one in a decision while it darkens
+    reorient: Positive = 20.0  # decisions that one takes, on average
+    longer: NotNegative = 3.0  # how much a run is prolonged, by deviations of the brightening
+
+
+SETTINGS: Final = Settings()
+
+
+def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "TaxisAgent":
+    """Return a learner as configured, or one that drives by stored synapses; ValueError: they have another shape."""
+    settings = checked(Settings, config.learning.taxis, "learning.taxis")
+    agent = TaxisAgent(rng, len(config.learning.actions), settings)
+    if table is not None:
+        agent.synapses = table.shaped(*agent.synapses.shape).copy()
+        agent.used, agent.varies = np.array(table.about["used"]), np.array(table.about["varies"])
+        agent.learns = False
+    return agent
+
+
+class TaxisAgent:
+    """The learner; see the module."""
+
+    name = "taxis"
+
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        self.settings = settings
+        self.actions = actions
+        self.episode = 0
+        self.learns = True
+        self.synapses: Array = np.zeros((SENSORS + 1, actions))  # from each sensor, and one that always fires
+        self.promises: Array = np.zeros(SENSORS + 1)
+        self.used: Array = np.zeros(SENSORS)  # what each sensor's difference usually is
+        self.varies: Array = np.full(SENSORS, 0.04)  # and its variance
+        self.brightens = 0.01  # variance of the brightening
+        self._rng = rng
+        self._before = self.memory()
+        self.begin()
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._before = self.memory()
+        self._samples: list[Readings] = []  # since the last decision
+        self._sensed: Array | None = None  # logarithms, quickly averaged
+        self._bright = self._past = 0.0  # mean logarithm at the last decision, and slowly averaged
+        self._x: Array | None = None
+        self._a = -1
+        self._turning = 0  # decisions for which a pirouette goes on
+        self._due = 0.0
+        self._promised = np.zeros_like(self.promises)  # traces
+        self._did = np.zeros_like(self.synapses)
+        self._delta: float | None = None
+        self._likes: Array = np.zeros(self.actions)
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        del odometry
+        self._samples.append(readings)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen anything."""
+        return len(self._samples) > 5
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        del odometry
+        return self._a >= 0 and now < self._due - 1e-9
+
+    def act(self, now: float, odometry: Odometry) -> int:
+        """Learn from how bright it has become, and choose the next action."""
+        del odometry
+        self._due = now + self.settings.period
+        x, r, rise = self._sense()
+        self._learn(x, r)
+        self._promised = self.settings.fades * self._promised + x
+        self._did *= self.settings.fades
+        self._x = x
+        self._likes = x @ self.synapses
+        if self._turning > 0:
+            self._turning -= 1
+        elif self._a >= 0 and rise < -1.0 and self._rng.random() < self.settings.pirouette:
+            self._a = int(self._rng.integers(self.actions))
+            self._turning = int(self._rng.exponential(self.settings.reorient))
+        elif self._a < 0 or self._rng.random() < self.settings.tumble * exp(-self.settings.longer * max(rise, -0.3)):
+            share = np.exp(self._likes - self._likes.max())
+            share /= share.sum()
+            self._a = int(np.searchsorted(share.cumsum(), self._rng.random() * share.sum()))
+            self._a = min(self._a, self.actions - 1)
+            self._did += np.outer(x, np.eye(self.actions)[self._a] - share)
+        return self._a
+
+    def end(self, success: bool, odometry: Odometry) -> None:
+        """The episode is over."""
+        del odometry, success
+        self.episode += 1
+
+    def _sense(self) -> tuple[Array, float, float]:
+        """What comes in; how much brighter it is than at the last decision; how quickly it brightens, in deviations."""
+        one = self.settings
+        lux = np.nan_to_num(np.array(self._samples)) if self._samples else np.full((1, SENSORS), LUX_MIN)
+        self._samples = []
+        z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
+        bright = float(z.mean())
+        if self._sensed is None:
+            self._sensed, self._bright, self._past = z, bright, bright
+        self._sensed = one.quick * self._sensed + (1.0 - one.quick) * z
+        differs = self._sensed - self._sensed.mean()
+        self.used += (1.0 - one.used) * (differs - self.used)
+        self.varies += (1.0 - one.used) * ((differs - self.used) ** 2 - self.varies)
+        x = np.append((differs - self.used) / np.sqrt(self.varies + 1e-6), 1.0)
+        rise = float(self._sensed.mean()) - self._past
+        self._past = one.slow * self._past + (1.0 - one.slow) * bright
+        self.brightens += (1.0 - one.used) * (rise * rise - self.brightens)
+        sensed = float(self._sensed.mean())
+        r, self._bright = sensed - self._bright, sensed
+        return x, r, rise / float(np.sqrt(self.brightens + 1e-9))
+
+    def _learn(self, x: Array, r: float) -> None:
+        """Change promises and synapses by how much better it is than was promised."""
+        if self._x is None or not self.learns:
+            return
+        one = self.settings
+        self._delta = float(r + (one.gamma * x - self._x) @ self.promises)
+        self.promises += one.alpha * self._delta * self._promised
+        self.synapses += one.beta * self._delta * self._did
+
+    def decision(self, odometry: Odometry) -> Decision:
+        """No state of a table; by how much it was better than promised; how it likes each action."""
+        del odometry
+        return Decision(None, self._delta, tuple(map(float, self._likes)))
+
+    def void(self) -> None:
+        """Forget what was learned since `begin`."""
+        self.recall(self._before)
+
+    def table(self) -> StoredTable:
+        """The synapses: a row for each sensor and one for what always fires, a column for each action."""
+        about = {"agent": self.name, "episodes": self.episode, "used": self.used.tolist(),
+                 "varies": self.varies.tolist(), "actions": [f"action {a}" for a in range(self.actions)],
+                 "states": ["FL", "FR", "RL", "RR", "always"]}  # fmt: skip
+        return StoredTable(self.synapses.copy(), about)
+
+    def memory(self) -> dict[str, Any]:
+        """All that it needs to carry on later."""
+        arrays = {name: getattr(self, name).tolist() for name in ("synapses", "promises", "used", "varies")}
+        rng = self._rng.bit_generator.state
+        return {**arrays, "brightens": self.brightens, "episode": self.episode, "rng": rng}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Carry on from what `memory` gave."""
+        for name in ("synapses", "promises", "used", "varies"):
+            setattr(self, name, np.array(memory[name], float))
+        self.brightens, self.episode = float(memory["brightens"]), int(memory["episode"])
+        self._rng.bit_generator.state = memory["rng"]
