@@ -36,7 +36,7 @@ def main(*, quick: bool) -> None:
 
 def experiment(trials: int) -> float:
     """One round of the experiment alone, s."""
-    plan = Plan("thesis", trials, 31, 1, load(overrides=["seed=1"]).config, jobs=1)
+    plan = Plan("thesis", trials, 31, 1, load(overrides=["seed=1"]).config)
     with tempfile.TemporaryDirectory() as directory:
         began = stopwatch_ns()
         conduct(plan, Path(directory, "out"), False, lambda trial, one: None)

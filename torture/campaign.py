@@ -17,6 +17,9 @@ from typing import Any, Final, NamedTuple
 from torture import page
 from torture.desk import Desk, on_the_desk
 from torture.strikes import KINDS, STRIKES, Strike, plan
+from txt1.cli import signals_to
+from txt1.cli.machines import OPTIONS, machines_of, progress
+from txt1.cli.options import add
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
 
@@ -52,6 +55,17 @@ def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURA
         broken = f"{type(cause).__name__}: {cause}"
     cycles, moving = (told[0].cycles, told[0].moving) if told else (0, 0)
     return Result(broken, cycles, moving)
+
+
+def struck(text: str) -> str:
+    """One run of a campaign by its kind, seed and duration, and what came of it with the fewest faults; JSON both."""
+    kind, seed, duration = json.loads(text)
+    strikes = plan(kind, seed, duration)
+    result = once(kind, seed, strikes, duration)
+    row = {"kind": kind, "seed": seed, "strikes": [each.name for each in strikes], **result._asdict()}
+    if result.broken:
+        row["only"] = shortest(kind, seed, strikes, duration)
+    return json.dumps(row)
 
 
 def shortest(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> list[int]:
@@ -94,6 +108,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int)
     parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
     parser.add_argument("--only", help="the numbers of its faults, such as 0,3; default all")
+    add(parser, OPTIONS)
     options = parser.parse_args(words)
     if options.seed is not None:
         return _again(options.kind or KINDS[0], options.seed, options.only, options.duration)
@@ -102,27 +117,32 @@ def main(words: Sequence[str] | None = None) -> int:
     began = stopwatch_ns()
     options.kept.parent.mkdir(parents=True, exist_ok=True)
     broken = sum(bool(row["broken"]) for row in done.values())
-    for seed in range(options.runs):
-        kind = PATTERN[seed % len(PATTERN)]
-        if (kind, seed) in done:
-            continue
-        if options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes:
-            break
-        strikes = plan(kind, seed, options.duration)
-        result = once(kind, seed, strikes, options.duration)
-        row = {"code": code, "kind": kind, "seed": seed, "strikes": [each.name for each in strikes], **result._asdict()}
-        if result.broken:
-            broken += 1
-            only = shortest(kind, seed, strikes, options.duration)
-            row["only"] = only
-            print(f"{result.broken}\n  {command(kind, seed, only, options.duration)}", flush=True)
-            for k in only:
-                print(f"  {k}: {strikes[k]}", flush=True)
-        with options.kept.open("a") as rows:
-            print(json.dumps(row), file=rows)
-        done[kind, seed] = row
-        if len(done) % 200 == 0:
-            print(f"{len(done)} runs, {broken} broken, {(stopwatch_ns() - began) / NS_PER_S:.0f} s", flush=True)
+    everything = ((PATTERN[seed % len(PATTERN)], seed) for seed in range(options.runs))
+    missing = {
+        seed: json.dumps([kind, seed, options.duration]) for kind, seed in everything if (kind, seed) not in done
+    }
+    came: list[int] = []
+
+    def ended() -> bool:
+        late = options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes
+        return bool(came) or late
+
+    with signals_to(lambda number, _: came.append(number)), options.kept.open("a") as rows:
+        for seed, text in machines_of(options).each(struck, missing, ended):
+            row = {"code": code, **json.loads(text)}
+            if row["broken"]:
+                broken += 1
+                strikes = plan(row["kind"], seed, options.duration)
+                print(f"{row['broken']}\n  {command(row['kind'], seed, row['only'], options.duration)}", flush=True)
+                for k in row["only"]:
+                    print(f"  {k}: {strikes[k]}", flush=True)
+            print(json.dumps(row), file=rows, flush=True)
+            done[row["kind"], seed] = row
+            progress(len(done), options.runs)
+            if len(done) % 200 == 0:
+                print(f"{len(done)} runs, {broken} broken, {(stopwatch_ns() - began) / NS_PER_S:.0f} s", flush=True)
+    if came:
+        return 128 + came[0]
     text = table(list(done.values()))
     print(text)
     if options.page:

@@ -23,6 +23,7 @@ from blockbuster import BlockBuster
 from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from txt1.cli import execute
+from txt1.cli.machines import Machines
 from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
@@ -298,7 +299,7 @@ def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> Non
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
         outcomes, ended = conduct(
-            plan._replace(jobs=jobs), tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number))
+            plan, tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number)), Machines(jobs)
         )
         assert ended is None
         experiment.write(plan, tmp_path / str(jobs), outcomes)

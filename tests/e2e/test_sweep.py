@@ -1,6 +1,8 @@
 """A sweep: every combination of some settings on many processors, into one table, the same wherever it is made."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -9,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from torture.campaign import main as campaign
 from txt1.cli import execute
-from txt1.cli.machines import Cluster, on_dask
+from txt1.cli.machines import Cluster, on_dask, on_processes
 from txt1.cli.sweep import combinations, write_table
 from txt1.errors import ConfigError
 
@@ -66,9 +69,24 @@ def test_a_sweep_of_nothing_is_refused(words: list[str], tmp_path: Path) -> None
 def test_beyond_loopback_a_cluster_has_tls() -> None:
     pytest.importorskip("distributed", reason="Dask is not installed: the extra 'dask'")
     with pytest.raises(ConfigError, match="over TLS only"):
-        list(on_dask({}, Cluster("tcp://10.0.0.1:8786"), bool))
+        list(on_dask(str, {}, Cluster("tcp://10.0.0.1:8786"), bool))
     with pytest.raises(ConfigError, match="add --dask-ca"):
-        list(on_dask({}, Cluster("tls://10.0.0.1:8786"), bool))
+        list(on_dask(str, {}, Cluster("tls://10.0.0.1:8786"), bool))
+
+
+def killed_at_first(text: str) -> str:
+    """A trial whose process is killed the first time that it is done."""
+    mark = Path(json.loads(text))
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return json.dumps(mark.name)
+
+
+def test_a_trial_whose_process_is_killed_is_done_again(tmp_path: Path) -> None:
+    trials = {number: json.dumps(str(tmp_path / f"trial{number}")) for number in range(2)}
+    results = dict(on_processes(killed_at_first, trials, 1, lambda: False))
+    assert results == {0: '"trial0"', 1: '"trial1"'}
 
 
 @pytest.fixture
@@ -111,3 +129,37 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
         assert sweep.wait() == 0
     assert json.loads((there / "sweep.json").read_text())["settings"] == settings
     assert (there / "table.csv").read_text() == (here / "table.csv").read_text()
+
+
+@pytest.mark.long
+def test_learn_experiment_tune_and_campaigns_come_to_the_same_on_a_cluster(
+    tmp_path: Path, cluster: tuple[str, list["subprocess.Popen[bytes]"]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    place, _ = cluster
+    found = []
+    for where in (["--jobs", "1"], ["--jobs", "2"], ["--dask", place]):
+        out = tmp_path / where[1].replace(":", "").replace("/", "")
+        assert execute(["learn", "--trials", "3", "--episodes", "3", "--no-pictures", "--out", str(out), *where]) == 0
+        trials = [file.read_bytes() for file in sorted((out / "trials").glob("*"))]
+        capsys.readouterr()
+        words = ["experiment", "circle-slow", "--repeats", "2", "--no-figure", "--json", "--out", str(out / "circle")]
+        assert execute([*words, *where]) == 0
+        experiment = capsys.readouterr().out
+        assert execute(["tune", "--repeats", "2", *where]) == 0
+        tuned = capsys.readouterr().out
+        kept = out / "campaign.jsonl"
+        assert campaign(["--runs", "4", "--duration", "5", "--kept", str(kept), *where]) == 0
+        rows = sorted(kept.read_text().splitlines())
+        found.append((trials, experiment, tuned, rows))
+    assert found[0] == found[1] == found[2]
+
+
+def test_what_cannot_be_elsewhere_is_refused_before_it_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dask = ["--dask", "tcp://127.0.0.1:1"]
+    assert execute(["learn", "--hal", "serial", "--port", "virtual", "--out", str(tmp_path / "a"), *dask]) == 2
+    assert execute(["learn", "--log", str(tmp_path / "b.mcap"), "--out", str(tmp_path / "b"), *dask]) == 2
+    assert execute(["tune", "--speed", "20", *dask]) == 2
+    told = capsys.readouterr().err
+    assert "--dask: this robot is not simulated" in told and "recordings would stay on the cluster's" in told

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -10,15 +11,17 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from txt1.cli import DISARMED, FAULT, OK
+from txt1.cli import DISARMED, FAULT, OK, signals_to
 from txt1.cli.app import App, get_ready, say
-from txt1.cli.options import ARM, LOG, ROBOT, add, flag, loaded, robot_speed, takes, unused
+from txt1.cli.machines import OPTIONS, Machines, machines_of
+from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder, sensor_failure
 from txt1.experiments.profile import EXAMPLE, Profile, load_profile, names
+from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import FIGURE, Run
-from txt1.experiments.runner import ANOTHER, Experiment, Outcome
+from txt1.experiments.runner import ANOTHER, Experiment, Outcome, outcome_of
 from txt1.kernel.loop import Speed
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's hall is larger than its learning room
@@ -33,10 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
         "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", Path),
         "--label": takes("TEXT", "names the run in figures and tables"),
+        "--repeats": takes("N", "runs, simulated with a seed after the other, whose mean is taken", count, default=1),
         "--no-safe-end": flag("drive on when the batteries' time is over"),
         "--no-figure": flag("draw nothing; needs no matplotlib"),
         "--json": flag("print the metrics as one JSON object"),
-    } | ROBOT | ARM | LOG)  # fmt: skip
+    } | OPTIONS | ROBOT | ARM | LOG)  # fmt: skip
 
 
 def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
@@ -62,14 +66,22 @@ def main(arguments: argparse.Namespace) -> int:
     name = Path(arguments.what).stem
     folder = run_folder.make(arguments.out or unused(Path("out") / name))
     say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
-    outcome, code = drive(
-        config, profile, speed, safe_end=not arguments.no_safe_end, arm=arguments.arm, log=arguments.log, bar=name
-    )
-    if outcome is None or not len(outcome.recording):
+    safe_end, machines = not arguments.no_safe_end, machines_of(arguments, alone=config.hal != "sim" or speed != "max")
+    if arguments.repeats > 1 or machines.cluster is not None:
+        if arguments.log is not None:
+            raise ConfigError("--log: records one run in this process; leave out --repeats and --dask")
+        seeds = range(config.seed, config.seed + arguments.repeats)
+        outcomes, code = drive_all(
+            config, profile, speed, seeds, machines, safe_end=safe_end, arm=arguments.arm, bar=name
+        )
+    else:
+        outcome, code = drive(config, profile, speed, safe_end=safe_end, arm=arguments.arm, log=arguments.log, bar=name)
+        outcomes = [] if outcome is None else [outcome]
+    if not outcomes or not all(len(each.recording) for each in outcomes):
         say("it was over before anything was measured")
         return code or FAULT
     label = arguments.label or ("sim" if config.hal == "sim" else f"{config.hal} {config.serial.port or ''}".strip())
-    result = Run(label, profile, outcome.recording, metrics.measure(outcome, profile))
+    result = repeated(label, profile, outcomes)
     run_folder.write(result, folder)
     (folder / FIGURE).unlink(missing_ok=True)  # of a run before
     if not arguments.no_figure:
@@ -89,24 +101,38 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
         figures.available()
     config, speed = configure(arguments)
     folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.NAME))
-    outcomes: list[sensor_failure.Outcome] = []
-    runs = sensor_failure.plan(config)
-
-    async def work(*which: str) -> None:
-        outcomes.append(await sensor_failure.drive(config, *which))
-
-    with progress_bar(sensor_failure.NAME) as progress:
+    runs = dict(enumerate(sensor_failure.plan(config)))
+    done: dict[int, sensor_failure.Outcome] = {}
+    came: list[int] = []
+    machines = machines_of(arguments, alone=speed != "max" and not arguments.jobs)
+    with signals_to(lambda number, _: came.append(number)), progress_bar(sensor_failure.NAME) as progress:
         bar = progress.add_task(sensor_failure.NAME, total=len(runs))
-        for which in runs:
-            code = App(speed).run(work(*which))
-            if code != OK:
-                return code
+        told = config.model_dump(mode="json")
+        texts = {number: json.dumps([told, speed, *which]) for number, which in runs.items()}
+        for number, text in machines.each(failed, texts, lambda: bool(came)):
+            done[number] = sensor_failure.outcome_of(json.loads(text))
             progress.advance(bar)
+    if came:
+        return 128 + came[0]
+    outcomes = [done[number] for number in runs]
     sensor_failure.write(outcomes, folder)
     if not arguments.no_figure:
         sensor_failure.draw(outcomes, folder / FIGURE)
     print(json.dumps([each.row() for each in outcomes]) if arguments.json else sensor_failure.table(outcomes))
     return OK
+
+
+def failed(text: str) -> str:
+    """Drive one run with a sensor that fails, and return its outcome; JSON both."""
+    config, speed, *which = json.loads(text)
+    outcomes: list[sensor_failure.Outcome] = []
+
+    async def work() -> None:
+        outcomes.append(await sensor_failure.drive(Config.model_validate(config), *which))
+
+    App(speed).run(work())
+    (outcome,) = outcomes
+    return json.dumps(outcome._asdict() | {"trace": outcome.trace.tolist()})
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -166,6 +192,61 @@ def drive(
         say(f"the robot was stopped by {outcome.stopped_by}")
         code = FAULT if outcome.stopped_by.startswith(ANOTHER) else DISARMED
     return outcome, code
+
+
+def drive_all(
+    config: Config, profile: Profile, speed: Speed, seeds: Sequence[int], machines: Machines, *, safe_end: bool = True,
+    arm: bool | None = None, bar: str = "",
+) -> tuple[list[Outcome], int]:  # fmt: skip
+    """Drive an experiment with each of these seeds and return the outcomes, up to the first bad exit code, and that.
+
+    They are in the order of the seeds, wherever they were driven. A signal ends it.
+    """
+    if not machines.many:
+        outcomes: list[Outcome] = []
+        for number, seed in enumerate(seeds, 1):
+            seeded = config.model_copy(update={"seed": seed})
+            name = f"{bar}, {number} of {len(seeds)}"
+            outcome, code = drive(seeded, profile, speed, safe_end=safe_end, arm=arm, bar=name)
+            if outcome is not None:
+                outcomes.append(outcome)
+            if code != OK:
+                return outcomes, code
+        return outcomes, OK
+    given = profile.model_dump(mode="json"), config.model_dump(mode="json"), safe_end, arm
+    came: list[int] = []
+    done: dict[int, tuple[Outcome | None, int]] = {}
+    with signals_to(lambda number, _: came.append(number)), progress_bar(bar) as progress:
+        task = progress.add_task(bar, total=len(seeds))
+        texts = {number: json.dumps([*given, seed]) for number, seed in enumerate(seeds)}
+        for number, text in machines.each(driven, texts, lambda: bool(came)):
+            told, code = json.loads(text)
+            done[number] = None if told is None else outcome_of(told), code
+            progress.advance(task)
+    if came:
+        return [], 128 + came[0]
+    codes = [done[number][1] for number in sorted(done)]
+    last = next((number for number, code in enumerate(codes) if code != OK), len(codes) - 1)
+    found = [done[number][0] for number in range(last + 1)]
+    return [each for each in found if each is not None], codes[last]
+
+
+def driven(text: str) -> str:
+    """Drive an experiment in simulation as fast as possible, and return its outcome and exit code; JSON both."""
+    profile, config, safe_end, arm, seed = json.loads(text)
+    seeded = Config.model_validate(config).model_copy(update={"seed": seed})
+    outcome, code = drive(seeded, Profile.model_validate(profile), "max", safe_end=safe_end, arm=arm)
+    return json.dumps([None if outcome is None else outcome.json(), code])
+
+
+def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
+    """Several runs of a profile as one: their mean, and what its steps look like."""
+    if len(outcomes) == 1:
+        return Run(label, profile, outcomes[0].recording, metrics.measure(outcomes[0], profile))
+    recordings = [outcome.recording for outcome in outcomes]
+    mean = outcomes[0]._replace(recording=mean_of(recordings))
+    steps = [step._asdict() for step in metrics.repeated_steps(recordings)]
+    return Run(label, profile, mean.recording, metrics.measure(mean, profile) | {"steps": steps})
 
 
 def progress_bar(name: str) -> Progress:

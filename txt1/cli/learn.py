@@ -2,6 +2,8 @@
 
 import argparse
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +11,18 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from txt1.cli import DISARMED, OK
+from txt1.cli import DISARMED, OK, signals_to
 from txt1.cli.app import say
+from txt1.cli.machines import OPTIONS, machines_of
 from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
 from txt1.cli.trials import conduct
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
-from txt1.kernel.processors import processors
 from txt1.learning import compare, experiment, plots, suite
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
 from txt1.learning.floor import floor_of
+from txt1.learning.suite import Each
 from txt1.learning.trial import Episode, starts, task_of
 
 
@@ -42,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--compare": takes("FILE", "contenders in one world, per seconds driven: raw results in FILE.jsonl, carried on "
                            f"when it is there; those of --agent, or {', '.join(compare.ALL)}", Path),
         "--floor": flag("only the best time that full knowledge reaches, of every start"),
-        "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
-    } | LOG | ROBOT | ARM)  # fmt: skip
+    } | OPTIONS | LOG | ROBOT | ARM)  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -60,8 +62,9 @@ def main(arguments: argparse.Namespace) -> int:
     speed = robot_speed(arguments, config)
     plan = Plan(
         name, arguments.trials, arguments.episodes, config.seed, config, speed,
-        arguments.jobs or (processors() if speed == "max" else 1), bool(arguments.arm), arguments.log,
+        bool(arguments.arm), arguments.log,
     )  # fmt: skip
+    machines = machines_of(arguments, alone=speed != "max" and not arguments.jobs)
 
     out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))
     console = Console(stderr=True)
@@ -73,7 +76,7 @@ def main(arguments: argparse.Namespace) -> int:
             how = "reached the light" if one.success else "lost it"
             progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
 
-        results, ended = conduct(plan, out, arguments.resume, watch)
+        results, ended = conduct(plan, out, arguments.resume, watch, machines)
     if results:
         _tell(experiment.write(plan, out, results))
         if any(one.episodes for one in results) and not arguments.no_pictures:
@@ -147,12 +150,12 @@ def _worlds(arguments: argparse.Namespace, config: Config) -> int:
     def tell(result: dict[str, Any]) -> None:
         print(f"{result['agent']:<8} {result['world']:<20} {suite.cell(suite.figures(result))}", flush=True)
 
-    suite.run_all(
-        some, agents, arguments.trials, arguments.episodes, config.seed, out, arguments.jobs or processors(),
-        bool(arguments.resume), tell,
-    )  # fmt: skip
+    with _elsewhere(arguments) as (each, came):
+        suite.run_all(
+            some, agents, arguments.trials, arguments.episodes, config.seed, out, each, bool(arguments.resume), tell
+        )
     say(f"the table is in {out / 'table.md'}, the raw results beside it")
-    return OK
+    return 128 + came[0] if came else OK
 
 
 def _compare(arguments: argparse.Namespace, config: Config) -> int:
@@ -163,8 +166,17 @@ def _compare(arguments: argparse.Namespace, config: Config) -> int:
     def tell(line: dict[str, Any]) -> None:
         print(f"{line['contender']:<10} trial {line['trial']:<4} {compare.told(line)}", flush=True)
 
-    jobs = arguments.jobs or processors()
-    compare.compare(file, names, config, arguments.trials, arguments.episodes, config.seed, jobs, tell)
+    with _elsewhere(arguments) as (each, came):
+        compare.compare(file, names, config, arguments.trials, arguments.episodes, config.seed, each, tell)
     print(file.with_suffix(".md").read_text(encoding="utf-8"))
     say(f"raw results in {file}, the table and a figure beside it")
-    return OK
+    return 128 + came[0] if came else OK
+
+
+@contextmanager
+def _elsewhere(arguments: argparse.Namespace) -> Iterator[tuple[Each, list[int]]]:
+    """Do work where it was asked for, until it is done or a signal has come, which then is in the list."""
+    came: list[int] = []
+    machines = machines_of(arguments)
+    with signals_to(lambda number, _: came.append(number)):
+        yield lambda work, texts: machines.each(work, texts, lambda: bool(came)), came

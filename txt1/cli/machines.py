@@ -1,31 +1,44 @@
 """Trials on many processors: processes of this computer, or the workers of a Dask cluster.
 
-A trial is a command of txt1 as words, and what comes back is JSON: nothing of ours is pickled. Dask itself pickles what
-it sends about, so beyond loopback it is asked for TLS. A trial whose process is killed is done again.
+A trial is a function of one module, from text to text, JSON both: nothing of ours is pickled. Dask itself pickles what
+it sends about, so beyond loopback it is asked for TLS. A trial whose process or worker is killed is done again.
 """
 
-import json
+import argparse
 import multiprocessing
 import os
+import queue
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple
 
-from txt1.cli import SIGNALS, execute
+from txt1.cli import SIGNALS
+from txt1.cli.options import count, existing, takes
 from txt1.errors import ConfigError, MissingExtra, Txt1Error
+from txt1.kernel.processors import processors
 from txt1.learning.provenance import code_hash
 
-OUT: Final = "{out}"  # among a trial's words: a folder of its own, whose metrics.json is its result
 AGAIN: Final = 5  # times that a pool is made anew because one of its processes was killed
+POLL: Final = 0.1  # s of real time between two looks whether it is to end
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
+OPTIONS: Final = {
+    "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
+    "--dask": takes("ADDRESS", "on a Dask cluster: tcp://127.0.0.1:8786, or tls://HOST:PORT"),
+    "--dask-ca": takes("FILE", "certificate of the authority", existing),
+    "--dask-cert": takes("FILE", "our certificate", existing),
+    "--dask-key": takes("FILE", "its key", existing),
+}
+
+Work = Callable[[str], str]
+Trials = Mapping[int, str]  # what each is told, by its number
+Results = Iterator[tuple[int, str]]  # as they come
 
 
 class Cluster(NamedTuple):
@@ -37,65 +50,114 @@ class Cluster(NamedTuple):
     key: Path | None = None
 
 
-def trial(words: Sequence[str]) -> str:
-    """Do a command and return its exit code and what it printed or measured, as JSON."""
-    with TemporaryDirectory() as folder, redirect_stdout(StringIO()) as printed:
-        out = Path(folder, "out")
-        code = execute([word.replace(OUT, str(out)) for word in words])
-        measured = out / "metrics.json"
-        text = measured.read_text(encoding="utf-8") if measured.exists() else printed.getvalue()
-    try:
-        result = json.loads(text)
-    except ValueError:
-        result = None
-    return json.dumps({"code": code, "result": result})
+class Machines(NamedTuple):
+    """Where trials are done: in so many processes, or on a cluster."""
+
+    jobs: int = 1
+    cluster: Cluster | None = None
+
+    @property
+    def many(self) -> bool:
+        """Whether trials are done anywhere but here."""
+        return self.jobs > 1 or self.cluster is not None
+
+    def each(self, work: Work, trials: Trials, ended: Callable[[], bool]) -> Results:
+        """Each trial's number and result as it comes, until all are done or it is to end; what was begun then is lost.
+
+        Raises an error of a trial; Txt1Error: processes are killed again and again; ConfigError: the cluster is not
+        there, unsafe, or has other code than ours; MissingExtra.
+        """
+        if self.cluster is None:
+            return on_processes(work, trials, self.jobs, ended)
+        return on_dask(work, trials, self.cluster, ended)
 
 
-def on_processes(
-    trials: Mapping[int, Sequence[str]], jobs: int, ended: Callable[[], bool]
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Each trial's number and result as it comes, from processes; Txt1Error: they are killed again and again."""
+HERE: Final = Machines()  # one after the other, in this process
+
+
+def machines_of(arguments: argparse.Namespace, *, alone: bool = False) -> Machines:
+    """The machines that were asked for by `OPTIONS`; a robot that is `alone` has no second."""
+    if arguments.dask is None:
+        return Machines(1 if alone else arguments.jobs or processors())
+    if alone:
+        raise ConfigError("--dask: this robot is not simulated as fast as possible, so it cannot be in many places")
+    return Machines(1, Cluster(arguments.dask, arguments.dask_ca, arguments.dask_cert, arguments.dask_key))
+
+
+def stopped() -> bool:
+    """Whether nobody waits for the result of the trial that is being done in this process."""
+    return _stop is not None and bool(_stop.is_set())
+
+
+_stop: Any = None
+
+
+def on_processes(work: Work, trials: Trials, jobs: int, ended: Callable[[], bool]) -> Results:
+    """As `Machines.each`."""
     left = dict(trials)
     for _ in range(AGAIN):
         with suppress(BrokenProcessPool):
-            yield from _pooled(left, jobs, ended)
+            yield from _pooled(work, left, jobs, ended)
             return
     raise Txt1Error("processes that do trials are killed again and again, perhaps for lack of memory; use fewer --jobs")
 
 
-def _pooled(
-    left: dict[int, Sequence[str]], jobs: int, ended: Callable[[], bool]
-) -> Iterator[tuple[int, dict[str, Any]]]:
+def _pooled(work: Work, left: dict[int, str], jobs: int, ended: Callable[[], bool]) -> Results:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, _deaf) as pool:
-        futures = {pool.submit(trial, list(words)): number for number, words in left.items()}
-        try:
-            while futures:
-                done, _ = wait(futures, timeout=0.1, return_when=FIRST_COMPLETED)
-                for future in done:
-                    result = json.loads(future.result())
-                    number = futures.pop(future)
-                    del left[number]
-                    yield number, result
-                if ended():
-                    return
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    with _deaf():  # here the process is born that tidies up after the others
+        stop = context.Event()
+    pool = ProcessPoolExecutor(min(jobs, max(1, len(left))), context, _enter, (stop,))
+    try:
+        with _deaf():
+            futures = {pool.submit(work, text): number for number, text in left.items()}
+        for number, result in _as_they_come(futures, ended):
+            del left[number]
+            yield number, result
+    except BrokenProcessPool:
+        for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
+            child.kill()
+        raise
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _deaf() -> None:
-    """Ctrl-C goes to the whole foreground group; what is begun is finished, and the parent decides."""
-    for each in SIGNALS:
-        signal.signal(each, signal.SIG_IGN)
+def _as_they_come(futures: dict[Any, int], ended: Callable[[], bool]) -> Results:
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    for future in list(futures):
+        future.add_done_callback(done.put)
+    while futures and not ended():
+        with suppress(queue.Empty):
+            future = done.get(timeout=POLL)
+            yield futures.pop(future), future.result()
 
 
-def on_dask(
-    trials: Mapping[int, Sequence[str]], cluster: Cluster, ended: Callable[[], bool]
-) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Each trial's number and result as it comes, from a Dask cluster.
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes born within the block are deaf to signals, which are their parent's business."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
-    Raises ConfigError: the cluster is not there, unsafe, or has other code than ours; MissingExtra.
-    """
+
+def _enter(stop: Any) -> None:
+    """Make a process ready to work; it ends with its parent."""
+    global _stop
+    _stop = stop
+
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def on_dask(work: Work, trials: Trials, cluster: Cluster, ended: Callable[[], bool]) -> Results:
+    """As `Machines.each`."""
     try:
         dask: Any = import_module("distributed")
     except ImportError:
@@ -119,14 +181,19 @@ def on_dask(
         others = {worker for worker, code in client.run(code_hash).items() if code != code_hash()}
         if others:
             raise ConfigError(f"--dask: other code than here on {', '.join(sorted(others))}; install the same version")
-        futures = {client.submit(trial, list(words), pure=False): number for number, words in trials.items()}
-        for future in dask.as_completed(futures):
-            yield futures[future], json.loads(future.result())
-            if ended():
-                client.cancel(list(futures))
-                return
+        if any(threads > 1 for threads in client.nthreads().values()):
+            raise ConfigError("--dask: a trial needs a process of its own; start the workers with --nthreads 1")
+        futures = {client.submit(work, text, pure=False): number for number, text in trials.items()}
+        left = list(futures)
+        try:
+            yield from _as_they_come(futures, ended)
+        finally:
+            client.cancel(left)
 
 
-def processors() -> int:
-    """How many processors there are for us."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+def progress(done: int, of: int) -> None:
+    """Draw a bar on a terminal."""
+    if sys.stderr.isatty():
+        width = 30 * done // of
+        end = "\n" if done == of else ""
+        print(f"\r{'█' * width}{'·' * (30 - width)} {done} of {of}", end=end, file=sys.stderr, flush=True)

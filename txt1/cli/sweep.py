@@ -4,19 +4,22 @@ import argparse
 import csv
 import itertools
 import json
-import sys
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from txt1.cli import FAULT, OK, options, signals_to
+from txt1.cli import FAULT, OK, execute, options, signals_to
 from txt1.cli.app import say
-from txt1.cli.machines import OUT, Cluster, on_dask, on_processes, processors
-from txt1.cli.options import count, flag, takes
+from txt1.cli.machines import OPTIONS, machines_of, progress
+from txt1.cli.options import flag, takes
 from txt1.errors import ConfigError
 from txt1.kernel.clock import stopwatch_ns
 from txt1.learning.provenance import provenance
 
+OUT: Final = "{out}"  # among a trial's words: a folder of its own, whose metrics.json is its result
 MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")  # of the processor's time: never the same
 TOLD_ONCE: Final = ("provenance.", "settings.")  # what all of a sweep have in common stands in sweep.json
 ROWS: Final = "rows.jsonl"  # results as they come
@@ -38,12 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         },
         "--out": takes("DIR", "where the table goes; out/sweep when left out", Path, default=Path("out/sweep")),
         "--resume": flag("carry on what was begun in DIR"),
-        "--jobs": takes("N", "processes; by default one a processor", count),
-        "--dask": takes("ADDRESS", "on a Dask cluster: tcp://127.0.0.1:8786, or tls://HOST:PORT"),
-        "--dask-ca": takes("FILE", "certificate of the authority", options.existing),
-        "--dask-cert": takes("FILE", "our certificate", options.existing),
-        "--dask-key": takes("FILE", "its key", options.existing),
-    })  # fmt: skip
+    } | OPTIONS)  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -55,9 +53,9 @@ def main(arguments: argparse.Namespace) -> int:
     trials = dict(enumerate(combinations(dict(map(_setting, given)))))
     about = {"settings": given, "command": command, **provenance()}
     done = _begun(arguments.out, about, arguments.resume)
-    words = {
-        number: [*command, *(word for key, value in trials[number].items() for word in ("--set", f"{key}={value}"))]
-        for number in trials
+    texts = {
+        number: json.dumps([*command, *(word for pair in own.items() for word in ("--set", "=".join(pair)))])
+        for number, own in trials.items()
         if number not in done
     }
     came: list[int] = []
@@ -66,26 +64,35 @@ def main(arguments: argparse.Namespace) -> int:
         signals_to(lambda number, _: came.append(number)),
         (arguments.out / ROWS).open("a", encoding="utf-8") as rows,
     ):
-        if arguments.dask is None:
-            results = on_processes(words, arguments.jobs or processors(), lambda: bool(came))
-        else:
-            cluster = Cluster(arguments.dask, arguments.dask_ca, arguments.dask_cert, arguments.dask_key)
-            results = on_dask(words, cluster, lambda: bool(came))
         rows.write("\n")  # behind a line that was being written when all ended
-        for number, result in results:
-            done[number] = result
-            rows.write(json.dumps({"trial": number, **result}) + "\n")
+        for number, text in machines_of(arguments).each(trial, texts, lambda: bool(came)):
+            done[number] = json.loads(text)
+            rows.write(json.dumps({"trial": number, **done[number]}) + "\n")
             rows.flush()
-            _progress(len(done), len(trials))
+            progress(len(done), len(trials))
     write_table(arguments.out / TABLE, trials, done)
     elapsed = (stopwatch_ns() - began) / 1e9
-    say(f"{len(done)} of {len(trials)} trials, {len(words)} asked for, in {elapsed:.1f} s: {arguments.out / TABLE}")
+    say(f"{len(done)} of {len(trials)} trials, {len(texts)} asked for, in {elapsed:.1f} s: {arguments.out / TABLE}")
     if came:
         return 128 + came[0]
     failed = [number for number, result in done.items() if result["code"] != OK]
     if failed:
         say(f"{len(failed)} trials ended with another exit code than 0, the first is {min(failed)}")
     return FAULT if failed else OK
+
+
+def trial(text: str) -> str:
+    """Do a command of these words, as JSON, and return its exit code and what it printed or measured, likewise."""
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()) as printed:
+        out = Path(folder, "out")
+        code = execute([word.replace(OUT, str(out)) for word in json.loads(text)])
+        measured = out / "metrics.json"
+        shown = measured.read_text(encoding="utf-8") if measured.exists() else printed.getvalue()
+    try:
+        result = json.loads(shown)
+    except ValueError:
+        result = None
+    return json.dumps({"code": code, "result": result})
 
 
 def combinations(settings: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
@@ -146,10 +153,3 @@ def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         repeats = not any(part in f"{path}." for part in MEASURED)
         if repeats and not path.startswith(TOLD_ONCE):
             yield path, value
-
-
-def _progress(done: int, of: int) -> None:
-    if sys.stderr.isatty():
-        width = 30 * done // of
-        end = "\n" if done == of else ""
-        print(f"\r{'█' * width}{'·' * (30 - width)} {done} of {of}", end=end, file=sys.stderr, flush=True)

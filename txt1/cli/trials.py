@@ -1,25 +1,32 @@
 """The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes."""
 
 import asyncio
-import multiprocessing
-import os
-import queue
+import json
 import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from tempfile import TemporaryDirectory
+from typing import Final
 
-from txt1.cli import SIGNALS, signals_to
+from txt1.cli import signals_to
 from txt1.cli.app import App, get_ready
+from txt1.cli.machines import HERE, Machines, stopped
+from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
 from txt1.learning.agents import make
-from txt1.learning.experiment import Plan, Watch, load_results, prepare, recordings, save_result
+from txt1.learning.experiment import (
+    Plan,
+    Watch,
+    load_result,
+    load_results,
+    prepare,
+    recordings,
+    result_file,
+    save_result,
+)
+from txt1.learning.qtable import replace_file
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
     AGENT,
@@ -35,16 +42,22 @@ from txt1.learning.trial import (
     task_of,
 )  # fmt: skip
 
-POLL: Final = 0.1  # s of real time between two looks at what the processes have to tell
 BEGIN: Final = 4.0  # s of the run at which a trial in simulation begins; by then the robot is ready
 Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None: all are complete
 
 
-def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[TrialResult], Ended]:
+def conduct(
+    plan: Plan, out: Path, resume: bool, watch: Watch, machines: Machines = HERE
+) -> tuple[list[TrialResult], Ended]:
     """Return what came of the trials, in their order, and why there are no more; a signal ends it, nothing is lost.
 
-    Raises ConfigError: the directory cannot be used, or holds another experiment.
+    Raises ConfigError: the directory cannot be used, or holds another experiment, or a real robot, or a recording,
+    would be elsewhere.
     """
+    if machines.cluster is not None and not plan.simulated:
+        raise ConfigError("--dask: real robots and sensors are not on a cluster; only simulated ones learn there")
+    if machines.cluster is not None and plan.log is not None:
+        raise ConfigError("--log: recordings would stay on the cluster's machines; leave out --log or --dask")
     kept = [one for one in prepare(plan, out, resume) if one.complete or not plan.simulated]
     for result in kept:
         for episode in result.episodes:
@@ -56,8 +69,8 @@ def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Tri
     ended: Ended = None
     with signals_to(lambda number, _: came.append(signal.Signals(number))):
         try:
-            if plan.jobs > 1 and plan.simulated and len(missing) > 1:
-                _side_by_side(plan, missing, logs, out, watch, came)
+            if machines.many and plan.simulated and (len(missing) > 1 or machines.cluster is not None):
+                _side_by_side(plan, logs, out, watch, machines, missing, lambda: bool(came))
             else:
                 for number in missing:
                     if not came:
@@ -71,69 +84,29 @@ def conduct(plan: Plan, out: Path, resume: bool, watch: Watch) -> tuple[list[Tri
     return results, ended
 
 
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes born within the block are deaf to signals, which are their parent's business."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-
-
-_stop: Any = None
-_news: Any = None
-
-
-def _enter(stop: Any, news: Any) -> None:
-    """Make a process ready to work; it ends with its parent."""
-    global _stop, _news
-    _stop, _news = stop, news
-
-    def end_with_parent() -> None:
-        parent = multiprocessing.parent_process()
-        assert parent is not None
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def _work(plan: Plan, number: int, log: Path | None, out: Path) -> None:
-    if not _stop.is_set():
-        on_robot(plan, number, done=lambda one: _news.put((number, one)), stopped=_stop.is_set, out=out, log=log)
-
-
 def _side_by_side(
-    plan: Plan, numbers: Sequence[int], logs: dict[int, Path], out: Path, watch: Watch, came: Sequence[signal.Signals]
-) -> None:
-    context = multiprocessing.get_context("spawn")
-    with _deaf():  # here the process is born that tidies up after the others
-        stop, news = context.Event(), context.Queue()
+    plan: Plan, logs: dict[int, Path], out: Path, watch: Watch, machines: Machines, missing: Sequence[int],
+    ended: Callable[[], bool],
+) -> None:  # fmt: skip
+    told = plan._replace(log=None)._asdict() | {"config": plan.config.model_dump(mode="json")}
+    texts = {n: json.dumps([told, n, str(logs[n].absolute()) if n in logs else None]) for n in missing}
+    for number, text in machines.each(simulated, texts, ended):
+        file = result_file(out, number)
+        replace_file(file, text)
+        for episode in load_result(file).episodes:
+            watch(number, episode)
 
-    with ProcessPoolExecutor(plan.jobs, context, _enter, (stop, news)) as pool:
-        with _deaf():
-            futures = [pool.submit(_work, plan, number, logs.get(number), out) for number in numbers]
-        try:
-            while wait(futures, timeout=0.0).not_done:
-                if came or any(future.done() and future.exception() for future in futures):
-                    stop.set()
-                with suppress(queue.Empty):
-                    watch(*news.get(timeout=POLL))
-            with suppress(queue.Empty):
-                while True:
-                    watch(*news.get(timeout=POLL))
-        except BaseException:
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        try:
-            for future in futures:
-                future.result()
-        except BrokenProcessPool:
-            for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
-                child.kill()
-            raise Txt1Error("a process that did a trial was killed from outside, perhaps for lack of memory") from None
+
+def simulated(text: str) -> str:
+    """Do a trial of a plan in simulation, given as JSON with its number and its log, and return its file's content."""
+    told, number, log = json.loads(text)
+    plan = Plan(**told | {"config": Config.model_validate(told["config"])})
+    with TemporaryDirectory() as folder:
+        out = Path(folder)
+        result_file(out, number).parent.mkdir()
+        on_robot(plan, number, stopped=stopped, out=out, log=None if log is None else Path(log))
+        file = result_file(out, number)
+        return file.read_text(encoding="utf-8") if file.exists() else ""
 
 
 def on_robot(

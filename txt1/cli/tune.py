@@ -1,7 +1,6 @@
 """`txt1 tune`: identify the vehicle, propose gains, and try them on the drive tests."""
 
 import argparse
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -10,17 +9,17 @@ from rich.console import Console
 
 from txt1.cli import OK
 from txt1.cli.app import App, get_ready, say
-from txt1.cli.experiment import configure, drive, progress_bar
+from txt1.cli.experiment import configure, drive_all, progress_bar, repeated
+from txt1.cli.machines import OPTIONS, Machines, machines_of
 from txt1.cli.options import ARM, ROBOT, add, count, flag, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
-from txt1.experiments import figures, metrics, report, run_folder
+from txt1.experiments import figures, report, run_folder
 from txt1.experiments.identify import Plant, identify, try_out
-from txt1.experiments.profile import Profile, load_profile
-from txt1.experiments.recording import mean_of
+from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
-from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED, Outcome
+from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED
 from txt1.experiments.tune import CANDIDATES, angular_gains, linear_gains
 from txt1.kernel.loop import Speed
 
@@ -29,7 +28,7 @@ TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `tune` takes."""
-    add(parser, ROBOT | ARM | {
+    add(parser, ROBOT | ARM | OPTIONS | {
         "--out": takes("DIR", "write tables and figures of old and new there", Path),
         "--write": takes("FILE", "write the gains to this YAML file", Path),
         "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
@@ -40,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Identify the vehicle, propose gains, compare them with the old ones; the exit code."""
     config, speed = configure(arguments)
+    machines = machines_of(arguments, alone=config.hal != "sim" or speed != "max")
     if arguments.out is not None:
         figures.available()
         run_folder.make(arguments.out)
@@ -79,7 +79,9 @@ def main(arguments: argparse.Namespace) -> int:
         for test in TESTS:
             runs = []
             for label, control in (("old gains", old), ("new gains", new)):
-                driven = _repeated(config.model_copy(update={"control": control}), test, speed, label, arguments)
+                driven = _repeated(
+                    config.model_copy(update={"control": control}), test, speed, label, arguments, machines
+                )
                 if isinstance(driven, int):
                     return driven
                 runs.append(driven)
@@ -95,31 +97,19 @@ def main(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _repeated(config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace) -> Run | int:
+def _repeated(
+    config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace, machines: Machines
+) -> Run | int:
     """Several runs of a test as one, their seeds differing as the floor does; an exit code when interrupted."""
-    profile = load_profile(test)
-    outcomes = []
-    for number in range(arguments.repeats):
-        seeded = config.model_copy(update={"seed": config.seed + number})
-        bar = f"{test}, {label}, {number + 1} of {arguments.repeats}"
-        outcome, code = drive(seeded, profile, speed, arm=arguments.arm, bar=bar)
-        if outcome is None or outcome.stopped_by == INTERRUPTED:
-            return code
-        if outcome.stopped_by != END_OF_PROFILE:
+    profile, seeds = load_profile(test), range(config.seed, config.seed + arguments.repeats)
+    outcomes, code = drive_all(config, profile, speed, seeds, machines, arm=arguments.arm, bar=f"{test}, {label}")
+    for outcome in outcomes:
+        if outcome.stopped_by not in (END_OF_PROFILE, INTERRUPTED):
             raise CommandRefused(
                 f"{test} with {label} was ended by {outcome.stopped_by}, so there is nothing to compare; "
                 "--no-trial leaves these drives out"
             )
-        outcomes.append(outcome)
-    return repeated(label, profile, outcomes)
-
-
-def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
-    """Several runs of a profile as one: their mean, and what its steps look like."""
-    recordings = [outcome.recording for outcome in outcomes]
-    mean = outcomes[0]._replace(recording=mean_of(recordings))
-    steps = [step._asdict() for step in metrics.repeated_steps(recordings)]
-    return Run(label, profile, mean.recording, metrics.measure(mean, profile) | {"steps": steps})
+    return repeated(label, profile, outcomes) if code == OK and outcomes else code
 
 
 def gains_file(control: ControlConfig) -> str:

@@ -1,10 +1,10 @@
 """Driving an experiment through the Robot API, and measuring meanwhile."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, nan
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from txt1.control.limits import limit_velocity
 from txt1.errors import NotArmed, Overruled
@@ -42,6 +42,17 @@ class Outcome(NamedTuple):
     stopped_by: str  # why it ended: "the end of the profile", or what came before it
     warned: float | None  # when the battery warning came, s of the experiment; None: it did not
     pose_source: str  # what the robot went by; "" without waypoints
+
+    def json(self) -> list[Any]:
+        """What `outcome_of` makes it of again, of values that JSON has."""
+        return [self.recording.columns.T.tolist(), *self[1:]]
+
+
+def outcome_of(values: Sequence[Any]) -> Outcome:
+    """An outcome of what its `json` was."""
+    samples, legs, *rest = values
+    recording = Recording(Measurement(*sample) for sample in samples)
+    return Outcome(recording, tuple(Leg(time, tuple(start), tuple(end)) for time, start, end in legs), *rest)
 
 
 END_OF_PROFILE: Final = "the end of the profile"

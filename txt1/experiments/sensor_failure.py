@@ -113,6 +113,11 @@ class Outcome(NamedTuple):
         return {key: None if value == inf else value for key, value in found.items()}
 
 
+def outcome_of(tree: dict[str, Any]) -> Outcome:
+    """An outcome of its fields as JSON has them."""
+    return Outcome(**tree | {"trace": np.array(tree["trace"])})
+
+
 def config_for(config: Config, setup: str) -> Config:
     """The configuration with a set-up's sensors fused and the loops closed over them, in an endless room."""
     estimation = config.estimation.model_copy(update={"preset": setup, "sensors": None, "loops": True})

@@ -13,9 +13,7 @@ Failures are counted apart and are in no ratio; the time they took is among the 
 
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from math import inf
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,6 +28,7 @@ from txt1.learning.agents import LEARNERS, make
 from txt1.learning.floor import floor_of, known_floor
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
+from txt1.learning.suite import Each
 from txt1.learning.trial import starts, stream, task_of
 
 FORMAT: Final = "txt1 comparison"
@@ -88,11 +87,19 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     return {**line, "curve": curve}
 
 
+def run_text(text: str) -> str:
+    """As `run`: its arguments and its result as JSON."""
+    name, number, config, episodes, seed = json.loads(text)
+    return json.dumps(run(name, number, Config.model_validate(config), episodes, seed), separators=(",", ":"))
+
+
 def compare(
-    file: Path, names: Sequence[str], config: Config, count: int, episodes: int, seed: int, jobs: int,
+    file: Path, names: Sequence[str], config: Config, count: int, episodes: int, seed: int, each: Each,
     tell: Callable[[Line], None] = lambda line: None,
 ) -> list[Line]:  # fmt: skip
     """Do the trials that the file does not hold yet, write each as it is done, then table and figure; all lines.
+
+    `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
 
     Raises ConfigError: there is no such contender, or the file is of another comparison or of other code;
     MissingExtra: PPO or DQN without Stable-Baselines3.
@@ -110,15 +117,14 @@ def compare(
         (name, number) for number in range(1, count + 1) for name in names
         if (name, number) not in done and (name not in TRAINED or number <= LONG)
     ]  # fmt: skip
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, file.open("a", encoding="utf-8") as kept:
-        try:
-            for future in as_completed([pool.submit(run, *pair, config, episodes, seed) for pair in missing]):
-                line = future.result()
-                print(json.dumps(line, separators=(",", ":")), file=kept, flush=True)
-                lines.append(line)
-                tell(line)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    whole = config.model_dump(mode="json")
+    texts = {number: json.dumps([*pair, whole, episodes, seed]) for number, pair in enumerate(missing)}
+    with file.open("a", encoding="utf-8") as kept:
+        for _, text in each(run_text, texts):
+            line = json.loads(text)
+            print(text, file=kept, flush=True)
+            lines.append(line)
+            tell(line)
     report(file)
     return lines
 

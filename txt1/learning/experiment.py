@@ -52,7 +52,6 @@ class Plan(NamedTuple):
     seed: int  # repeats every random value
     config: Config  # of everything else
     speed: Speed = "max"  # of the robot's time
-    jobs: int = 1  # processes
     arm: bool = False  # whether to arm a robot that does not arm by itself
     log: Path | None = None  # the file to record to; with several trials, what the names of their files begin with
 
@@ -157,6 +156,11 @@ def _flat(tree: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
             yield above + key, value
 
 
+def result_file(out: Path, number: int) -> Path:
+    """A trial's file."""
+    return out / "trials" / f"{number:04d}.json"
+
+
 def save_result(out: Path, result: TrialResult) -> None:
     """Write a trial to a file of its own, which holds a checked Q-table with the rest beside it."""
     about = {
@@ -165,7 +169,7 @@ def save_result(out: Path, result: TrialResult) -> None:
         "learned": [[*one.start, one.time, one.success, one.optimal_time] for one in result.episodes],
         "paths": {str(number): path for number, path in result.paths.items()},
     }
-    qtable.save(out / "trials" / f"{result.trial:04d}.json", StoredTable(result.table.values, about))
+    qtable.save(result_file(out, result.trial), StoredTable(result.table.values, about))
 
 
 def load_result(path: Path) -> TrialResult:

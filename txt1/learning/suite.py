@@ -7,10 +7,8 @@ A world is a configuration file, config/worlds/*.yaml; four more are drawn from 
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -46,6 +44,9 @@ RANGES: Final = {
     "delay": (0.0, 0.3),  # s, in steps of 0.1
     "plate": (0.6, 1.3),  # of the sensors' plate, which is turned by any angle, beside the usual
 }
+
+
+Each = Callable[[Callable[[str], str], Mapping[int, str]], Iterable[tuple[int, str]]]
 
 
 class World(NamedTuple):
@@ -138,11 +139,20 @@ def _row(one: Episode, floor: Floor) -> list[float]:
     return [round(float(value), 6) for value in values]
 
 
+def run_text(text: str) -> str:
+    """As `run`: its arguments and its result as JSON."""
+    name, config, *rest = json.loads(text)
+    return json.dumps(run(World(name, Config.model_validate(config)), *rest))
+
+
 def run_all(
-    some: Sequence[World], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, jobs: int,
+    some: Sequence[World], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, each: Each,
     resume: bool, tell: Callable[[dict[str, Any]], None],
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done."""
+    """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done.
+
+    `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
+    """
     results, missing = [], []
     for agent in agents:
         for world in some:
@@ -159,15 +169,19 @@ def run_all(
                 raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")
             results.append(before)
     out.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        futures = [pool.submit(run, world, agent, count, episodes, seed) for world, agent in missing]
-        for future in futures:
-            result = future.result()
-            path = out / result["agent"] / f"{result['world']}.json"
-            path.parent.mkdir(exist_ok=True)
-            replace_file(path, json.dumps(result) + "\n")
-            results.append(result)
-            tell(result)
+    texts = (
+        json.dumps([world.name, world.config.model_dump(mode="json"), agent, count, episodes, seed])
+        for world, agent in missing
+    )
+    for _, text in each(run_text, dict(enumerate(texts))):
+        result = json.loads(text)
+        path = out / result["agent"] / f"{result['world']}.json"
+        path.parent.mkdir(exist_ok=True)
+        replace_file(path, text + "\n")
+        results.append(result)
+        tell(result)
+    places = [(agent, world.name) for agent in agents for world in some]
+    results.sort(key=lambda one: places.index((one["agent"], one["world"])))
     replace_file(out / "table.md", table(results))
     return results
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Mapping
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,11 @@ def test_a_failure_is_counted_and_is_in_no_ratio() -> None:
     assert one["driven"] == 7 * 300.0 + 4 * 5.0 + 300.0, "the robot drove them"
 
 
+def here(work: Callable[[str], str], texts: Mapping[int, str]) -> Iterator[tuple[int, str]]:
+    """Where the work is done: here."""
+    return ((number, work(text)) for number, text in texts.items())
+
+
 def test_who_is_skilled_has_ten_in_a_row_near_the_floor_and_the_seconds_before_count() -> None:
     assert compare.until_skill(line([LOST, SLOW, SLOW] + [QUICK] * 10)) == 309.0
     assert compare.until_skill(line([QUICK] * 9 + [LOST] + [QUICK] * 9)) == inf
@@ -55,7 +61,7 @@ def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(t
 def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_done_without(tmp_path: Path) -> None:
     file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([SLOW] * 12, number=2)])
     file.write_text(file.read_text() + '{"contender": "pil')
-    lines = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, 1)
+    lines = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)
     assert [each["trial"] for each in lines] == [1, 2]
     assert "| pilot | 2 |" in file.with_suffix(".md").read_text()
     assert file.with_suffix(".png").stat().st_size > 10_000
@@ -72,7 +78,7 @@ def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_don
 )
 def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[str, Any], told: str) -> None:
     with pytest.raises(ConfigError, match="--compare") as caught:
-        compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, 1)
+        compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, here)
     assert told in str(caught.value)
 
 
@@ -87,7 +93,7 @@ def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
             count,
             1,
             1,
-            1,
+            here,
             lambda x: told.append(compare.told(x)),
         )
     assert len(told) == 4
