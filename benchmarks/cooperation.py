@@ -22,6 +22,7 @@ from typing import Any, Final
 from benchmarks import cars as paper
 from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
+from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.fleet import air, steering
 from txt1.fleet.air import Pose
 from txt1.fleet.convoy import GAP, HEADWAY, Follower, Leader, amplification
@@ -209,17 +210,18 @@ def _convoy(kept: Kept, count: int, folder: Path | None) -> None:
         figure, axes = _figure(2)
         for spreads, _, _ in runs:
             axes[0].plot(range(2, 11), [1e3 * each for each in spreads], color="0.7", linewidth=0.7)
-        axes[0].plot(range(2, 11), [1e3 * mean(s[at] for s, _, _ in runs) for at in range(9)], "o-", color="C0")
-        axes[0].set(title=f"Spread of the spacing error, {seeds} seeds", xlabel="robot in the line", ylabel="mm")
+        axes[0].plot(range(2, 11), [1e3 * mean(s[at] for s, _, _ in runs) for at in range(9)], "o-", color=COLOURS[0])
+        axes[0].set(
+            title=f"Spread of the spacing error, {seeds} seeds", xlabel="robot in the line", ylabel="spread, mm"
+        )
         frequencies = [10.0 ** (0.02 * n - 2.0) for n in range(200)]
-        for headway in (0.0, 0.2, 0.8):
-            axes[1].semilogx(
-                frequencies, [amplification(w, headway=headway) for w in frequencies], label=f"h = {headway} s"
-            )
+        for headway, look in zip((0.0, 0.2, 0.8), LOOKS, strict=False):
+            gains = [amplification(w, headway=headway) for w in frequencies]
+            axes[1].semilogx(frequencies, gains, label=f"headway {headway} s", **look)
         axes[1].axhline(1.0, color="k", linewidth=0.7)
-        axes[1].set(title="From one robot to the next", xlabel="rad/s", ylabel="abs(G)")
+        axes[1].set(title="From one robot to the next", xlabel="frequency, rad/s", ylabel="amplitude, ratio")
         axes[1].legend()
-        figure.savefig(folder / "convoy.png", dpi=90)
+        figure.savefig(folder / "convoy.png", dpi=150)
 
 
 def _rendezvous(kept: Kept, seeds: int, folder: Path | None) -> None:
@@ -233,12 +235,13 @@ def _rendezvous(kept: Kept, seeds: int, folder: Path | None) -> None:
     table("Rendezvous of 2 to 8 cars over random switching graphs", heads, [row])
     if folder is not None:
         figure, axes = _figure(1)
-        for count in range(2, 9):
+        for count, look in zip(range(2, 9), LOOKS, strict=True):
             own = sorted(time for n, time, _ in runs if n == count and time is not None)
-            axes[0].plot(own, [(at + 1) / len(own) for at in range(len(own))], label=f"{count} cars")
-        axes[0].set(title="Rendezvous over switching graphs", xlabel="s until all are in their slots", ylabel="share")
+            axes[0].plot(own, [(at + 1) / len(own) for at in range(len(own))], label=f"{count} cars", **look)
+        axes[0].set(xlabel="time until all are in their slots, s", ylabel="share of the runs that got there")
+        axes[0].set_title("Rendezvous over switching graphs")
         axes[0].legend()
-        figure.savefig(folder / "rendezvous.png", dpi=90)
+        figure.savefig(folder / "rendezvous.png", dpi=150)
 
 
 def _search(kept: Kept, seeds: int, folder: Path | None) -> None:
@@ -252,15 +255,16 @@ def _search(kept: Kept, seeds: int, folder: Path | None) -> None:
     if folder is not None:
         figure, axes = _figure(1)
         axes[0].errorbar(list(times), [mean(each) for each in times.values()], list(half.values()), fmt="o-", capsize=4)
-        axes[0].set(title=f"Time to the light, {seeds} seeds, 95 %", xlabel="robots", ylabel="s", ylim=(0.0, None))
-        figure.savefig(folder / "search.png", dpi=90)
+        axes[0].set(xlabel="robots", ylabel="time, s", ylim=(0.0, None))
+        axes[0].set_title(f"Time to the light: mean of {seeds} seeds, 95 %")
+        figure.savefig(folder / "search.png", dpi=150)
 
 
 def _figure(count: int):  # type: ignore[no-untyped-def]
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.0 * count, 3.6), layout="constrained")
+    figure = Figure(figsize=(4.0 * count, 3.2), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, count, squeeze=False)[0]
     for each in axes:

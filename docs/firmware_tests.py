@@ -46,11 +46,11 @@ def main() -> None:
     """Drive, draw and write."""
     kinds = (("simulation", ()), ("virtual board", SERIAL), ("firmware", PICO))
     by_kind = [{name: run(load_profile(name), label, "seed=1", *how) for name in NAMES} for label, how in kinds]
-    figure = Figure(figsize=(11.0, 7.5), layout="constrained")
+    figure = Figure(figsize=(8.0, 5.8), layout="constrained")
     for axes, name in zip(figure.subplots(2, 3).ravel(), NAMES, strict=True):
         panel(axes, name, [runs[name] for runs in by_kind])
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    figure.savefig(HERE / "firmware-tests.png", dpi=110)
+    figure.savefig(HERE / "firmware-tests.png", dpi=150)
     again = {name: run(load_profile(name), "simulation, another seed", "seed=2") for name in DRIVES}
     ends = "\n".join(
         f"- {runs['battery-run'].label}: {runs['battery-run'].metrics['stopped_by']} after "

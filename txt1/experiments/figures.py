@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 STEP_SHOWN: Final = 1.5  # s of a step that are drawn
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")  # the colour-blind, too, tell them apart (Okabe, Ito)
 STYLES: Final = ("-", "--", "-.", ":")  # so that no run is told by its colour alone
+LOOKS: Final[tuple[dict[str, Any], ...]] = tuple(
+    {"color": colour, "linestyle": style}
+    for colour, style in zip(
+        (*COLOURS, "#CC79A7", "#56B4E9", "#000000"), (*STYLES, "-", (0, (5, 1)), (0, (1, 1))), strict=True
+    )
+)  # of up to seven lines
 
 
 def draw(runs: Sequence[Run], file: Path, layout: str = "") -> None:
@@ -91,12 +97,13 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
             if step["settling"] is not None:
                 axes.axvline(step["settling"], color=look["color"], linewidth=0.8, linestyle=":")
         axes.axhline(judged[0][number]["after"], color="k", linewidth=0.8, linestyle="--", label="set-point")
-        axes.set_title(step_name(judged[0][number]), fontsize="small")
+        unit = {"v": "m/s", "omega": "rad/s"}[judged[0][number]["channel"]]
+        axes.set_title(f"{step_name(judged[0][number])} {unit}", fontsize="small")
         axes.tick_params(labelsize="x-small")
         axes.grid(alpha=0.3)
-    units = {"v": "v, m/s", "omega": "ω, rad/s"}
-    figure.supylabel(", ".join(dict.fromkeys(units[step["channel"]] for step in judged[0])), fontsize="small")
-    _legend(figure, panels[0], "across: time since the set-point changed, s; shaded: the band; dotted: settled")
+    figure.supxlabel("time since the set-point changed, s", fontsize="small")
+    figure.supylabel("response, m/s or rad/s", fontsize="small")
+    _legend(figure, panels[0], "shaded: the band; dotted: settled")
 
 
 def _looks(runs: Sequence[Run]) -> list[dict[str, Any]]:
@@ -162,7 +169,7 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
         ends.setdefault(f"{minutes[-1]:.1f} min: {run.metrics['stopped_by']}", float(minutes[-1]))
     for text, end in ends.items():
         axes.axvline(end, color="k", linewidth=0.5)
-        axes.annotate(text, (end, 9.3), rotation=90, ha="right", fontsize=7)
+        axes.annotate(text, (end, 12.2), rotation=90, ha="right", va="top", fontsize=7)
     at = np.array([0.0, SAFE_END_MIN])
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")

@@ -18,6 +18,7 @@ from txt1.config.schema import SensorConfig
 from txt1.errors import NotArmed
 from txt1.estimation.measurement import Measurement
 from txt1.estimation.task import ENCODERS
+from txt1.experiments.figures import LOOKS
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
 from txt1.navigation import follow, true_pose
@@ -211,20 +212,22 @@ def draw(outcomes: list[Outcome], file: Path) -> None:
     from matplotlib.figure import Figure
 
     panels = list(dict.fromkeys((each.setup, each.sensor) for each in outcomes))
-    figure: Figure = Figure(figsize=(10.0, 6.5), layout="constrained")
-    axes = figure.subplots(2, -(-len(panels) // 2), squeeze=False).ravel()
+    figure: Figure = Figure(figsize=(8.0, 5.6), dpi=150, layout="constrained")
+    axes = figure.subplots(2, -(-len(panels) // 2), squeeze=False, sharey="row")
     sound = {each.setup: each for each in outcomes if each.failure == "sound"}
-    for panel, (setup, sensor) in zip(axes, panels, strict=False):
+    for panel, (setup, sensor) in zip(axes.flat, panels, strict=False):
         time, _, band = sound[setup].trace.T
         panel.semilogy(time, band, "k--", linewidth=0.8, label="3 sigma, all sound")
-        for number, failure in enumerate(FAILURES):
+        for look, failure in zip(LOOKS, FAILURES, strict=True):
             for each in outcomes:
                 shown = (each.setup, each.sensor) == (setup, sensor) or (failure == "sound" and each.setup == setup)
                 if shown and each.failure == failure:
-                    panel.semilogy(each.trace[:, 0], each.trace[:, 1], linewidth=0.9, color=f"C{number}", label=failure)
+                    panel.semilogy(each.trace[:, 0], each.trace[:, 1], linewidth=0.9, label=failure, **look)
         panel.axvspan(BEGIN, END, color="0.9")
-        panel.set(title=f"{setup}: {sensor} fails", xlabel="time, s", ylabel="position error, m")
+        panel.set(title=f"{setup}: {sensor} fails", xlabel="time, s")
         panel.set_ylim(bottom=1e-3 if setup == "imu-gps" else 1e-4)
         panel.grid(alpha=0.3)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
+    for panel in axes[:, 0]:
+        panel.set_ylabel("position error, m")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(file)

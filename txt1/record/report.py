@@ -28,6 +28,8 @@ from txt1.tasks.mode import MODE
 
 PACKS: Final = tuple(topic.name for topic in BATTERIES)
 DPI: Final = 110
+TOGETHER: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")  # ... and seven robots
+NAMED: Final = 20  # robots at most whose names stand at the ends of their paths
 BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "0.35"  # the colour-blind, too, tell them apart
 SPAN: Final = 1.0  # V that the battery's axis shows at least: less would make noise look like a fall
 PLACED: Final = 0.3  # m: no robot drives as far between two messages, so it was placed somewhere else
@@ -225,19 +227,21 @@ def draw_together(contents: Mapping[str, Content]) -> bytes:
     axes = figure.subplot_mosaic([["path", "v"], ["path", "apart"]], width_ratios=(3, 2))
     poses = {name: each.columns("pose") for name, each in contents.items()}
     for number, (name, pose) in enumerate(poses.items()):
-        colour = f"C{number % 10}"
+        colour = TOGETHER[number % len(TOGETHER)]
         if pose.shape[1]:
-            axes["path"].plot(pose[1], pose[2], color=colour, linewidth=1.0, label=name)
+            axes["path"].plot(pose[1], pose[2], color=colour, linewidth=1.0)
             axes["path"].plot(pose[1, -1], pose[2, -1], "o", color=colour)
+            if len(poses) <= NAMED:
+                axes["path"].annotate(f" {name}", (pose[1, -1], pose[2, -1]), fontsize="small")
         odometry = contents[name].columns("odometry")
         axes["v"].plot(odometry[0], odometry[3], color=colour, linewidth=0.7)
     axes["path"].set(title="Paths in the room", xlabel="x / m", ylabel="y / m", aspect="equal", adjustable="datalim")
-    if 1 < len(poses) <= 20:
-        axes["path"].legend(loc="best", fontsize="small")
     axes["v"].set(title="Speed", xlabel="t / s", ylabel="v / (m/s)")
     time, nearest = distances([pose for pose in poses.values() if pose.shape[1] > 1])
     axes["apart"].plot(time, nearest, linewidth=1.0)
-    axes["apart"].set(title="Smallest distance between two centres", xlabel="t / s", ylabel="m", ylim=(0.0, None))
+    axes["apart"].set(
+        title="Smallest distance between two centres", xlabel="t / s", ylabel="distance / m", ylim=(0.0, None)
+    )
     for each in axes.values():
         each.grid(visible=True, alpha=0.3)
     picture = BytesIO()

@@ -59,7 +59,7 @@ const sensors = (know, panel) => {
 
 const tasks = (know, panel) => {
   const all = know.topics["/tasks"] ?? []
-  panel.replaceChildren(table(["task", "Hz", "cycles", "missed", "late p99", "runs p99"], all.map((task) => [
+  panel.replaceChildren(table(["task", "Hz", "cycles", "missed", "late p99, ms", "runs p99, ms"], all.map((task) => [
     task.name, task.rate ? format(task.rate) : "–", task.cycles, span(task.misses, task.misses ? "warn" : ""),
     milliseconds(task.lateness.p99), milliseconds(task.run_time.p99),
   ]), [1, 2, 3, 4, 5]), quiet("times in ms"))
