@@ -37,6 +37,8 @@ RELAY: Final = "an empty relay, there and back"
 IN_CYCLE: Final = "a relay that hands on in 50 cycles a second, there and back"
 BESIDE: Final = {COMMANDER: RELAY, SETPOINT: IN_CYCLE, ODOMETRY: RELAY}
 """What is compared: each is from one process to another by way of a third."""
+RATIO_MAX: Final = 1.5  # of a time beside the relay's
+RATE: Final = 0.02  # by which a rate may be off what was promised
 FIRST: Final = ("chrt", "--fifo", "1")
 START: Final = 4.0  # s that a robot and its node have to start
 PROMISED: Final = {
@@ -148,31 +150,33 @@ def latencies(ros: RosPython, domain: Mapping[str, str], first: bool, seconds: f
 
 
 def latency_rows(got: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, ...]]:
-    """A row of the table for each."""
+    """A row of the table for each, with the verdict where there is a limit."""
     for name, values in got.items():
         p50, p99 = (1e3 * share(values, part) for part in (0.5, 0.99))
-        ratios = "", ""
+        ratios, verdict = ("", ""), ""
         if name in BESIDE:
-            ratios = tuple(f"{share(values, part) / share(got[BESIDE[name]], part):.2f}" for part in (0.5, 0.99))
-        yield name, f"{p50:.1f}", f"{p99:.1f}", *ratios, str(len(values))
+            beside = [share(values, part) / share(got[BESIDE[name]], part) for part in (0.5, 0.99)]
+            ratios = f"{beside[0]:.2f}", f"{beside[1]:.2f}"
+            verdict = "holds" if max(beside) <= RATIO_MAX else "**missed**"
+        yield name, f"{p50:.1f}", f"{p99:.1f}", *ratios, str(len(values)), verdict
 
 
 def rate_rows(told: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    """The same of the topics that come at a rate."""
-    for name, came in sorted(told["came"].items()):
+    """The same of the topics that are to come at a rate."""
+    for name, promised in sorted(PROMISED.items()):
+        came = told["came"].get(name, [])
         times = [at for at, stamp in came]
         if any(stamp for _, stamp in came):  # tf has several messages with one stamp
             times = [at for k, (at, stamp) in enumerate(came) if k == 0 or stamp != came[k - 1][1]]
-        promised = PROMISED.get(name)
-        if promised is None:
-            continue
         if len(times) < 2:
-            yield f"`{name}`", f"{promised:g}", "none", "", ""
+            yield f"`{name}`", f"{promised:g}", "none", "", "", "**missed**"
             continue
         gaps = [1e3 * (after - before) for before, after in pairwise(times)]
         late = [abs(gap - 1e3 / promised) for gap in gaps]
         rate = len(gaps) / (times[-1] - times[0])
-        yield f"`{name}`", f"{promised:g}", f"{rate:.2f}", f"{share(late, 0.5):.1f}", f"{share(late, 0.99):.1f}"
+        verdict = "holds" if abs(rate / promised - 1.0) <= RATE else "**missed**"
+        late50, late99 = (f"{share(late, part):.1f}" for part in (0.5, 0.99))
+        yield f"`{name}`", f"{promised:g}", f"{rate:.2f}", late50, late99, verdict
 
 
 def table(header: Sequence[str], rows: Iterator[tuple[str, ...]]) -> str:
@@ -193,12 +197,14 @@ def main() -> None:
     domain = {"ROS_DOMAIN_ID": "77", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": "/tmp/txt1-ros"}
     before = os.getloadavg()[0]
     latency = table(
-        ("ms", "p50", "p99", "p50 beside the relay's", "p99", "n"),
+        ("ms", "p50", "p99", "p50 beside the relay's", "p99", "n", f"at most {RATIO_MAX:g} times"),
         latency_rows(latencies(ros, domain, arguments.first, arguments.seconds)),
     )
     with robot(domain, arguments.first, *SENSORS):
         told = ended(start(ros, domain, arguments.first, "listen", arguments.seconds))
-    rates = table(("topic", "promised, Hz", "came", "off its time, ms: p50", "p99"), rate_rows(told))
+    rates = table(
+        ("topic", "promised, Hz", "came", "off its time, ms: p50", "p99", f"within {RATE:.0%}"), rate_rows(told)
+    )
     where = (
         f"{os.cpu_count()} processors, {arguments.seconds:g} s each, {date.today()}; load (how many programs want to "
         f"run, over a minute) {before:.1f} before and {os.getloadavg()[0]:.1f} after"
