@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from txt1.cli import OK
-from txt1.cli.options import RECORDING, add_actions, busy, flag, takes
+from txt1.cli.options import RECORDING, add_actions, busy, count, flag, takes
 from txt1.errors import ConfigError
 from txt1.record.session import need
 
@@ -26,6 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     folder = {
         "-o --output": takes("DIR", "where to; FILE's name without .mcap", Path),
         "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
+        "--lerobot": takes("DIR", "its episodes as a LeRobot dataset in DIR, a new one, in place of CSV files", Path),
+        "--fps": takes("N", "frames a second of --lerobot; 10 by default", count, default=10),
+        "--task": takes("WORDS", "what the episodes of --lerobot show; of a learner's: drive to the light"),
     }
     whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", Path)}
     add_actions(parser, {
@@ -54,9 +57,17 @@ def print_messages(arguments: argparse.Namespace) -> int:
 
 
 def export_csv(arguments: argparse.Namespace) -> int:
-    """Write one CSV file per topic, or a bag of ROS 1."""
+    """Write one CSV file per topic, a bag of ROS 1, or a LeRobot dataset."""
     from txt1.record import summary
 
+    if arguments.lerobot:
+        need("--lerobot", "parquet", "pyarrow")
+        from txt1.record import lerobot
+
+        with busy(f"writing {arguments.lerobot}"):
+            episodes, frames = lerobot.export(arguments.file, arguments.lerobot, arguments.fps, arguments.task)
+        print(f"{arguments.lerobot}: {episodes} episodes, {frames} frames")
+        return OK
     if arguments.rosbag1:
         need("--rosbag1", "ros", "rosbags")
         from txt1.record import rosbag1

@@ -1,0 +1,234 @@
+"""A recording's episodes as a LeRobot dataset, version 3.0, for people who train elsewhere.
+
+    DIR/meta/info.json, stats.json, tasks.parquet, episodes/chunk-000/file-000.parquet
+    DIR/data/chunk-000/file-000.parquet
+
+An episode is one of the learner's; of a recording without a learner, a drive from arming to disarming. Frames are
+evenly apart: the state is what had been told until then, the action is the set-point that was in force when the next
+frame was due. Needs the extra `parquet`.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from math import atan2, ceil
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import parquet
+
+from txt1.errors import ConfigError, RecordingError
+from txt1.record.reading import Decoding, Reading
+
+Array = NDArray[np.float64]
+VERSION: Final = "v3.0"
+DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
+CHUNK: Final = 1000  # files in a folder at most, as LeRobot's own tools have it; here it is one
+ACTION: Final = "/setpoint"
+
+
+class Signal(NamedTuple):
+    """Numbers that are taken from a topic's messages."""
+
+    names: tuple[str, ...]
+    of: Callable[[Any], Sequence[float]]
+
+
+def _pose(message: Any) -> tuple[float, ...]:
+    pose, twist = message.pose.pose, message.twist.twist
+    theta = 2.0 * atan2(pose.orientation.z, pose.orientation.w)
+    return pose.position.x, pose.position.y, theta, twist.linear.x, twist.angular.z
+
+
+STATE: Final = {
+    "/odom": Signal(("x_m", "y_m", "theta_rad", "v_m_s", "omega_rad_s"), _pose),
+    "/light": Signal(tuple(f"light_{place}_lux" for place in ("fl", "fr", "rl", "rr")), lambda message: message.lux),
+}
+SIGNALS: Final = STATE | {
+    ACTION: Signal(("v_m_s", "omega_rad_s"), lambda message: (message.twist.linear.x, message.twist.angular.z))
+}
+
+
+class Series:
+    """A topic's values, and when they were told, s."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._values: list[Sequence[float]] = []
+
+    def add(self, time: float, values: Sequence[float]) -> None:
+        """Take a message."""
+        self._times.append(time)
+        self._values.append(values)
+
+    @property
+    def first(self) -> float:
+        """When its first value was told, s."""
+        return self._times[0]
+
+    def at(self, times: Array) -> Array:
+        """The last values told before each time, shape (times, values)."""
+        return np.array(self._values)[np.searchsorted(self._times, times, side="left") - 1]
+
+
+class Taken(NamedTuple):
+    """A recording's signals by topic, its episodes as their begin and end, s, and whether they are a learner's."""
+
+    series: dict[str, Series]
+    episodes: list[tuple[float, float]]
+    learned: bool
+
+
+def taken(path: Path) -> Taken:
+    """Read a recording; RecordingError: there is no odometry or no set-point in it, or nothing was driven."""
+    series: dict[str, Series] = {}
+    learned: list[tuple[float, float]] = []
+    driven: list[tuple[float, float]] = []
+    begun: float | None = None  # of the learner's episode
+    armed: float | None = None
+    reading, decoding, time = Reading(path), Decoding(), 0.0
+    for item in reading:
+        name, time = item.name, item.time
+        if name in SIGNALS:
+            series.setdefault(name, Series()).add(time, SIGNALS[name].of(decoding.message(item)))
+        elif name == "/learning/step":
+            over = decoding.message(item).action < 0
+            if over and begun is not None:
+                learned.append((begun, time))
+            begun = None if over else time if begun is None else begun
+        elif name == "/mode":
+            if decoding.message(item).armed:
+                armed = time if armed is None else armed
+            else:
+                if armed is not None:
+                    driven.append((armed, time))
+                armed = begun = None  # a disarm voids the learner's episode
+    if armed is not None:
+        driven.append((armed, time))
+    for topic in ("/odom", ACTION):
+        if topic not in series:
+            raise RecordingError(
+                f"{path}: no {topic} in it, which --lerobot needs; 'txt1 log info' tells what there is"
+            )
+    if not (learned or driven):
+        raise RecordingError(f"{path}: no episode in it, as the robot was never armed; record a drive")
+    return Taken(series, learned or driven, bool(learned))
+
+
+def export(path: Path, directory: Path, fps: int, task: str | None) -> tuple[int, int]:
+    """Write a dataset to a directory that is not there yet; how many episodes and frames.
+
+    Args:
+        path: of the recording.
+        directory: where to.
+        fps: frames a second.
+        task: its words, for policies that are told any; None: what it was.
+
+    Raises ConfigError: the directory is there; RecordingError: the recording has nothing for it, or the directory
+    cannot be written.
+
+    """
+    if directory.exists():
+        raise ConfigError(f"--lerobot {directory}: is there already; choose another name")
+    series, spans, learned = taken(path)
+    topics = [topic for topic in STATE if topic in series]
+    ready = max(series[topic].first for topic in (*topics, ACTION))
+    parts = [_frames(series, topics, max(begin, ready), end, fps) for begin, end in spans]
+    parts = [part for part in parts if len(part["timestamp"])]
+    if not parts:
+        raise RecordingError(f"{path}: no episode lasts as long as a frame at --fps {fps}; give a higher one")
+    lengths = [len(part["timestamp"]) for part in parts]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    total = sum(lengths)
+    columns |= {
+        "episode_index": np.repeat(np.arange(len(parts)), lengths),
+        "index": np.arange(total),
+        "task_index": np.zeros(total, np.int64),
+    }
+    names = {
+        "observation.state": [name for topic in topics for name in STATE[topic].names],
+        "action": list(SIGNALS[ACTION].names),
+    }
+    try:
+        _write(directory, columns, names, lengths, fps, task or ("drive to the light" if learned else "drive"))
+    except OSError as error:
+        raise RecordingError(f"{error.filename or directory}: cannot write it: {error.strerror}") from None
+    return len(parts), total
+
+
+def _frames(series: dict[str, Series], topics: list[str], begin: float, end: float, fps: int) -> dict[str, Array]:
+    """An episode's columns, a row a frame."""
+    count = max(0, ceil((end - begin) * fps - 1e-6))
+    number = np.arange(count)
+    times = begin + number / fps
+    just_after = times + 1e-6  # what is told in the very instant of a frame belongs to it
+    return {
+        "observation.state": np.column_stack([series[topic].at(just_after) for topic in topics]),
+        "action": series[ACTION].at(np.minimum(times + 1.0 / fps, end)),
+        "timestamp": number / fps,
+        "frame_index": number,
+        "next.done": number == count - 1,
+    }
+
+
+def _write(
+    directory: Path, columns: dict[str, Array], names: dict[str, list[str]], lengths: list[int], fps: int, task: str
+) -> None:
+    kinds = dict.fromkeys((*names, "timestamp"), "float32") | {"next.done": "bool"}
+    for name in (DATA.format(chunk_index=0, file_index=0), EPISODES):
+        (directory / name).parent.mkdir(parents=True)
+    features: dict[str, Any] = {}
+    data: dict[str, Any] = {}
+    stats: dict[str, Any] = {}
+    for name, values in columns.items():
+        kind = kinds.get(name, "int64")
+        features[name] = {"dtype": kind, "shape": list(values.shape[1:]) or [1], "names": names.get(name)}
+        rows = values.astype(kind)
+        data[name] = (
+            pa.array(rows) if rows.ndim == 1 else pa.array(rows.tolist(), pa.list_(pa.float32(), rows.shape[1]))
+        )
+        stats[name] = _stats(values)
+    parquet.write_table(pa.table(data), directory / DATA.format(chunk_index=0, file_index=0))
+    _write_tasks(directory / "meta" / "tasks.parquet", task)
+
+    ends = np.cumsum(lengths).tolist()
+    zeros = [0] * len(lengths)
+    episodes = {
+        "episode_index": list(range(len(lengths))), "tasks": [[task]] * len(lengths), "length": lengths,
+        "data/chunk_index": zeros, "data/file_index": zeros,
+        "dataset_from_index": [end - length for end, length in zip(ends, lengths, strict=True)],
+        "dataset_to_index": ends, "meta/episodes/chunk_index": zeros, "meta/episodes/file_index": zeros,
+    }  # fmt: skip
+    parquet.write_table(pa.table(episodes), directory / EPISODES)
+    info = {
+        "codebase_version": VERSION, "robot_type": "txt1", "total_episodes": len(lengths), "total_frames": ends[-1],
+        "total_tasks": 1, "chunks_size": CHUNK, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200, "fps": fps,
+        "splits": {"train": f"0:{len(lengths)}"}, "data_path": DATA, "video_path": None, "features": features,
+    }  # fmt: skip
+    for name, about in (("info", info), ("stats", stats)):
+        text = json.dumps(about, indent=4, allow_nan=False) + "\n"
+        (directory / "meta" / f"{name}.json").write_text(text, encoding="utf-8")
+
+
+def _stats(values: Array) -> dict[str, list[float]]:
+    """What policies are normalised by: least, most, mean and standard deviation of each number, and how many."""
+    rows = values.reshape(len(values), -1).astype(float)
+    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    return {name: each.tolist() for name, each in found.items()} | {"count": [len(rows)]}
+
+
+def _write_tasks(path: Path, task: str) -> None:
+    """Write the table of tasks, which LeRobot reads with pandas, by their words: pandas' own note says so."""
+    table = pa.table({"task_index": [0], "task": [task]})
+    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+    note = {
+        "index_columns": ["task"], "column_indexes": [],
+        "columns": [
+            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+            for name, (kind, numpy) in kinds.items()
+        ],
+    }  # fmt: skip
+    parquet.write_table(table.replace_schema_metadata({"pandas": json.dumps(note)}), path)
