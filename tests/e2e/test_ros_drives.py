@@ -1,6 +1,7 @@
 """ROS as a source of commands among others: its priority and its time-out are configured."""
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -15,6 +16,7 @@ from txt1.config.sources import load
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.kernel.ticks import Ticks
+from txt1.model.vehicle import STEERING_MAX
 from txt1.robot import Robot
 
 TICK = 0.02
@@ -91,3 +93,30 @@ def test_a_time_out_longer_than_the_safety_gate_s_is_refused(
         load(overrides=[f"commander.timeouts.{name}=0.3"])
     assert execute(["run", "--headless", "--set", f"commander.timeouts.{name}=0.3"]) == 2
     assert f"timeouts.{name}: 0.3 s; use at most safety.command_timeout" in capsys.readouterr().err
+
+
+async def test_the_original_s_pwm_change_acts_in_manual_mode_only_and_through_the_gate() -> None:
+    async with Robot.open("sim", settings=list(ENDLESS)) as robot:
+        end = Ros1Desk(robot)
+        asked = {"esc": 24000, "front": -24000, "rear": 24000, "pwm4": 100, "pwm5": 0}
+
+        async def call(number: int) -> list[object]:
+            end.request(Request("call", {"id": number, "name": "pwm_change", "fields": asked}, 0.0))
+            await asyncio.sleep(2.5 * TICK)
+            told = json.loads(end.telemetry() or b"{}")
+            return next(answer for answer in told["answers"] if answer[0] == number)
+
+        _, done, why = await call(1)
+        assert not done and "manual mode only" in str(why) and robot.runtime.state.control.outputs[:5] == (0,) * 5
+        await robot.set_manual(True)
+        assert (await call(2))[1] is True
+        motor, front, rear, pwm4, _ = robot.runtime.state.control.outputs[:5]
+        assert motor == robot.config.safety.motor_max and pwm4 == 100, "limited by the gate"
+        assert front == -STEERING_MAX and rear == STEERING_MAX
+        await asyncio.sleep(0.25 + TICK)
+        assert robot.runtime.state.control.outputs[:3] == (0, 0, 0), "for a quarter of a second"
+        await call(3)
+        robot.disarm()
+        await asyncio.sleep(TICK)
+        assert (await call(4))[1] is True or not robot.armed
+        assert robot.runtime.state.control.outputs[:3] == (0, 0, 0), "disarmed, nothing moves it"

@@ -192,6 +192,24 @@ def services():
     return told
 
 
+def inputs():
+    """Combined odometry and the two free servos."""
+    peer = Peer()
+    peer.hear("/txt1/pwm", "txt1_msgs/Pwm")
+    combined = peer.create_publisher(kind("nav_msgs/Odometry"), "odom_comb", SENSOR)
+    servos = peer.create_publisher(kind("std_msgs/Int32MultiArray"), "/txt1/servos", 10)
+    peer.linked()
+    peer.until(lambda: peer.last["/txt1/mode"].armed and servos.get_subscription_count())
+    told = {"before": peer.last["/txt1/mode"].combined}
+    made, counts = kind("nav_msgs/Odometry")(), kind("std_msgs/Int32MultiArray")(data=[1200, -2400])
+    servos.publish(counts)
+    peer.run(3.0, 0.05, lambda: combined.publish(made))
+    told["during"] = peer.last["/txt1/mode"].combined
+    told["servos"] = peer.last["/txt1/pwm"].pwm4, peer.last["/txt1/pwm"].pwm5
+    peer.run(2.5)
+    return told | {"after": peer.last["/txt1/mode"].combined}
+
+
 def goal():
     """Drive to a pose, then towards one that is cancelled, then to one in a frame that does not exist."""
     from math import cos, sin

@@ -272,3 +272,17 @@ def test_a_disarmed_robot_s_host_is_shut_down_where_it_allows_it(ros: Ros, tmp_p
         time.sleep(0.5)
         assert record.exists() is allowed
     assert record.read_text() == "-h now\n"
+
+
+def test_rosbag_opens_a_recording_that_is_exported(ros: Ros, tmp_path: Path) -> None:
+    file, bag = tmp_path / "run.mcap", tmp_path / "run.bag"
+    for words in (
+        ["run", "--headless", "--speed", "max", "--duration", "5", "--drive", "0.4,0.3", "--log", str(file)],
+        ["log", "export", "--rosbag1", str(file)],
+    ):
+        subprocess.run([sys.executable, "-m", "txt1", *words], cwd=ROOT, check=True, capture_output=True)
+    if shutil.which("rosbag") is None:
+        pytest.skip("did not run: no rosbag here: 'apt install python3-rosbag'")
+    told = ros.ask("rosbag", "info", str(bag))
+    assert re.search(r"/odom +250 msgs +: nav_msgs/Odometry", told), told
+    assert ros.ask("rosbag", "check", str(bag)) is not None

@@ -142,6 +142,15 @@ def test_services_and_parameters_are_checked_as_on_the_command_line(ros: RosPyth
     assert not told["safety"][0]
 
 
+def test_combined_odometry_is_taken_as_long_as_it_comes_and_servos_stay_where_they_are_put(
+    ros: RosPython, domain: dict[str, str]
+) -> None:
+    with robot(domain):
+        told = ask(ros, domain, "inputs")
+    assert (told["before"], told["during"], told["after"]) == (False, True, False)
+    assert told["servos"] == [1200, -2400]
+
+
 def test_it_drives_to_a_pose_tells_how_far_it_is_and_can_be_called_back(ros: RosPython, domain: dict[str, str]) -> None:
     succeeded, cancelled, aborted = 4, 5, 6  # ROS's numbers of a goal's end
     with robot(domain):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 from math import tau
 from pathlib import Path
 
@@ -17,9 +18,11 @@ from urdf_parser_py.urdf import URDF
 
 from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
 from txt1.bridges.ros.feed import Feed
+from txt1.bridges.ros.python import INSTALLED, ros2
 from txt1.bridges.ros.stamps import Publishers, Stamps
 from txt1.bridges.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
 from txt1.bridges.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.record.layout import Layout
@@ -181,3 +184,27 @@ def test_a_recording_is_published_under_the_names_of_a_run() -> None:
     assert recorded("/input", "txt1_msgs/Input", ()) is None
     assert recorded("/sensors/front", "sensor_msgs/LaserScan", ()) == ("scan", "sensor")
     assert recorded("/sensors/rear", "sensor_msgs/LaserScan", {"scan"}) == ("~/sensors/rear", "sensor")
+
+
+def test_the_ros_2_of_the_shell_comes_before_all_others_and_one_that_is_too_old_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TXT1_ROS2_HOME", str(tmp_path))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    if not INSTALLED.exists():
+        with pytest.raises(ConfigError, match=r"no ROS 2 on this machine: install ROS 2 .* or 'txt1 ros2 install'"):
+            ros2()
+        (tmp_path / "bin").mkdir()
+        (tmp_path / "bin" / "python").touch()
+        assert ros2().ours and ros2().program[0] == str(tmp_path / "bin" / "python")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/jazzy")
+    monkeypatch.setenv("PYTHONPATH", "/opt/ros/jazzy/lib/python3.12/site-packages")
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setattr(sys, "prefix", "/home/anna/venv")
+    monkeypatch.setenv("PATH", "/home/anna/venv/bin:/opt/ros/jazzy/bin:/usr/bin")
+    found = ros2()
+    assert found.environment["PATH"] == "/opt/ros/jazzy/bin:/usr/bin", "its python3, not that of our environment"
+    assert found.program[0] == "python3" and found.environment["PYTHONPATH"].startswith("/opt/ros/jazzy")
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    with pytest.raises(ConfigError, match=r"this shell's is humble: source Jazzy or later"):
+        ros2()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -14,6 +15,7 @@ from txt1.errors import ConfigError
 SYSTEM: Final = "/usr/bin/python3"
 INSTALLED: Final = Path("/opt/ros")
 DISTRIBUTIONS: Final = ("rolling", "lyrical", "kilted", "jazzy")  # newest first; older ones have an older Python
+OLDER: Final = ("foxy", "galactic", "humble", "iron")  # whose Python or rclpy cannot run the node
 OWN: Final = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
 """Variables of our own environment that another Python must not see."""
 REMEDY: Final = "install ROS 2 Jazzy or later, or 'txt1 ros2 install' for one of its own (Linux on x86-64)"
@@ -35,13 +37,19 @@ def home() -> Path:
 
 
 def clean(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment without what belongs to our own Python."""
-    return {name: value for name, value in environment.items() if name not in OWN}
+    """An environment without what belongs to our own Python: with its folder in PATH, python3 would be that one."""
+    kept = {name: value for name, value in environment.items() if name not in OWN}
+    if sys.prefix != sys.base_prefix and "PATH" in kept:
+        ours = f"{sys.prefix}/bin"
+        kept["PATH"] = os.pathsep.join(place for place in kept["PATH"].split(os.pathsep) if place != ours)
+    return kept
 
 
 def ros2() -> RosPython:
     """The Python for ROS 2; raises ConfigError with what to do where there is none."""
     if os.environ.get("AMENT_PREFIX_PATH"):  # the user has sourced a set-up, perhaps with a workspace on top
+        if (name := os.environ.get("ROS_DISTRO")) in OLDER:
+            raise ConfigError(f"--ros2: this shell's is {name}: source Jazzy or later, or use a shell without it")
         kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH", "PYTHONPATH") if name in os.environ}
         return RosPython(("python3", "-P"), clean(os.environ) | kept, "the ROS 2 of this shell")
     for name in DISTRIBUTIONS:
