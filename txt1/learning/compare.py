@@ -1,7 +1,7 @@
 """Contenders beside each other in one world, per seconds driven: raw results in a file, a table and a figure of them.
 
-    NAME.jsonl   the first line says what was done, with which configuration, versions and code; then a line for each
-                 contender and trial, in the order they were done: see `run`
+    NAME.jsonl   the first line says what was done, with which configuration and versions; then a line for each
+                 contender and trial, with its code's hash, in the order they were done: see `run`
     NAME.md      the table, NAME.png the figure: both from that file alone
 
 All have the same starts, the same simulated robot, and look for the goal ten times a second. Those that learn while
@@ -58,7 +58,7 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     """
     floor, task = known_floor(config) or floor_of(config), task_of(config)
     where = starts(seed, number, episodes)
-    line: Line = {"contender": name, "trial": number}
+    line: Line = {"contender": name, "trial": number, "code": provenance()["code"]}
     curve: list[tuple[float, list[list[float]]]] = []
 
     def rows(outcomes: Sequence[tuple[float, bool]]) -> list[list[float]]:
@@ -101,8 +101,11 @@ def compare(
 
     `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
 
-    Raises ConfigError: there is no such contender, or the file is of another comparison or of other code;
-    MissingExtra: PPO or DQN without Stable-Baselines3.
+    A file that other code began is carried on, as contenders change one by one; each line has the hash of its code, and
+    the table tells of all.
+
+    Raises ConfigError: there is no such contender, or the file is of another comparison; MissingExtra: PPO or DQN
+    without Stable-Baselines3.
     """
     for name in names:
         if name in TRAINED:
@@ -139,11 +142,6 @@ def _begun(file: Path, head: Line) -> list[Line]:
     for key in ("format", "seed", "episodes", "config"):
         if before.get(key) != json.loads(json.dumps(head[key])):
             raise ConfigError(f"--compare {file}: was begun with another {key}; repeat that, or give another file")
-    if before["provenance"]["code"] != head["provenance"]["code"]:
-        raise ConfigError(
-            f"--compare {file}: was begun by other code ({before['provenance']['code']}, this is "
-            f"{head['provenance']['code']}); go on with the version that began it, or give another file"
-        )
     whole = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     replace_file(file, json.dumps(before) + "\n" + whole)  # without a line that was cut off
     return lines
@@ -279,12 +277,16 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         )  # fmt: skip
         rows.append("| " + " | ".join(map(str, cells)) + " |")
     made = head["provenance"]
+    hashes: dict[str, list[str]] = {}
+    for line in lines:
+        hashes.setdefault(line["code"], []).append(line["contender"])
+    codes = "; ".join(f"{code} ({', '.join(dict.fromkeys(names))})" for code, names in hashes.items())
     versions = ", ".join(f"{name} {made[name]}" for name in made if name not in ("code", "platform"))
     return "\n".join([
         *rows, "",
         f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
         f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor.",
-        f"Code {made['code']}; {versions}; {made['platform']}.", "",
+        f"Code {codes}; {versions}; {made['platform']}.", "",
     ])  # fmt: skip
 
 

@@ -49,9 +49,9 @@ class Settings:
     hidden: PositiveInt = 32  # units of each layer
     latent: PositiveInt = 10  # numbers of the state that is foretold
     history: PositiveInt = 5  # decisions that it is encoded from
-    ahead: PositiveInt = 25  # decisions foretold, in training and for a plan
+    ahead: PositiveInt = 20  # decisions foretold, in training and for a plan
     batch: PositiveInt = 32  # samples of a step of training, each network its own
-    steps: PositiveInt = 2  # of training after each decision
+    steps: PositiveInt = 1  # of training after each decision
     between: PositiveInt = 60  # and after each episode
     rate: Positive = 3e-3  # Adam's
     tries: PositiveInt = 5  # decisions for which each action is tried at first, in one go

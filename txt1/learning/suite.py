@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from txt1.config import Config, load
 from txt1.config.sources import with_values
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, LightFault
 from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
 from txt1.learning.floor import Floor, floor_of, known_floor
@@ -116,7 +116,11 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
 def run(world: World, agent: str, count: int, episodes: int, seed: int) -> dict[str, Any]:
     """The raw result of a learner in a world: JSON values."""
     config = world.config
-    every = trials(config, lambda rng: make(agent, config, rng), range(1, count + 1), episodes, seed)
+    refused = None
+    try:
+        every = trials(config, lambda rng: make(agent, config, rng), range(1, count + 1), episodes, seed)
+    except LightFault as fault:
+        every, refused = [], str(fault)
     floor = floors(config, episodes)
     return {
         "format": FORMAT,
@@ -128,6 +132,7 @@ def run(world: World, agent: str, count: int, episodes: int, seed: int) -> dict[
         "provenance": provenance(),
         "config": config.model_dump(mode="json", exclude={"seed"}),
         "floor_exists": all(each.exists for each in floor),
+        "refused": refused,  # why the learner does not believe these sensors, and the trials were broken off
         "floor_gap": max(each.gap for each in floor),
         "columns": ["bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s"],
         "results": [[_row(*pair) for pair in zip(trial.episodes, floor, strict=True)] for trial in every],
@@ -191,6 +196,8 @@ def run_all(
 
 def figures(result: dict[str, Any]) -> dict[str, Any]:
     """What a result amounts to. Failures are counted apart: no time of theirs is in a ratio."""
+    if result.get("refused"):
+        return {"refused": result["refused"]}
     data = np.array(result["results"], float)  # (trials, episodes, 6)
     late = data[:, min(LEARNED, data.shape[1] - 1) :]
     won = late[..., 3] == 1.0
@@ -241,6 +248,8 @@ def table(results: Sequence[dict[str, Any]]) -> str:
 
 def cell(one: dict[str, Any]) -> str:
     """A learner in a world, in a few words."""
+    if "refused" in one:
+        return "refuses the sensors"
     low, high = one["to_floor_95"] or (float("nan"),) * 2
     text = f"{100.0 * one['success']:.2f} %, {one['to_floor']:.3f} ({low:.3f} to {high:.3f}), {one['to_optimum']:.3f}"
     if "back_after" in one:

@@ -46,15 +46,15 @@ class Settings:
     period: Positive = 0.1  # time from one decision to the next, s
     quick: Share = 0.7  # weight of the past in what it senses, per decision: 0.3 s
     slow: Share = 0.9  # the same for the brightness that tumbles are compared with: 1 s
-    used: Share = 0.998  # the same for what a sensor is used to, and how much it varies: 50 s
+    used: Share = 0.9995  # the same for what a sensor is used to, and how much it varies: 200 s
     gamma: Share = 0.95  # of what a place promises, per decision
     fades: Share = 0.85  # what is left of a trace after a decision
     alpha: Positive = 0.02  # learning rate of promises
-    beta: Positive = 0.3  # of synapses
-    tumble: Positive = 0.3  # probability of a tumble in a decision while the brightness stays
-    pirouette: NotNegative = 0.05  # probability of one in a decision while it darkens
+    beta: Positive = 1.0  # of synapses
+    tumble: Positive = 0.4  # probability of a tumble in a decision while the brightness stays
+    pirouette: NotNegative = 0.02  # probability of one in a decision while it darkens
     reorient: Positive = 20.0  # decisions that one takes, on average
-    longer: NotNegative = 3.0  # how much a run is prolonged, by deviations of the brightening
+    longer: NotNegative = 0.5  # how much a run is prolonged, by deviations of the brightening
 
 
 SETTINGS: Final = Settings()

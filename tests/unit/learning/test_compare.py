@@ -20,7 +20,7 @@ QUICK, SLOW, LOST = [5.0, 1, 4.0, 4.5], [9.0, 1, 4.0, 4.5], [300.0, 0, 4.0, 4.5]
 
 
 def line(rows: list[list[float]], name: str = "pilot", number: int = 1) -> dict[str, Any]:
-    return {"contender": name, "trial": number, "curve": [[0.0, rows]]}
+    return {"contender": name, "trial": number, "code": "0123", "curve": [[0.0, rows]]}
 
 
 def raw(file: Path, lines: list[dict[str, Any]], **other: Any) -> Path:
@@ -63,7 +63,8 @@ def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_don
     file.write_text(file.read_text() + '{"contender": "pil')
     lines = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)
     assert [each["trial"] for each in lines] == [1, 2]
-    assert "| pilot | 2 |" in file.with_suffix(".md").read_text()
+    table = file.with_suffix(".md").read_text()
+    assert "| pilot | 2 |" in table and "Code 0123 (pilot)" in table, "other code than this is told"
     assert file.with_suffix(".png").stat().st_size > 10_000
     assert len(compare.read(file)[1]) == 2
 
@@ -73,7 +74,6 @@ def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_don
     [
         ({"seed": 2}, "another seed"),
         ({"config": {}}, "another config"),
-        ({"provenance": {"code": "0123456789abcdef"}}, "other code (0123456789abcdef"),
     ],
 )
 def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[str, Any], told: str) -> None:

@@ -47,6 +47,12 @@ def test_failures_are_counted_apart_and_in_no_ratio() -> None:
     assert one["to_floor"] == pytest.approx(1.2) and one["to_optimum"] == pytest.approx(1.5)
 
 
+def test_who_does_not_believe_the_sensors_has_no_figures() -> None:
+    result = {**raw([[5.0]], [[1]]), "results": [], "refused": "light sensor FL is dead"}
+    assert suite.cell(suite.figures(result)) == "refuses the sensors"
+    assert "| w | refuses the sensors |" in suite.table([result])
+
+
 def test_a_change_is_in_force_from_its_episode_on_and_a_drift_goes_evenly() -> None:
     config = load(
         None,

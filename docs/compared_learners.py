@@ -1,0 +1,52 @@
+"""Makes docs/compared-learners.md: `python -m docs.compared_learners` has all contenders learn, and all worlds' tables.
+
+That takes hours of a processor. Ended and begun again, it goes on: raw results are kept in docs/learning/compared.jsonl
+and out/compared-worlds/. `--report` does no more than write the page from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+from txt1.cli import execute
+from txt1.learning import compare
+
+HERE: Final = Path(__file__).parent
+RAW: Final = HERE / "learning" / "compared.jsonl"
+WORLDS: Final = HERE.parent / "out" / "compared-worlds"
+PAGE: Final = HERE / "compared-learners.md"
+LEARNERS: Final = "taxis,neural,thesis,sweeps,pilot"
+SEED: Final = "1"
+
+
+def between(page: str, name: str, text: str) -> str:
+    """The page with another text between the marks of this name."""
+    begin, end = f"<!-- {name}: printed by docs.compared_learners -->\n", f"<!-- the end of {name} -->"
+    before, _, rest = page.partition(begin)
+    return f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
+
+
+def main() -> None:
+    """Compare, and write the page."""
+    parser = argparse.ArgumentParser(prog="docs.compared_learners", description=__doc__)
+    parser.add_argument("--trials", default="100", metavar="N", help="of each contender in the thesis's world; 100")
+    parser.add_argument("--worlds", default="3", metavar="N", help="trials of each learner in each world; 3")
+    parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
+    given = parser.parse_args()
+    if not given.report:
+        execute(["learn", "--compare", str(RAW), "--trials", given.trials, "--seed", SEED])
+        execute(["learn", "--worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
+                 "--trials", given.worlds, "--episodes", "16", "--out", str(WORLDS), "--resume"])  # fmt: skip
+    page = PAGE.read_text(encoding="utf-8")
+    page = between(page, "contenders", compare.table(*compare.read(RAW)))
+    compare.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
+    table = WORLDS / "table.md"
+    if table.exists():
+        page = between(page, "worlds", table.read_text(encoding="utf-8"))
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
