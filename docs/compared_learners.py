@@ -1,13 +1,14 @@
 """Makes docs/compared-learners.md: `python -m docs.compared_learners` has all contenders learn, and all worlds' tables.
 
-That takes hours of a processor. Ended and begun again, it goes on: raw results are kept in docs/learning/compared.jsonl
-and out/compared-worlds/. `--report` does no more than write the page from them.
+That takes hours of a processor. Ended and begun again, it goes on: raw results are kept in out/compared.jsonl, which is
+copied to docs/learning, and in out/compared-worlds/. `--report` does no more than write the page from them.
 """
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from shutil import copyfile
 from typing import Final
 
 from txt1.cli import execute
@@ -15,6 +16,7 @@ from txt1.learning import compare
 
 HERE: Final = Path(__file__).parent
 RAW: Final = HERE / "learning" / "compared.jsonl"
+OUT: Final = HERE.parent / "out" / "compared.jsonl"
 WORLDS: Final = HERE.parent / "out" / "compared-worlds"
 PAGE: Final = HERE / "compared-learners.md"
 LEARNERS: Final = "taxis,neural,thesis,sweeps,pilot"
@@ -36,7 +38,11 @@ def main() -> None:
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
     if not given.report:
-        execute(["learn", "--compare", str(RAW), "--trials", given.trials, "--seed", SEED])
+        OUT.parent.mkdir(exist_ok=True)
+        if RAW.exists() and not OUT.exists():
+            copyfile(RAW, OUT)
+        execute(["learn", "--compare", str(OUT), "--trials", given.trials, "--seed", SEED])
+        copyfile(OUT, RAW)
         execute(["learn", "--worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
                  "--trials", given.worlds, "--episodes", "16", "--out", str(WORLDS), "--resume"])  # fmt: skip
     page = PAGE.read_text(encoding="utf-8")

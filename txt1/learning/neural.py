@@ -29,7 +29,7 @@ from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import LUX_MAX, LUX_MIN, Readings
 from txt1.model.odometry import Odometry
-from txt1.units import Positive, PositiveInt
+from txt1.units import Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
 Weights = dict[str, Array]  # each with the networks along its first axis
@@ -55,8 +55,9 @@ class Settings:
     between: PositiveInt = 60  # and after each episode
     rate: Positive = 3e-3  # Adam's
     tries: PositiveInt = 5  # decisions for which each action is tried at first, in one go
-    blind: PositiveInt = 40  # decisions at first that are taken at random
-    patience: Positive = 3.0  # an episode is long from so many times the usual one
+    blind: PositiveInt = 40  # decisions at first that are taken at random, and the usual episode before one succeeded
+    patience: Positive = 2.0  # an episode is long from so many times the usual one
+    tumble: Share = 0.1  # probability to try an action for up to 30 decisions, per decision of a long episode
     memory: PositiveInt = 6000  # decisions kept to train on
     latest: PositiveInt = 600  # those from which half of the samples come
 
@@ -142,7 +143,7 @@ class NeuralAgent:
         self.episode += 1
         if success:
             took = float(len(self.rows) - self._first)
-            self.usual += (took - self.usual) * (0.3 if self.usual else 1.0)
+            self.usual += 0.3 * (min(took, 2.0 * self.usual) - self.usual) if self.usual else took
         if self.training:
             self._train(self.settings.between)
         if len(self.rows) > self.settings.memory:
@@ -179,9 +180,10 @@ class NeuralAgent:
         if self._untried:
             self._random = self.settings.tries - 1
             return self._untried.pop()
-        late = self.usual and len(self.rows) - self._first > self.settings.patience * self.usual
-        if self.training and (len(self.rows) < self.settings.blind or (late and self._rng.random() < 0.05)):
-            self._random = int(self._rng.integers(3, 20))
+        one = self.settings
+        late = len(self.rows) - self._first > one.patience * (self.usual or one.blind)
+        if self.training and (len(self.rows) < one.blind or (late and self._rng.random() < one.tumble)):
+            self._random = int(self._rng.integers(3, 30))
             return int(self._rng.integers(self.actions))
         return self._best()
 
