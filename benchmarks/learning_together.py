@@ -1,24 +1,35 @@
-"""Learning by several robots beside learning alone: success and time to the light by episode, full robots.
+"""Learning by several robots beside learning alone: repetitions to the same skill, full robots.
 
-``python -m benchmarks.learning_together [--teams 10] [--robots 4] [--episodes 12]``.
+``python -m benchmarks.learning_together [--teams 20] [--robots 4] [--episodes 24] [--minutes 5]``. Every kind has the
+same teams: the same robots, starts and noise. What came out is kept as it comes; the same command goes on.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from statistics import mean
+from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from benchmarks.rounds import table
 from txt1.config import load
 from txt1.fleet.plan import names
+from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
+from txt1.learning.provenance import code_hash
 from txt1.learning.thesis import ThesisAgent
 from txt1.learning.together import Shared, learn_together
 
 Share = Callable[[Mapping[str, ThesisAgent]], Shared]
-SKILL = 9.0  # s: the mean time to the light that counts as skill
+Times = list[list[float]]  # s to the light, by robot and episode; a failure counts as LIMIT
+LIMIT: Final = 60.0  # s of an episode
+SKILL: Final = 12.0  # s that each of ...
+IN_A_ROW: Final = 3  # ... so many episodes in a row takes at most
+RESAMPLES: Final = 2000
 KINDS: dict[str, Share | None] = {
     "alone": None,
     "together": Shared,
@@ -27,29 +38,79 @@ KINDS: dict[str, Share | None] = {
 }
 
 
+def learned(share: Share | None, seed: int, robots: int, episodes: int) -> Times:
+    """How long each robot but the first took for each episode: the first lies, or is lost, in some kinds."""
+    config = load(None, [f"learning.time_limit={LIMIT:g}"]).config
+    done = run(learn_together(config, seed, names(robots), episodes, share), speed="max")
+    return [[one.time if one.success else LIMIT for one in each] for name, each in done.items() if name != "txt01"]
+
+
+def until_skill(times: Sequence[float]) -> int:
+    """The episodes that were needed to become skilled; one more than there were, if that was not enough."""
+    for at in range(len(times) - IN_A_ROW + 1):
+        if max(times[at : at + IN_A_ROW]) <= SKILL:
+            return at
+    return len(times) + 1
+
+
+def interval(teams: Sequence[float]) -> tuple[float, float]:
+    """95 % of the mean over teams, by resampling."""
+    rng = np.random.default_rng(0)
+    means = rng.choice(np.asarray(teams), (RESAMPLES, len(teams))).mean(axis=1)
+    low, high = np.percentile(means, (2.5, 97.5))
+    return float(low), float(high)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--teams", type=int, default=10)
+    parser.add_argument("--teams", type=int, default=20)
     parser.add_argument("--robots", type=int, default=4)
-    parser.add_argument("--episodes", type=int, default=12)
+    parser.add_argument("--episodes", type=int, default=24)
+    parser.add_argument("--minutes", type=float, help="begin no team after so many")
+    parser.add_argument("--kept", type=Path, default=Path("out/learning_together.jsonl"), help="what came out so far")
     arguments = parser.parse_args()
-    config = load(None, ["learning.time_limit=60"]).config
-    team, episodes = names(arguments.robots), arguments.episodes
+    given = [arguments.robots, arguments.episodes, code_hash()]
+    lines = arguments.kept.read_text(encoding="utf-8").splitlines() if arguments.kept.exists() else []
+    known = {(row["kind"], row["seed"]): row["times"] for row in map(json.loads, lines) if row["given"] == given}
+    began = stopwatch_ns()
+    arguments.kept.parent.mkdir(parents=True, exist_ok=True)
+    for seed in range(arguments.teams):
+        for kind, share in KINDS.items():
+            late = arguments.minutes is not None and stopwatch_ns() - began > 60.0 * arguments.minutes * NS_PER_S
+            if (kind, seed) in known or late:
+                continue
+            known[kind, seed] = learned(share, seed, arguments.robots, arguments.episodes)
+            with arguments.kept.open("a", encoding="utf-8") as kept:
+                row = {"kind": kind, "seed": seed, "given": given, "times": known[kind, seed]}
+                print(json.dumps(row), file=kept)
+    _report(known, arguments.robots, arguments.episodes)
+
+
+def _report(known: Mapping[tuple[str, int], Times], robots: int, episodes: int) -> None:
+    whole = [seed for seed in range(1000) if all((kind, seed) in known for kind in KINDS)]
+    thirds = [slice(at * episodes // 3, (at + 1) * episodes // 3) for at in range(3)]
     rows = []
-    for kind, share in KINDS.items():
-        times: list[list[float]] = [[] for _ in range(episodes)]
-        for seed in range(arguments.teams):
-            done = run(learn_together(config, seed, team, episodes, share), speed="max")
-            for name, each in done.items():
-                if name != "txt01":  # who lies, or is lost, in some of them
-                    for one in each:
-                        times[one.number - 1].append(one.time if one.success else 60.0)
-        means = [mean(each) for each in times]
-        skilled = next((at + 1 for at, value in enumerate(means) if value <= SKILL), None)
-        rows.append((kind, *(f"{means[at]:.1f}" for at in range(0, episodes, 3)), str(skilled or "-")))
-    heads = ("", *(f"episode {at + 1}" for at in range(0, episodes, 3)), f"first with {SKILL:g} s")
-    table(f"Mean time to the light, s, a failure as 60: {arguments.teams} teams of {len(team)}", heads, rows)
+    alone = [float(np.mean([until_skill(each) for each in known["alone", seed]])) for seed in whole]
+    for kind in KINDS:
+        needed = [float(np.mean([until_skill(each) for each in known[kind, seed]])) for seed in whole]
+        data = np.array([known[kind, seed] for seed in whole])  # (teams, robots, episodes)
+        gain = [a - b for a, b in zip(alone, needed, strict=True)]
+        rows.append(
+            (kind, _with_interval(needed), "" if kind == "alone" else _with_interval(gain),
+             *(_with_interval(data[:, :, third].mean(axis=(1, 2))) for third in thirds))
+        )  # fmt: skip
+    skill = f"{IN_A_ROW} in a row within {SKILL:g} s"
+    table(
+        f"{len(whole)} teams of {robots}, {episodes} episodes, a failure as {LIMIT:g} s; in brackets 95 % over teams",
+        ("", f"episodes until {skill}", "fewer than alone", *(f"s, {name} third" for name in ("first", "2nd", "last"))),
+        rows,
+    )
+
+
+def _with_interval(teams: Sequence[float]) -> str:
+    low, high = interval(teams)
+    return f"{np.mean(teams):.1f} ({low:.1f} to {high:.1f})"
 
 
 if __name__ == "__main__":

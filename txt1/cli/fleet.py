@@ -56,8 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run the fleet until the duration is over, the operator quits or a signal comes."""
     if arguments.join is not None:
-        if arguments.web is not None:
-            raise ConfigError("--web: a console has no page; give it to the robots: txt1 run --fleet --web")
         return _console(arguments)
     plan = plan_of(arguments.plan or arguments.robots)
     if arguments.drive is not None:
@@ -143,10 +141,13 @@ def _console(arguments: argparse.Namespace) -> int:
     from txt1.ui.console import KEYS as CONSOLE_KEYS
     from txt1.ui.console import Console
 
+    page = web_page(arguments)
     peer = Peer(f"console{os.getpid()}", arguments.join, arguments.fleet_key)
     try:
         if arguments.stop:
             return _stop_all(peer)
+        if page is not None:
+            return App().run(_page(peer, page))
         if arguments.headless or arguments.json or not sys.stdin.isatty():
             peer.listen(arguments.duration or 3.0)
             print(json.dumps([one._asdict() for one in peer.members()]))
@@ -161,6 +162,21 @@ def _console(arguments: argparse.Namespace) -> int:
         return OK
     finally:
         peer.close()
+
+
+async def _page(peer: "Peer", page: WebPage) -> None:
+    """Serve a page of the fleet on the network until a signal comes."""
+    from txt1.bridges.web.network import Network
+    from txt1.bridges.web.server import serve
+
+    network = Network(peer)
+    try:
+        while not (names := network.names()):
+            await asyncio.sleep(0.5)
+        _, given = page.bridge()
+        await serve(network, **given | {"folder": page.folder, "fleet": names})  # type: ignore[arg-type]
+    finally:
+        network.close()
 
 
 def _stop_all(peer: "Peer") -> int:

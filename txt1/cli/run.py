@@ -115,18 +115,21 @@ async def _operate(
             view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
+        link = None if fleet is None else Link(robot)
         pads = [("gamepad", asdict(config.gamepad) | {"radius_min": radius_min})] if arguments.gamepad else []
         if wanted := [*([] if page is None else [page.bridge()]), *pads, *arguments.bridge]:
             errands = Errands(robot, config, arguments.speed, arguments.web_folder)
             bridges.push_async_callback(errands.close)
             for name, given in wanted:
-                await bridges.enter_async_context(bridge(robot, name, given, errands.requests))
+                requests = dict(errands.requests)
+                if link is not None and name == "web":
+                    requests["stop"] = link.stop_all
+                await bridges.enter_async_context(bridge(robot, name, given, requests))
         for node in nodes:
             await bridges.enter_async_context(node(robot))
         alongside: list[asyncio.Future[Any]] = []
         more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
-        if fleet is not None:
-            link = Link(robot)
+        if link is not None:
             await bridges.enter_async_context(bridge(robot, "fleet", fleet, link.requests))
             if arguments.cooperate is not None:
                 link.cooperate(arguments.cooperate, arguments.team)

@@ -1,5 +1,6 @@
 """Peers of a fleet over Zenoh on loopback: names, clocks, stops with messages lost, and who is gone."""
 
+import json
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -7,7 +8,8 @@ from uuid import uuid4
 
 import pytest
 
-from txt1.errors import ConfigError
+from txt1.bridges.web.network import Network
+from txt1.errors import CommandRefused, ConfigError
 from txt1.fleet.network import Hooks, Peer, configuration
 
 pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
@@ -108,3 +110,29 @@ def test_beyond_loopback_a_key_is_asked_for(tmp_path: Path) -> None:
         configuration("eth0", key)
     key.write_text("long enough for a password\n")
     assert configuration("eth0", key) is not None
+
+
+def test_a_page_of_the_fleet_shows_all_stops_all_though_messages_are_lost_and_drives_one(team: Team) -> None:
+    console, one, two = team.join("console1", 0.3), team.join("net01", 0.3), team.join("net02", 0.3)
+    page = Network(console)
+
+    def shown() -> bool:
+        one.tell(STATE)
+        two.tell(STATE | {"x": 3.0})
+        return len(json.loads(page.newest())) == 2
+
+    try:
+        assert team.until(shown)
+        first, second = json.loads(page.newest())
+        assert (first["name"], second["name"]) == ("net01", "net02") == tuple(page.names())
+        assert first["topics"]["/vehicles"] == [[3.0, 2.0, 0.5]] and first["topics"]["/mode"]["armed"]
+        assert [each["name"] for each in first["topics"]["/fleet"]] == ["net01", "net02"]
+        assert team.until(lambda: page.request("drive", robot="net02", v=0.3, omega=0.1, age=0.0) or team.driven)
+        assert set(team.driven) == {("net02", 0.3, 0.1)}
+        page.request("stop")
+        assert team.until(lambda: len(team.stopped) == 2)
+        assert sorted(team.stopped) == [("net01", "console1"), ("net02", "console1")]
+        with pytest.raises(CommandRefused, match="'arm' is done at the robot"):
+            page.request("arm", robot="net01")
+    finally:
+        page.close()

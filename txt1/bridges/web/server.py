@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -24,6 +24,7 @@ from txt1.bridges.web.door import Door, Role
 from txt1.bridges.web.files import page_files
 from txt1.bridges.web.player import Player, recordings, strict
 from txt1.bridges.web.wheel import AGE_MAX, Budget, PageClock, Sequence, Wheel
+from txt1.errors import CommandRefused
 from txt1.kernel.clock import NS_PER_S, RealClock, seconds, wall_ns
 from txt1.record.view_proxy import token_in
 
@@ -106,11 +107,24 @@ class Page:
         self.news.set()
 
 
+class Robots(Protocol):
+    """The way to a robot, or to several: a `Connection`, or a fleet on a network."""
+
+    def fileno(self) -> int:
+        """Of what becomes readable when there is telemetry."""
+
+    def newest(self) -> bytes | None:
+        """The newest telemetry; None: there is none; EOFError or OSError: there will be none any more."""
+
+    def request(self, name: str, /, **fields: object) -> None:
+        """Ask for something; OSError: nobody is there; CommandRefused: not this."""
+
+
 class Server:
     """Pages on one side, the robot on the other."""
 
     def __init__(
-        self, robot: Connection, door: Door, folder: Path, speed: float, robots: Mapping[str, str], fleet: list[str]
+        self, robot: Robots, door: Door, folder: Path, speed: float, robots: Mapping[str, str], fleet: list[str]
     ) -> None:
         self._robot, self._door, self._folder, self._robots = robot, door, folder, dict(robots)
         self._fleet = fleet
@@ -490,6 +504,9 @@ class Server:
             fields["robot"] = page.car.name
         try:
             self._robot.request(name, **fields)
+        except CommandRefused as error:
+            if page is not None:
+                page.tell(told=str(error))
         except OSError:
             self.ended.set()
 
@@ -519,7 +536,11 @@ class Server:
             self._show(self._cars[""], strict(line.decode()))
         else:
             for each in json.loads(line, parse_constant=lambda _: None):
-                self._show(self._cars[each["name"]], json.dumps(each, separators=(",", ":")))
+                car = self._cars.get(each["name"])
+                if car is None:  # one that has come to a fleet on a network
+                    car = self._cars[each["name"]] = Car(each["name"])
+                    self._fleet.append(car.name)
+                self._show(car, json.dumps(each, separators=(",", ":")))
 
     def _show(self, car: Car, text: str) -> None:
         if f'"{FULL}":' in text:
@@ -565,11 +586,11 @@ def main(
     Here `token`, `certificate` and `key` are files, `robots` the addresses of others' pages, and `fleet` the names of
     this process's robots, where there are several.
     """
-    asyncio.run(_serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}, fleet or []))
+    asyncio.run(serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}, fleet or []))
 
 
-async def _serve(
-    robot: Connection,
+async def serve(
+    robot: Robots,
     host: str,
     port: int,
     token: str | None,
@@ -580,6 +601,7 @@ async def _serve(
     robots: Mapping[str, str],
     fleet: list[str],
 ) -> None:
+    """As `main`, with any way to the robots, in an event loop."""
     context = None
     if certificate is not None:
         from txt1.bridges.web.certificate import tls  # cryptography takes a while to load

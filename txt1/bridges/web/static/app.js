@@ -175,6 +175,7 @@ function show() {
   $("where").textContent = pose ? `${map.frame}  x ${pose[0].toFixed(2)}  y ${pose[1].toFixed(2)} m  ${(pose[2] * 180 / Math.PI).toFixed(0)}°   grid ${map.step} m` : ""
   $("v-now").textContent = `${format(round(topics["/odom"]?.v))} m/s`
   $("w-now").textContent = `${format(round(topics["/odom"]?.omega))} rad/s`
+  $("tabs").querySelector("[data-tab=fleet]").hidden = !topics["/fleet"]
   charts.forEach((chart) => chart.draw())
   panels[tab](know, $("panel"))
   if ((know.page.replay || !(topics["/route"] ?? []).length) && drive.driving && routed) drive.arrived(), routed = false

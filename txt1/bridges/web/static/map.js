@@ -106,7 +106,7 @@ export class Map2d {
     const { room, light } = this.about?.["/surroundings"] ?? {}
     let left = -VIEW_MIN / 2, right = VIEW_MIN / 2, low = -VIEW_MIN / 2, high = VIEW_MIN / 2
     if (room) [left, right, low, high] = [-room[0] / 2, room[0] / 2, -room[1] / 2, room[1] / 2]
-    else for (const point of [...this.path, ...this.waypoints, this.pose, light]) {
+    else for (const point of [...this.path, ...this.waypoints, ...(this.others ?? []), this.pose, light]) {
       if (!point) continue
       left = Math.min(left, point[0] - 0.5)
       right = Math.max(right, point[0] + 0.5)

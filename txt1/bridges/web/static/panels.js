@@ -44,6 +44,18 @@ const events = (know, panel) => {
     said.length ? table(null, said.map(({ time, text }) => [element("td", { className: "t" }, `${time.toFixed(1)} s`), text])) : quiet("nothing yet"))
 }
 
+const fleet = (know, panel) => {
+  const all = know.topics["/fleet"] ?? []
+  if (!all.length) return panel.replaceChildren(quiet("no fleet"))
+  const state = ({ alive, armed, reason, silent }) => !alive ? span("gone", "bad") : silent ? span(`waits for ${silent}`, "warn")
+    : armed ? span("armed", "good") : span(reason || "disarmed", "warn")
+  panel.replaceChildren(
+    table(["robot", "state", "drives", "m/s", "heard"], all.map((one) => [
+      one.name, state(one), one.driver || "–", one.alive ? format(Math.round(100 * one.v) / 100) : "–",
+      one.age == null ? "here" : `${one.age.toFixed(1)} s ago`]), [3, 4]),
+    quiet("STOP stops all of them."))
+}
+
 const sensors = (know, panel) => {
   const all = know.topics["/sensors"] ?? []
   if (!all.length) return panel.replaceChildren(quiet("no sensors beside the encoders"))
@@ -209,4 +221,4 @@ const page = (know, panel) => {
   panel.replaceChildren(...parts)
 }
 
-export const panels = { events, sensors, tasks, learner, plot, gains, files, page }
+export const panels = { events, fleet, sensors, tasks, learner, plot, gains, files, page }
