@@ -6,6 +6,7 @@ BENCH := .venv-bench
 ROS2 := $(CURDIR)/.venv-ros2
 KILTED ?= $(CURDIR)/.venv-ros2-kilted
 CYCLONEDDS := $(CURDIR)/.venv-ros2-cyclonedds
+COLCON := $(CURDIR)/.venv-ros2-colcon
 ROS1 := python3-rospy python3-rosmaster python3-rostopic python3-rosservice python3-tf python3-nav-msgs python3-rosbag ros-std-msgs python3-genpy libroscpp-dev libtf-dev libnav-msgs-dev python3-gencpp
 FUZZ := .venv-fuzz
 DOCS := .venv-docs
@@ -35,7 +36,8 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 	@TXT1_ROS2_HOME=$(ROS2) $(BIN)/python -m txt1 ros2 install || true
 	@test -z "$(KILTED)" || TXT1_ROS2_HOME=$(KILTED) $(BIN)/python -m txt1 ros2 install --distribution kilted || true
 	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
-	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros $(AGAIN)
+	@test -e $(COLCON)/bin/colcon || { $(PYTHON) -m venv $(COLCON) && $(COLCON)/bin/python $(PIP_INSTALL) colcon-core==0.21.3 colcon-ros==0.5.0 colcon-package-information==0.4.1 colcon-package-selection==0.2.10 'setuptools<80'; } || true
+	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros $(AGAIN)
 
 try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes
 	$(BIN)/python tests/bare.py $(BARE)
@@ -65,7 +67,7 @@ docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link check
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
