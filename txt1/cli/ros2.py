@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def install(arguments: argparse.Namespace) -> int:
-    """Install a ROS 2 of its own from wheels (Linux on x86-64; 250 MB), with the robot's types."""
+    """Install a ROS 2 of its own from wheels (Linux on x86-64; 280 MB), with the robot's types."""
     from txt1.bridges.ros import install
     from txt1.bridges.ros.python import home
 
