@@ -1,47 +1,42 @@
-"""Stable-Baselines3's PPO learns to find the light, in Gymnasium's form of the learning task.
+"""Stable-Baselines3's PPO learns to find the light, in the learning task as a vector environment.
 
-    pip install 'txt1[gym]' stable-baselines3
+    pip install 'txt1[sb3]'
     python examples/light_seeking_ppo.py [STEPS]
 
-Not part of the tests: it needs PyTorch, and some minutes. What it reached is in docs/learning.md.
+Not part of the tests: it needs PyTorch, and a minute or two. What PPO reaches is in docs/compared-learners.md.
 """
 
 import sys
 
-import gymnasium
 import numpy as np
 from stable_baselines3 import PPO
-from stable_baselines3.common.env_util import make_vec_env
 
-import txt1.learning.env
-
-gymnasium.register_envs(txt1.learning.env)  # importing it has done so
+from txt1.config import load
+from txt1.learning.sb3 import DECISION, LightSeekingVecEnv, drive
+from txt1.learning.trial import starts, task_of
 
 EPISODES = 200
-DECISION = 0.5  # s
 
 
 def main(steps: int) -> None:
+    config = load().config  # or any world: load(Path("config/worlds/sensors-swapped.yaml")).config
     model = PPO(
-        "MlpPolicy", make_vec_env("txt1/LightSeeking-v0", n_envs=8, seed=1), n_steps=256, gamma=0.9, seed=1, verbose=1
-    )
+        "MlpPolicy", LightSeekingVecEnv(config, 16, seed=1), n_steps=128, batch_size=256, gamma=0.99,
+        learning_rate=1e-3, seed=1, device="cpu", verbose=1,
+    )  # fmt: skip
     model.learn(steps)
-    env = gymnasium.make("txt1/LightSeeking-v0")
-    reached, times, optima = 0, [], []
-    for seed in range(EPISODES):  # starts it has not seen
-        seen, info = env.reset(seed=10_000 + seed)
-        decisions, over = 0, False
-        while not over:
-            action, _ = model.predict(seen, deterministic=True)
-            seen, _, terminated, truncated, told = env.step(action)
-            decisions, over = decisions + 1, terminated or truncated
-        reached += told["success"]
-        times.append(DECISION * decisions)
-        optima.append(info["optimal_time"])
-    print(
-        f"reached the light in {reached} of {EPISODES} episodes; mean {np.mean(times):.2f} s, "
-        f"median {np.median(times):.2f} s, optimum {np.mean(optima):.2f} s, ratio {sum(times) / sum(optima):.3f}"
-    )
+    where = starts(10_000, 1, EPISODES)  # it has not seen them
+    outcomes = drive(model, config, where, seed=2)
+    times = [time for time, success in outcomes if success]
+    optima = [
+        start.optimal_time(task_of(config)) for start, (_, success) in zip(where, outcomes, strict=True) if success
+    ]
+    print(f"after {steps * DECISION:.0f} s of driving it reached the light in {len(times)} of {EPISODES} episodes")
+    if times:
+        print(
+            f"in those: mean {np.mean(times):.2f} s, median {np.median(times):.2f} s, optimum {np.mean(optima):.2f} s, "
+            f"ratio {sum(times) / sum(optima):.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -285,7 +285,8 @@ def table(head: Line, lines: Sequence[Line]) -> str:
     return "\n".join([
         *rows, "",
         f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
-        f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor.",
+        f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor; the "
+        "seconds are those before these.",
         f"Code {codes}; {versions}; {made['platform']}.", "",
     ])  # fmt: skip
 

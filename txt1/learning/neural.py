@@ -51,8 +51,7 @@ class Settings:
     history: PositiveInt = 5  # decisions that it is encoded from
     ahead: PositiveInt = 20  # decisions foretold, in training and for a plan
     batch: PositiveInt = 32  # samples of a step of training, each network its own
-    steps: PositiveInt = 1  # of training after each decision
-    between: PositiveInt = 60  # and after each episode
+    steps: PositiveInt = 2  # of training after each decision; a few ms together
     rate: Positive = 3e-3  # Adam's
     tries: PositiveInt = 5  # decisions for which each action is tried at first, in one go
     blind: PositiveInt = 40  # decisions at first that are taken at random, and the usual episode before one succeeded
@@ -144,8 +143,6 @@ class NeuralAgent:
         if success:
             took = float(len(self.rows) - self._first)
             self.usual += 0.3 * (min(took, 2.0 * self.usual) - self.usual) if self.usual else took
-        if self.training:
-            self._train(self.settings.between)
         if len(self.rows) > self.settings.memory:
             gone = len(self.rows) - self.settings.memory
             self.rows, self.last = self.rows[gone:], self.last[gone:] - gone
@@ -252,7 +249,7 @@ class NeuralAgent:
         """The networks: a row for each, all its weights one after the other."""
         values = np.concatenate([w.reshape(self.settings.members, -1) for w in self.weights.values()], axis=1)
         about = {
-            "agent": self.name, "episodes": self.episode, "scale": self.scale.tolist(), "actions": self.actions,
+            "agent": self.name, "episodes": self.episode, "scale": self.scale.tolist(),
             "level": None if self.level is None else self.level.tolist(),
         }  # fmt: skip
         return StoredTable(values, about)

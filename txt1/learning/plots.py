@@ -12,6 +12,7 @@ from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
 
 DPI: Final = 120
+LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
 RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
 
@@ -142,7 +143,7 @@ def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
     if len(actions) == np.shape(table.values)[1]:
         axes.set_xticks(range(len(actions)), actions)
     axes.set_yticks(range(len(table.values)), list(table.about.get("states", range(len(table.values)))))
-    for (row, column), value in np.ndenumerate(table.values):
+    for (row, column), value in np.ndenumerate(table.values) if table.values.size <= LEGIBLE else ():
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
     axes.set_title("Q(s, a)")
     figure.colorbar(image, scale)
