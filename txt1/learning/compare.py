@@ -13,7 +13,7 @@ Failures are counted apart and are in no ratio; the time they took is among the 
 
 import json
 from collections.abc import Callable, Sequence
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any, Final
 
@@ -267,6 +267,7 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         if one["to_floor"] is not None:
             ratio = "{:.3f} ({:.3f} to {:.3f})".format(one["to_floor"], *one["to_floor_95"])
         skill = "{} ({} to {})".format(_seconds(one["until_skill"]), *map(_seconds, one["until_skill_95"]))
+        skill = "never" if one["until_skill_95"][0] == inf else skill
         cells = (
             name, one["trials"], "{:.2f} % ({:.2f} to {:.2f})".format(
                 100.0 * one["success"], *(100.0 * share for share in one["success_95"])
@@ -319,9 +320,15 @@ def curves(lines: Sequence[Line]) -> dict[str, dict[str, NDArray[np.float64]]]:
         found[name] = {
             "driven": np.median(driven, axis=0), "success": all_sums[2] / all_sums[3], "ratio": ratio,
             "success_95": np.percentile(drawn[2] / drawn[3], (2.5, 97.5), axis=0),
-            "ratio_95": np.nanpercentile(np.where(np.isfinite(ratios), ratios, np.nan), (2.5, 97.5), axis=0),
+            "ratio_95": np.array([_band(column) for column in ratios.T]).T,
         }  # fmt: skip
     return found
+
+
+def _band(values: NDArray[np.float64]) -> list[float]:
+    """The middle 95 % of those that are finite; NaN without any."""
+    finite = values[np.isfinite(values)]
+    return [float(x) for x in np.percentile(finite, (2.5, 97.5))] if len(finite) else [nan, nan]
 
 
 def report(file: Path) -> None:
@@ -357,8 +364,6 @@ def draw(picture: Path, lines: Sequence[Line]) -> None:
     lower.minorticks_off()
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8, frameon=False)
-    figure.suptitle(
-        "Learners per seconds driven; bands of 95 % over trials; dashed: trained, tested at checkpoints", fontsize=9
-    )
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    upper.set_title("per seconds driven; bands of 95 % over trials; dashed: trained, tested at checkpoints", fontsize=9)
     figure.savefig(picture)
