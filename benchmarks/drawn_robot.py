@@ -61,12 +61,12 @@ async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[st
             runtime.bus.subscribe(take, [STEP])
 
         robot = await stack.enter_async_context(Robot.open(config=config, attach=attach))
+        if with_rights:
+            stack.enter_context(real_time(robot))
         await robot.load_gains()
         terminal = await stack.enter_async_context(Terminal(robot))
         robot.add_task("screens", PERIOD, terminal.screens, PRIORITY)
         robot.add_task("script", PERIOD, partial(circle, robot.source("script")))
-        if with_rights:
-            stack.enter_context(real_time(robot))
         operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
         await asyncio.wait({operator}, timeout=SETTLED)
         began, own, drawing = len(steps), _cpu_s(os.getpid()), _drawing()

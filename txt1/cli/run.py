@@ -107,6 +107,8 @@ async def _operate(
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
+        if arguments.realtime:
+            bridges.enter_context(real_time(robot))
         radius_min = config.geometry.radius_min
         pivots = config.geometry.steering == "skid"
         teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min, pivots)
@@ -141,8 +143,6 @@ async def _operate(
             await start.get_ready()
             await asyncio.Future()  # only an error of this ends the run
 
-        if arguments.realtime:
-            bridges.enter_context(real_time(robot))
         getting_ready = asyncio.ensure_future(prepare())
         bridges.enter_context(served(robot.runtime))
         try:

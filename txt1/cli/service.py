@@ -13,7 +13,7 @@ from txt1.cli import OK, options
 from txt1.cli.app import say
 from txt1.cli.options import flag, takes
 from txt1.errors import ConfigError
-from txt1.kernel.realtime import FIFO, HELPERS_NICENESS
+from txt1.kernel.realtime import FIFO, OTHERS_NICENESS
 
 WATCHDOG: Final = 2.0  # s without a cycle of the controller after which the robot counts as hung
 HEADER: Final = "# made by 'txt1 service install'"
@@ -144,7 +144,7 @@ def unit(name: str, words: Sequence[str], *, system: bool) -> str:
         user=f"User={user}\nSupplementaryGroups=dialout\n" if user else "",
         watchdog=WATCHDOG,
         fifo=FIFO,
-        niceness=HELPERS_NICENESS,
+        niceness=OTHERS_NICENESS,
         target="multi-user.target" if system else "default.target",
     )
 

@@ -62,6 +62,27 @@ def test_the_thread_of_the_loop_alone_is_put_before_all_others() -> None:
 
 
 @granted
+def test_a_thread_of_ours_is_not_kept_from_giving_the_interpreter_back() -> None:
+    """The loop waits for the interpreter while another program keeps its holder from the processor."""
+    done = threading.Event()
+    ours = threading.Thread(target=done.wait, name="txt1 recorder_0")
+    ours.start()
+    assert ours.native_id is not None
+    try:
+        with realtime() as rights:
+            if rights.granted.fifo is None or rights.granted.processor is None:
+                pytest.skip("a control group has no share of real time, or there is one processor only")
+            policy, priority, processors = scheduling(ours.native_id)
+            assert policy & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+            assert 0 < priority < rights.granted.fifo
+            assert rights.granted.processor not in processors
+        assert scheduling(ours.native_id)[0] & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+    finally:
+        done.set()
+        ours.join()
+
+
+@granted
 def test_everything_is_given_back_after_an_error() -> None:
     before = scheduling()
     with pytest.raises(RuntimeError, match="the robot failed"), realtime():
