@@ -14,8 +14,11 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
 AGAIN ?=
 BARE ?=
+VERSION ?= dev
+ALIAS ?=
+MIKE ?=
 
-.PHONY: run test test-long test-web test-ros try-bare lint wheel bench docs clean
+.PHONY: run test test-long test-web test-ros try-bare lint wheel bench docs docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -65,6 +68,12 @@ bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, besi
 
 docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
+
+docs-version: docs  ## keep the pages as VERSION, beside the others, on the branch gh-pages; MIKE=--push publishes it
+	NO_MKDOCS_2_WARNING=1 PATH="$(CURDIR)/$(DOCS)/bin:$$PATH" mike deploy $(MIKE) $(VERSION) $(ALIAS)
+
+docs-links: docs  ## the links that lead out of the pages, tried one by one; needs a network
+	$(DOCS)/bin/python docs/links.py build/site
 
 clean:
 	rm -rf $(VENV) $(BENCH) $(FUZZ) $(DOCS) $(ROS2) $(KILTED) $(CYCLONEDDS) $(COLCON) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

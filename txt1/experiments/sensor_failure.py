@@ -225,9 +225,8 @@ def draw(outcomes: list[Outcome], file: Path) -> None:
                     panel.semilogy(each.trace[:, 0], each.trace[:, 1], linewidth=0.9, label=failure, **look)
         panel.axvspan(BEGIN, END, color="0.9")
         panel.set(title=f"{setup}: {sensor} fails", xlabel="time, s")
-        panel.set_ylim(bottom=1e-3 if setup == "imu-gps" else 1e-4)
         panel.grid(alpha=0.3)
-    for panel in axes[:, 0]:
-        panel.set_ylabel("position error, m")
+    for panel, setup in zip(axes[:, 0], SETUPS, strict=False):
+        panel.set(ylabel="position error, m", ylim=(1e-3 if setup == "imu-gps" else 1e-4, None))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(file)
