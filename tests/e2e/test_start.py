@@ -17,7 +17,7 @@ import pytest
 
 import txt1
 from txt1.cli import COMMANDS, execute
-from txt1.errors import NotCapable
+from txt1.errors import NotCapable, installs
 from txt1.hal.base import Capabilities, Hal
 from txt1.hal.sim import SimHal
 
@@ -260,4 +260,21 @@ def test_the_environment_without_gymnasium_names_the_extra() -> None:
         "try: import txt1.learning.env\n"
         "except txt1.Txt1Error as error: print(error)"
     )
-    assert python("-c", code) == "txt1.learning.env needs the extra 'gym': pip install 'txt1[gym]'\n"
+    told = python("-c", code)
+    assert told.startswith("txt1.learning.env needs the extra 'gym': ") and told.endswith("pip install 'txt1[gym]'\n")
+
+
+def test_an_extra_is_installed_by_the_pip_of_the_python_that_lacks_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other, own = tmp_path / "other", tmp_path / ".venv" / "bin"
+    for folder in (other, own):
+        folder.mkdir(parents=True)
+        (folder / "pip").touch(mode=0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "executable", str(own / "python"))
+    monkeypatch.setattr(sys, "prefix", str(own.parent))
+    monkeypatch.setenv("PATH", f"{other}:{own}")
+    assert installs("record") == ".venv/bin/pip install 'txt1[record]'"
+    monkeypatch.setenv("PATH", f"{own}:{other}")
+    assert installs("record,plots") == "pip install 'txt1[record,plots]'"

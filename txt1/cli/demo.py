@@ -9,6 +9,7 @@ from pathlib import Path
 
 from txt1.cli import OK, execute
 from txt1.cli.options import SEED, add, takes, unused
+from txt1.errors import installs
 from txt1.record.session import MODULES
 
 
@@ -65,4 +66,4 @@ def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]
     if recorded and find_spec("matplotlib"):
         yield "4. It draws that drive: open the page in a browser.", ["report", str(out / "light.mcap")]
     else:
-        print("\nWith pip install 'txt1[record,plots]' the demo would record its drives, too, and draw them.")
+        print(f"\nWith {installs('record,plots')} the demo would record its drives, too, and draw them.")

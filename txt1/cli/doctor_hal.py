@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from txt1.cli.remark import Remark, judged
 from txt1.config import Config
+from txt1.errors import installs
 from txt1.hal.base import Hal, Outputs
 from txt1.hal.pi import GET_LGPIO
 
@@ -58,7 +59,7 @@ def computer(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
         return
     gpio = options.get("output") == "gpio"
     for module, needed, get in (
-        ("smbus2", not gpio or options.get("battery", "none") != "none", "pip install 'txt1[pi]'"),
+        ("smbus2", not gpio or options.get("battery", "none") != "none", installs("pi")),
         ("lgpio", gpio or bool(options.get("encoders")), GET_LGPIO),
     ):
         if needed:

@@ -1,7 +1,6 @@
 """`txt1 learn`: its progress, and what it prints."""
 
 import argparse
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -101,7 +100,8 @@ def _tell(metrics: dict[str, Any]) -> None:
         if not one.get("episodes"):
             continue
         if key == "last_10" and one["episodes"] < 10 * metrics.get("trials", 1):
-            what = f"last {one['episodes'] // max(1, metrics.get('trials', 1))} episodes"
+            last = one["episodes"] // max(1, metrics.get("trials", 1))
+            what = f"last {last} episodes" if last > 1 else "the one episode"
         print(f"{what:<20} success {one['success']:.2%}, {one['failures']} of {one['episodes']} failed", end="")
         if "mean_time_s" not in one:
             print()
@@ -114,8 +114,9 @@ def _tell(metrics: dict[str, Any]) -> None:
         )
     if "thesis_mean_time_s" in metrics:
         print(f"{'thesis':<20} mean {metrics['thesis_mean_time_s']} s after episode 7")
-    if "ratio_at_episode" in metrics:
-        print(f"{'ratio at episode':<20} {json.dumps(metrics['ratio_at_episode'])}")
+    known = {episode: ratio for episode, ratio in metrics.get("ratio_at_episode", {}).items() if ratio is not None}
+    if known:
+        print(f"{'ratio at episode':<20} {', '.join(f'{episode}: {ratio:.3f}' for episode, ratio in known.items())}")
 
 
 def _floor(config: Config, trials: int, episodes: int) -> int:

@@ -20,7 +20,7 @@ from annotated_types import Ge, Le
 
 from txt1.config import Config, checked
 from txt1.control.open_loop import TRACK_COUNTS
-from txt1.errors import ConfigError, HalError, MissingExtra
+from txt1.errors import ConfigError, HalError, MissingExtra, installs
 from txt1.hal import pi_guard
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.pi_guard import ANSWER, Setup, pulses_in
@@ -223,7 +223,7 @@ def explain(setup: Setup, error: str) -> str:
     elif "busy" in error:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
-        remedy = GET_LGPIO if "lgpio" in error else "pip install 'txt1[pi]'"
+        remedy = GET_LGPIO if "lgpio" in error else installs("pi")
     return f"the outputs on {where} cannot be opened ({error}): {remedy}"
 
 
