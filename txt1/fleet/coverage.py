@@ -6,6 +6,7 @@ Y. Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT
 `txt1.fleet.steering`.
 
 Limits: a square counts as visited when a robot's centre is within 0.5 m; the room has four walls and nothing in it.
+Avoidance goes by the poses that robots tell, so odometry's drift eats up its margin in the end.
 """
 
 from collections.abc import Mapping
