@@ -98,7 +98,16 @@ def circle():
     peer.hear("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR)
     peer.hear("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR)
     peer.hear("fix", "sensor_msgs/NavSatFix", SENSOR)
-    peer.hear("odometry/filtered", "nav_msgs/Odometry")
+    speeds = {"odom": {}, "odometry/filtered": {}}  # by their stamps: messages of one time do not come together
+
+    def compare(name):
+        def compared(message):
+            speeds[name][message.header.stamp.sec, message.header.stamp.nanosec] = message.twist.twist.linear.x
+
+        peer.create_subscription(kind("nav_msgs/Odometry"), name, compared, 100)
+
+    for name in speeds:
+        compare(name)
     seen = Counter()
     for name, message in (("camera_info", "sensor_msgs/CameraInfo"), ("image_raw", "sensor_msgs/Image")):
         peer.create_subscription(
@@ -117,7 +126,8 @@ def circle():
     def turns():
         peer.run(0.5, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
         told, asked = peer.last["odom"].twist.twist, peer.last["/txt1/setpoint"].twist
-        return told.linear.x > 0.35 and told.angular.z > 0.3 and asked.linear.x
+        together = speeds["odom"].keys() & speeds["odometry/filtered"].keys()
+        return told.linear.x > 0.35 and told.angular.z > 0.3 and asked.linear.x and together
 
     peer.run(2.0, 0.1, lambda: publisher.publish(twist(0.5, 0.5)))
     peer.until(turns)
@@ -140,7 +150,7 @@ def circle():
         "depth": (depth.width, depth.height, depth.k[0], depth.k[2], depth.k[5], depth.header.frame_id),
         "pairs": sum(count == 2 for count in seen.values()),
         "picture": (picture.width, picture.height, picture.k[0]), "fix": (fix.latitude, fix.longitude),
-        "filtered": [(t := peer.last["odometry/filtered"].twist.twist).linear.x, t.angular.z],
+        "filtered": [each[max(speeds["odom"].keys() & speeds["odometry/filtered"].keys())] for each in speeds.values()],
         "battery": peer.last["battery_state"].voltage,
         "pwm": (peer.last["/txt1/pwm"].motor, peer.last["/txt1/pwm"].front, peer.last["/txt1/pwm"].rear),
         "description": peer.last["robot_description"].data,
