@@ -35,6 +35,7 @@ from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.readings import ImuReading, Scan
 from txt1.sensors.registry import create
+from txt1.sim.battery import range_left
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
@@ -153,12 +154,18 @@ class Runtime:
             bus.offer(standstill.STOP, lambda: watch.standstill.stop)
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
+        bus.offer(battery.RANGE, self._range_left)
         bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
         bus.offer(TASKS, self._task_counts)
         bus.offer(SNAPSHOT, self._recorded_snapshot)
         tap_line = getattr(hal, "tap_line", None)
         if tap_line is not None:
             tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
+
+    def _range_left(self) -> float | None:
+        """How far the batteries last, m; None where that is not known."""
+        remaining, config = self.state.battery.remaining, self.config
+        return None if remaining is None else round(range_left(config.sim.battery, remaining, config.safety.v_max))
 
     def _task_counts(self) -> TaskCounts | None:
         """The statistics; in virtual time, where summing up costs more than it says, only once in ten seconds."""

@@ -20,6 +20,7 @@ half of what it had planned although it surveyed anew: then it forgets its surve
 from several guesses at where the light is.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, cos, hypot, inf, isfinite, log, pi, sin, sqrt
 from typing import Any, Final
@@ -79,7 +80,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     _compile()
     if table is not None:
         table.shaped(*agent.table().values.shape)
-        agent.recall({**agent.memory(), **table.about["memory"]})
+        agent.recall({**agent.memory(), **table.about["knows"]})
     return agent
 
 
@@ -364,7 +365,7 @@ class PilotAgent:
         values = np.column_stack([self.survey[:4], np.full(4, self.survey[POWER]), places])
         memory = self.memory()
         del memory["rng"]
-        return StoredTable(values, {"agent": self.name, "episodes": self.episode, "memory": memory})
+        return StoredTable(values, {"agent": self.name, "episodes": self.episode, "knows": memory})
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
@@ -388,6 +389,27 @@ class PilotAgent:
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
         self._rng.bit_generator.state = memory["rng"]
+
+
+def courses(about: Mapping[str, Any], lights: Array) -> Array:
+    """The curvature that a stored learner drives with the light at places in its frame, 1/m; shape (places,).
+
+    It comes along straight ahead, and nothing is under way. `about`: of its `StoredTable`; `lights`: (places, 2), m.
+    """
+    memory = about["knows"]
+    k, c = np.array(memory["effects"]["k"])[0], np.array(memory["effects"]["c"])[0]
+    driven = c[:, :-1] / (1.0 - k)[:, None]
+    straight = int(np.abs(driven[1]).argmin())
+    pending, scale = np.zeros(0, np.int64), float(memory["survey"][SCALE])
+    goal = float(memory["goal"]) or 1e-3
+    found = [
+        quickest(
+            ahead, left, driven[0, straight], driven[1, straight], pending, k, c[:, :-1].copy(), c, scale, goal,
+            SETTINGS.graze * goal, SETTINGS.ahead,
+        )[0]
+        for ahead, left in lights.tolist()
+    ]  # fmt: skip
+    return np.asarray(scale * driven[1, found])
 
 
 def _compile() -> None:

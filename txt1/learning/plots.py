@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
+from txt1.learning.pilot import courses
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
 
@@ -123,8 +124,33 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m", title=title)
 
 
+def _model(figure: Any, table: StoredTable) -> None:
+    """What the pilot surveyed: its sensors, and which way it drives for each place of the light on the floor."""
+    axes = _panel(figure, 1.0, 0.475, 3.775, 3.775)
+    reach = 4.0 * table.about["knows"]["goal"] or 2.0
+    ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
+    outside = np.hypot(ahead, left) > table.about["knows"]["goal"]
+    ahead, left = ahead[outside], left[outside]
+    curvature = courses(table.about, np.column_stack([ahead, left]))
+    turned = 0.5 * np.pi * curvature / (np.abs(curvature).max() or 1.0) + 0.5 * np.pi  # up is straight on
+    colours = np.where(curvature > 0.3 * curvature.max(), BLUE, np.where(curvature < 0.3 * curvature.min(), RED, GREEN))
+    axes.quiver(-left, ahead, np.cos(turned), np.sin(turned), color=colours, pivot="mid", scale=26.0, width=0.005)
+    sensors = np.asarray(table.values)[:, 2:]
+    axes.plot(-sensors[:, 1], sensors[:, 0], "ks", markersize=4)
+    for name, (x, y) in zip(("FL", "FR", "RL", "RR"), sensors, strict=True):
+        axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=7)
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    goal = table.about["knows"]["goal"]
+    axes.plot(goal * np.cos(angle), goal * np.sin(angle), color=GREY)
+    axes.set(xlabel="light to the right, m", ylabel="light ahead, m", aspect="equal",
+             title="drives left, straight or right, by where the light is")  # fmt: skip
+
+
 def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
     """The Q-table as a heat map; where it says what its `axes` are (label, cells, from, to), the best actions."""
+    if table.about.get("agent") == "pilot":
+        _model(figure, table)
+        return
     if "axes" in table.about:
         (across, columns, *x), (up, rows, *y) = table.about["axes"]
         best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T

@@ -7,6 +7,8 @@ SLOPE_V_PER_MIN: Final = 0.033691  # fall of the voltage under full load, V/min
 SAFE_END_MIN: Final = 46.0  # minutes under full load after which a pack is empty as far as the robot is concerned
 CUT_OFF_MIN: Final = 50.0  # minutes under full load after which the cut-off circuit opens
 CUT_OFF_V: Final = 9.25  # below this the hardware cuts the power
+FULL_LOAD_W: Final = 89.0  # 6500 mAh of 11.4 V on average in 50 min: what the robot draws under full load, W
+FULL_LOAD_SPEED: Final = 0.5  # m/s at which that was measured
 SAFE_END_V: Final = INTERCEPT_V - SLOPE_V_PER_MIN * SAFE_END_MIN
 
 

@@ -13,6 +13,7 @@ from txt1.errors import CommandRefused
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose
 from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.navigation.pace import pace
 from txt1.navigation.plan import plan, plan_with_run_up, stretches
 from txt1.navigation.source import PoseSource, encoders_view, wheel_pose
 from txt1.robot import Robot
@@ -57,19 +58,20 @@ async def go_to(
     *,
     pose_source: PoseSource | None = None,
     room: Room | None = None,
-    speed: float = 0.4,
+    speed: float | str = 0.4,
     source: CommandSource | None = None,
 ) -> Arrival:
     """Where the robot has come to rest after driving to a pose (x, y in m, theta in rad).
 
     The pose and the room, around the origin, are in the frame of the pose source; without one that is the odometry, and
-    without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s, in
-    the name of `source`; None: the program's.
+    without a room there are no walls. The robot is armed, its gains loaded, and drives no faster than `speed` m/s (or
+    "time" or "energy", whichever it is to save), in the name of `source`; None: the program's.
 
     Raises NoPath: the goal cannot be reached inside the room; NotArmed: the gate is closed, or closes on the way;
     Overruled: another source of commands drives, or takes the wheel on the way; CommandRefused: the speed is not
     positive, or the pose source knows no pose.
     """
+    speed = pace(speed, robot.config)
     if not CRAWL <= speed <= robot.config.safety.v_max:
         raise CommandRefused(f"speed must be from {CRAWL} to {robot.config.safety.v_max} m/s, not {speed!r}")
     poses = wheel_pose(robot) if pose_source is None else pose_source

@@ -10,6 +10,7 @@ from txt1.driver import REFRESH, CommandSource
 from txt1.errors import CommandRefused
 from txt1.model.kinematics import wrap_angle
 from txt1.model.reeds_shepp import Pose
+from txt1.navigation.pace import pace
 from txt1.navigation.source import PoseSource, wheel_pose
 from txt1.robot import Robot
 
@@ -52,7 +53,7 @@ async def follow(
     *,
     laps: float = 1,
     closed: bool = True,
-    speed: float = SPEED,
+    speed: float | str = SPEED,
     look_ahead: float = LOOK_AHEAD,
     pose_source: PoseSource | None = None,
     on_leg: Callable[[int, Point, Point], None] | None = None,
@@ -62,14 +63,16 @@ async def follow(
 
     The points, m, are in the frame of the pose source, by default the odometry. The robot is armed, its gains loaded.
     It goes round `laps` times, inf: until it is cancelled or the gate closes; with `closed` a lap ends at the first
-    waypoint again. `speed` is in m/s, `look_ahead` in m. `on_leg` is told the number, the start and the end of each leg
-    when it begins; `source` is in whose name it drives, None: the program's.
+    waypoint again. `speed` is in m/s, or "time" or "energy", whichever it is to save; `look_ahead` is in m. `on_leg` is
+    told the number, the start and the end of each leg when it begins; `source` is in whose name it drives, None: the
+    program's.
 
     Raises NotArmed: the gate is closed, or closes on the way; Overruled: another source of commands drives, or takes
     the wheel on the way; CommandRefused: there are no waypoints, or the pose source knows no pose.
     """
     if not points:
         raise CommandRefused("there are no waypoints: give at least one")
+    fastest = pace(speed, robot.config)
     poses = wheel_pose(robot) if pose_source is None else pose_source
     wheel = robot.program if source is None else source
     wheel.begin()
@@ -90,7 +93,7 @@ async def follow(
                     break
                 point = aim(pose, leg_start, leg_end, look_ahead)
                 curvature = clip(curvature_towards(pose, point, look_ahead), sharpest)
-                v = speed_in_curve(speed, curvature)
+                v = speed_in_curve(fastest, curvature)
                 wheel.insist(v, v * curvature)
                 await asyncio.sleep(REFRESH)
             leg_start = leg_end

@@ -1,10 +1,11 @@
 """Two LiPo packs behind diodes, and the cut-off circuit (thesis 3.6)."""
 
+from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.model.battery import CUT_OFF_V, pack_voltage
+from txt1.model.battery import CUT_OFF_V, FULL_LOAD_SPEED, FULL_LOAD_W, pack_voltage
 from txt1.sim.parameters import Batteries
 
 SETTLE_PERIOD: Final = 1.0  # the packs' charge is brought up to date once in so many seconds
@@ -44,6 +45,44 @@ def discharge(packs: Packs, full_load_s: float) -> Packs:
     if one is None or two < one:
         return Packs(one, two + minutes)
     return Packs(one + minutes / 2.0, two + minutes / 2.0)
+
+
+def load(batteries: Batteries, v: float, bend: float = 0.0) -> float:
+    """Share of the full load that driving at `v` m/s draws, electronics and all; `bend`: curvature, as of full lock.
+
+    A motor draws its torque's heat however slow it turns, work that grows with the speed, and what moves grease and air
+    with its square. At 0.5 m/s straight on the thesis's floor it is the full load.
+    """
+    pace = abs(v) / FULL_LOAD_SPEED
+    rolling = 1.0 - batteries.still - batteries.drag
+    return batteries.idle_load + _harder(batteries, bend) * (
+        batteries.still + rolling * pace + batteries.drag * pace * pace
+    )
+
+
+def _harder(batteries: Batteries, bend: float) -> float:
+    return (1.0 - batteries.idle_load) * batteries.floor * (1.0 + batteries.turning * bend * bend)
+
+
+def energy_per_metre(batteries: Batteries, v: float, bend: float = 0.0) -> float:
+    """Consumption at a speed of `v` m/s, J/m."""
+    return FULL_LOAD_W * load(batteries, v, bend) / abs(v)
+
+
+def economical_speed(batteries: Batteries, v_max: float, bend: float = 0.0) -> float:
+    """The speed up to `v_max` at which a metre costs least, m/s: slower, the electronics draw for longer.
+
+    (a + b v + c v^2) / v is least at the root of a / c.
+    """
+    harder = _harder(batteries, bend)
+    a, c = batteries.idle_load + harder * batteries.still, harder * batteries.drag
+    return v_max if c == 0.0 else min(v_max, FULL_LOAD_SPEED * sqrt(a / c))
+
+
+def range_left(batteries: Batteries, remaining: float, v_max: float) -> float:
+    """Metres that `remaining` seconds under full load are good for, at the economical speed up to `v_max` m/s."""
+    v = economical_speed(batteries, v_max)
+    return remaining * v / load(batteries, v)
 
 
 class Supply:

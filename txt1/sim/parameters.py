@@ -72,6 +72,16 @@ class Batteries:
     """Current with the motors off, as a share of the full load; assumed."""
     standby_load: Share = 0.1
     """Current with the ATX supply off as well; assumed."""
+    by_speed: bool = False
+    """Whether driving draws by speed, turning and floor; false: full load, as the thesis measured it at 0.5 m/s."""
+    still: Share = 0.2
+    """Of what driving draws at 0.5 m/s, the share that it draws however slow it is: the motors' heat; assumed."""
+    drag: Share = 0.3
+    """Likewise the share that grows with the square of the speed; the rest grows with the speed; assumed."""
+    turning: NotNegative = 0.3
+    """Share by which driving draws more at full lock, by the square of the curvature; assumed."""
+    floor: Positive = 1.0
+    """What driving draws here beside the thesis's floor; a carpet 1.5 to 2; assumed."""
 
 
 @dataclass(frozen=True, slots=True)

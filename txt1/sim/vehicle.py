@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, floor, isfinite, nan, sin
+from math import cos, floor, isfinite, nan, sin, tan
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sim import skid
-from txt1.sim.battery import Supply
+from txt1.sim.battery import Supply, load
 from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
 from txt1.sim.parameters import Batteries, Box, Faults, Noise, VehicleParameters
 
@@ -204,9 +204,15 @@ class Vehicle:
             if not faults.left_encoder:
                 self._left_counts += (after[7] - before[7]) * counts_per_m
         if powered and self.esc_on and abs(self._outputs[0]) > self._dead_band:
-            supply.drawn += dt
+            supply.drawn += dt * (self._load(after) if supply.batteries.by_speed else 1.0)
         else:
             supply.drawn += dt * (supply.batteries.idle_load if self.atx_on else supply.batteries.standby_load)
+
+    def _load(self, motion: Motion) -> float:
+        """What driving draws, as a share of the full load."""
+        body = self.body
+        bend = (tan(motion[4]) - tan(motion[5])) * body.radius_min / body.wheelbase
+        return load(self.supply.batteries, motion[3], bend)
 
     def _draw_drag(self) -> None:
         """Take the floor's drag for the next 20 ms."""

@@ -40,6 +40,10 @@ def _topic(number: int) -> Topic[Battery]:
 
 
 BATTERIES: Final = (_topic(1), _topic(2))
+RANGE: Final = declare(Topic(
+    "/range_left", float, "m", "std_msgs/Float64", Rule.SECOND, "how far the batteries last at the economical speed",
+    paths=("data",), make=lambda metres: (metres,),
+))  # fmt: skip
 
 
 async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:

@@ -12,6 +12,7 @@ _COMMON: Final = """\
 builtin_interfaces/Time: int32 sec; uint32 nanosec
 std_msgs/Header: builtin_interfaces/Time stamp; string frame_id
 std_msgs/String: string data
+std_msgs/Float64: float64 data
 geometry_msgs/Vector3: float64 x; float64 y; float64 z
 geometry_msgs/Point: float64 x; float64 y; float64 z
 geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w

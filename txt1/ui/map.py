@@ -13,6 +13,7 @@ from typing import Final
 from rich.panel import Panel
 from rich.text import Text
 
+from txt1.tasks.battery import RANGE
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import SURROUNDINGS, VEHICLES, Surroundings
 from txt1.telemetry.snapshot import Snapshot
@@ -41,11 +42,14 @@ def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Kept:
     """MAP for a body, or a part of one, of width x rows cells; one that is as before is not drawn again."""
     path = viewer.path
     about, others = snapshot.get(SURROUNDINGS), snapshot.get(VEHICLES)
-    key = (pose_of(snapshot), snapshot.get(POSE) is None, about, others, len(path), path[:1], path[-1:], viewer.spacing)
+    left = snapshot.get(RANGE)
+    place = pose_of(snapshot), snapshot.get(POSE) is None
+    key = (place, about, others, len(path), path[:1], path[-1:], viewer.spacing, left)
     known, picture = _kept.get((width, rows), (None, None))
     if picture is None or known != key:
         lines = Text("\n").join(draw_map(snapshot, viewer, width - 2, rows - 2))
-        picture = Kept(Panel(lines, title="MAP", padding=0, border_style=DIM))
+        range_left = None if left is None else f"{left:.0f} m left"
+        picture = Kept(Panel(lines, title="MAP", subtitle=range_left, padding=0, border_style=DIM))
         _kept.clear()  # of other sizes: the window has changed
         _kept[width, rows] = key, picture
     return picture

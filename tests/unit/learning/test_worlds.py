@@ -12,6 +12,7 @@ from txt1.config import Config, load
 from txt1.learning import suite
 from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
+from txt1.learning.experiment import KEPT
 from txt1.learning.floor import floor_of
 from txt1.learning.trial import Trial, starts, task_of
 
@@ -89,6 +90,12 @@ def test_the_pilot_finds_the_light_whatever_its_sensors_and_its_steering_mean(wo
     late = [one for trial in every for one in trial.episodes[4:]]
     assert all(one.success for one in late)
     assert sum(one.time for one in late) < 1.25 * sum(one.optimal_time for one in late)
+
+
+@pytest.mark.parametrize("name", ["pilot", "sweeps", "thesis"])
+def test_what_a_learner_tells_of_its_table_survives_the_file_of_its_trial(name: str) -> None:
+    about = make(name, Config(), np.random.default_rng(0)).table().about
+    assert not {*about} & {*KEPT, "learned", "paths"}
 
 
 @pytest.mark.long

@@ -162,7 +162,7 @@ function show() {
   const driver = topics["/driver"]?.name ?? ""
   const holder = know.page.wheel, mine = holder && holder === know.page.number
   $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`) : driver || "nobody"
-  $("battery").textContent = battery(topics["/battery1"])
+  $("battery").textContent = battery(topics["/battery1"], topics["/range_left"])
   $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
   $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
@@ -185,11 +185,12 @@ let routed = false
 
 const round = (value) => (value === undefined ? NaN : Math.round(value * 100) / 100)
 
-function battery(state) {
+function battery(state, range) {
   if (!state?.state) return "–"
   if (state.state === "external power") return "external"
   const volts = Math.max(state.battery1 ?? 0, state.battery2 ?? 0).toFixed(1)
-  return state.remaining == null ? `${volts} V` : `${volts} V, ${Math.round(state.remaining / 60)} min`
+  if (state.remaining == null) return `${volts} V`
+  return `${volts} V, ${Math.round(state.remaining / 60)} min` + (range == null ? "" : `, ${range} m`)
 }
 
 function hint(mode, holder, mine, driver, replay) {

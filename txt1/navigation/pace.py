@@ -1,0 +1,33 @@
+"""The speed of a drive: as given, or the one that saves time or energy."""
+
+from enum import StrEnum
+from typing import Final
+
+from txt1.config import Config
+from txt1.errors import CommandRefused
+from txt1.sim.battery import economical_speed
+
+SURE: Final = 1.0  # m/s up to which `follow` and `go_to` were tried to keep to their way
+
+
+class Saving(StrEnum):
+    """What a drive is to save."""
+
+    TIME = "time"
+    ENERGY = "energy"
+
+
+def pace(speed: float | str, config: Config) -> float:
+    """The speed in m/s that was meant: a number itself, else the quickest or the economical one (`sim.battery`).
+
+    Both stay within `safety.v_max` and within the speeds at which the way is kept to.
+    """
+    if not isinstance(speed, str):
+        return speed
+    most = min(config.safety.v_max, SURE)
+    match speed:
+        case Saving.TIME:
+            return most
+        case Saving.ENERGY:
+            return economical_speed(config.sim.battery, most)
+    raise CommandRefused(f"speed {speed!r}: give m/s, or one of {', '.join(Saving)}")
