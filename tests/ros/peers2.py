@@ -159,8 +159,7 @@ def circle():
         "static": {c: (t.transform.translation.x, t.transform.translation.z) for c, t in static.items()},
         "diagnostics": peer.seen["/diagnostics"],
     }  # fmt: skip
-    peer.run(0.8)  # silent
-    told["after"] = peer.last["/txt1/setpoint"].twist.linear.x
+    peer.until(lambda: peer.last["/txt1/setpoint"].twist.linear.x == 0.0)  # silent
     return told
 
 
@@ -336,19 +335,25 @@ def stamped():
         made.header.stamp.sec, made.header.stamp.nanosec = int(now), int(now % 1.0 * 1e9)
         publisher.publish(made)
 
+    def setpoint():
+        return peer.last["/txt1/setpoint"].twist.linear.x
+
     def during(name, *what):
-        peer.run(1.0, 0.1, lambda: give(*what))
-        told[name] = peer.last["/txt1/setpoint"].twist.linear.x
-        peer.run(0.5)
+        ends = time.monotonic() + 20.0
+        while not setpoint() and time.monotonic() < ends:
+            peer.run(0.1, 0.1, lambda: give(*what))
+        told[name] = setpoint()
+        peer.until(lambda: not setpoint())
 
     during("now", 0.0)
     for shift in (-1.0, 20.0, -3.0, 40.0):
         give(shift)
         peer.run(0.2)
-        told[str(shift)] = peer.last["/txt1/setpoint"].twist.linear.x
+        told[str(shift)] = setpoint()
     during("again", 0.0)
     during("unstamped", None)
-    during("not a number", 0.0, float("nan"))
+    peer.run(1.0, 0.1, lambda: give(0.0, float("nan")))
+    told["not a number"] = setpoint()
     peer.run(1.5)
     counted = dict(counts)  # another subscription counts anew
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -361,8 +366,8 @@ def stamped():
     )
     publisher = peer.create_publisher(kind("geometry_msgs/Twist"), "cmd_vel", 10)
     peer.until(publisher.get_subscription_count)
-    peer.run(1.0, 0.1, lambda: publisher.publish(twist(0.4, 0.0)))
-    told["plain"] = peer.last["/txt1/setpoint"].twist.linear.x
+    peer.until(lambda: publisher.publish(twist(0.4, 0.0)) or peer.run(0.1) or setpoint())
+    told["plain"] = setpoint()
     return told | {"counts": counted}
 
 
