@@ -216,6 +216,8 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
     second = data[:, 1:2]
     found["to_optimum_at_2"] = _ratio(second, second[..., 3] == 1.0, 4)
     for change in result["config"]["learning"]["changes"]:
+        if change["episode"] > len(curve):
+            continue
         after = curve[change["episode"] - 1 :]
         found["back_after"] = next((k for k in range(len(after)) if max(after[k:]) <= BACK), None)
         first = data[:, change["episode"] - 1]

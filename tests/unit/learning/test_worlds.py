@@ -48,6 +48,12 @@ def test_failures_are_counted_apart_and_in_no_ratio() -> None:
     assert one["to_floor"] == pytest.approx(1.2) and one["to_optimum"] == pytest.approx(1.5)
 
 
+def test_a_change_after_the_last_episode_is_none() -> None:
+    result = raw([[5.0] * 9], [[1] * 9])
+    result["config"]["learning"]["changes"] = [{"episode": 16, "set": {}}]
+    assert "back_after" not in suite.figures(result)
+
+
 def test_who_does_not_believe_the_sensors_has_no_figures() -> None:
     result = {**raw([[5.0]], [[1]]), "results": [], "refused": "light sensor FL is dead"}
     assert suite.cell(suite.figures(result)) == "refuses the sensors"
