@@ -33,6 +33,7 @@ RESAMPLES: Final = 2000
 KINDS: dict[str, Share | None] = {
     "alone": None,
     "together": Shared,
+    "each explores at its own pace": partial(Shared, hurry=False),
     "one of them lies": partial(Shared, lies=lambda name, q: -5.0 * q if name == "txt01" else q),
     "one of them is lost": partial(Shared, lost=frozenset({"txt01"})),
 }

@@ -2,7 +2,10 @@
 
 The tables are merged number by number by their median, over those who have visited the state: so fewer than half may
 lie as they like (D. Yin, Y. Chen, K. Ramchandran and P. Bartlett, "Byzantine-robust distributed learning", ICML 2018),
-and who is lost is missing, and no more. Each keeps its own exploration, its own episodes and its own random values.
+and who is lost is missing, and no more. Each keeps its own episodes and its own random values; its exploration
+fades by the episodes of all whom it has heard, because shared tables spare no repetition while it goes on exploring
+(each of n that learn in parallel needs a share of the repetitions: R. M. Kretchmar, "Parallel reinforcement learning",
+SCI 2002). How many they were is not asked of them: each counts for as many as one's own, so nobody can lie about it.
 """
 
 import asyncio
@@ -36,7 +39,8 @@ def merge(own: Table, tables: list[tuple[Table, Visits]]) -> Table:
 class Shared:
     """What the robots of a team have told of their tables; `every` so many episodes each tells and takes over.
 
-    `lies` makes of a robot's name and table what it tells; `lost` are the names of those who tell and hear nothing.
+    `lies` makes of a robot's name and table what it tells; `lost` are the names of those who tell and hear nothing;
+    `hurry` says whether exploration fades by the episodes of all, or by each one's own.
     """
 
     def __init__(
@@ -45,8 +49,9 @@ class Shared:
         every: int = 1,
         lies: Callable[[str, Table], Table] = lambda name, table: table,
         lost: frozenset[str] = frozenset(),
+        hurry: bool = True,
     ) -> None:
-        self._agents, self._every, self._lies, self._lost = agents, every, lies, lost
+        self._agents, self._every, self._lies, self._lost, self._hurry = agents, every, lies, lost, hurry
         self._told: dict[str, tuple[Table, Visits]] = {}
 
     def episode_over(self, name: str, episode: int) -> None:
@@ -57,6 +62,8 @@ class Shared:
         self._told[name] = self._lies(name, agent.q.copy()), agent.visits.copy()
         others = [told for other, told in self._told.items() if other != name]
         agent.q[:] = merge(agent.q, [(agent.q.copy(), agent.visits), *others])
+        if self._hurry:
+            agent.episode += len(others) * self._every
 
 
 async def learn_together(

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from txt1.config import load
 from txt1.kernel.loop import run
+from txt1.learning.thesis import create
 from txt1.learning.together import Shared, learn_together, merge
 
 ONES = np.ones(8, int)
@@ -24,6 +25,18 @@ def test_who_has_not_been_in_a_state_says_nothing_of_it() -> None:
     been[3] = 0
     merged = merge(np.zeros((8, 3)), [(np.full((8, 3), 2.0), been)])
     assert (merged[3] == 0.0).all() and (np.delete(merged, 3, axis=0) == 2.0).all()
+
+
+def test_who_hears_others_explores_less_and_who_is_lost_goes_on_as_alone() -> None:
+    config = load().config
+    agents = {name: create(config, np.random.default_rng(0)) for name in ("a", "b", "c")}
+    shared = Shared(agents, lost=frozenset({"c"}))
+    for name in agents:
+        shared.episode_over(name, 1)
+    assert [agent.episode for agent in agents.values()] == [0, 1, 0]  # the first to end has heard nobody yet
+    for name in agents:
+        shared.episode_over(name, 2)
+    assert [agent.episode for agent in agents.values()] == [1, 2, 0]
 
 
 @pytest.mark.long
