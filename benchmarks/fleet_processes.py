@@ -69,8 +69,9 @@ def started(name: str) -> subprocess.Popen[str]:
 
 def bridge_of(robot: int) -> int:
     """The process of a robot's bridge to its fleet."""
-    children = Path(f"/proc/{robot}/task/{robot}/children").read_text(encoding="ascii").split()
-    return next(int(each) for each in children if b"fleet" in Path(f"/proc/{each}/cmdline").read_bytes())
+    threads = Path(f"/proc/{robot}/task").iterdir()  # any of them may have begun it
+    children = [int(each) for one in threads for each in (one / "children").read_text(encoding="ascii").split()]
+    return next(each for each in children if b"bridges.fleet" in Path(f"/proc/{each}/cmdline").read_bytes())
 
 
 def main() -> None:
@@ -82,11 +83,21 @@ def main() -> None:
     names = [f"net{number:02d}" for number in range(1, arguments.robots + 1)]
     observer = Observer()
     robots = {name: started(name) for name in names}
+    try:
+        _measure(observer, robots, arguments.duration)
+    finally:
+        for robot in robots.values():
+            robot.kill()
+        observer.peer.close()
+
+
+def _measure(observer: Observer, robots: dict[str, subprocess.Popen[str]], duration: float) -> None:
+    names = list(robots)
     observer.until(lambda: all(map(observer.fresh, names)))
     observer.late.clear()
-    observer.peer.listen(arguments.duration)
+    observer.peer.listen(duration)
     late = sorted(each for one in observer.late.values() for each in one)
-    rates = sorted(len(observer.late.get(name, [])) / arguments.duration for name in names)
+    rates = sorted(len(observer.late.get(name, [])) / duration for name in names)
     load = os.getloadavg()[0]
     killed, stopped, cut, twice = names[:STRUCK]
     rows = [(f"{killed} is killed: gone after", f"{_struck(observer, robots[killed], signal.SIGKILL, killed):.2f} s")]
@@ -126,7 +137,6 @@ def main() -> None:
         missed[n] for n in (cut, twice) if n in missed
     ]
     cycles = reports[names[-1]]["tasks"]["controller"]["cycles"] if reports[names[-1]] else 0
-    observer.peer.close()
     figures = [f"{1e3 * late[int(share * (len(late) - 1))]:.1f} ms" for share in (0.5, 0.99, 1.0)]
     heads = ("telemetry a robot, least", "median", "p50", "p99", "longest")
     rate = f"{rates[0]:.1f} Hz", f"{rates[len(rates) // 2]:.1f} Hz"
