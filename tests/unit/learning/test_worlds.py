@@ -14,6 +14,7 @@ from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
 from txt1.learning.experiment import KEPT
 from txt1.learning.floor import floor_of
+from txt1.learning.pilot import courses
 from txt1.learning.trial import Trial, starts, task_of
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
@@ -113,3 +114,10 @@ def test_the_pilot_carries_on_from_what_it_kept() -> None:
     agent.begin()
     agent.void()
     assert again.memory() == agent.memory()
+
+
+@pytest.mark.long
+def test_the_picture_of_the_pilot_turns_towards_the_light_on_either_side() -> None:
+    about = learned("pilot", count=1, episodes=4)[0].agent.table().about
+    right, left = courses(about, np.array([[0.5, -2.0], [0.5, 2.0]]))
+    assert right < 0.0 < left
