@@ -169,10 +169,11 @@ def _battery(figure: Figure, runs: Sequence[Run]) -> None:
         ends.setdefault(f"{minutes[-1]:.1f} min: {run.metrics['stopped_by']}", float(minutes[-1]))
     for text, end in ends.items():
         axes.axvline(end, color="k", linewidth=0.5)
-        axes.annotate(text, (end, 12.2), rotation=90, ha="right", va="top", fontsize=7)
+        axes.annotate(text, (end, 12.6), rotation=90, ha="right", va="top", fontsize=7)
     at = np.array([0.0, SAFE_END_MIN])
     axes.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k--", linewidth=0.8, label="the thesis's line")
     axes.set(xlabel="time, min", ylabel="battery voltage, V")
+    axes.set_ylim(top=12.7)  # the words of the ends stay above the curve
     axes.grid(alpha=0.3)
     _legend(figure, axes)
 
