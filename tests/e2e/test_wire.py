@@ -188,7 +188,7 @@ LATE = 0.03
 """s that a busy machine may be late with what this asserts of real time."""
 
 
-SHORT = ("pty-one byte at a time", "tcp-20 % of the frames dropped")
+SHORT = ("pty-one byte at a time",)
 """Of the lines in real time: the others take long."""
 
 

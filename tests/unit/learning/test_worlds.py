@@ -99,7 +99,7 @@ def test_the_pilot_finds_the_light_whatever_its_sensors_and_its_steering_mean(wo
     assert sum(one.time for one in late) < 1.25 * sum(one.optimal_time for one in late)
 
 
-@pytest.mark.parametrize("name", ["pilot", "sweeps", "thesis"])
+@pytest.mark.parametrize("name", [pytest.param("pilot", marks=pytest.mark.long), "sweeps", "thesis"])
 def test_what_a_learner_tells_of_its_table_survives_the_file_of_its_trial(name: str) -> None:
     about = make(name, Config(), np.random.default_rng(0)).table().about
     assert not {*about} & {*KEPT, "learned", "paths"}
