@@ -8,7 +8,7 @@ no interpreter.
 """
 
 import asyncio
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final, NamedTuple, Protocol
@@ -25,7 +25,7 @@ BATCH: Final = 0.5  # s between two batches on the real clock: what a crash may 
 
 BATCH_MAX: Final = 5.0  # s of the robot's time in a batch at full speed
 
-BACKLOG: Final = 20  # batches that may wait for the writer on the real clock
+BACKLOG: Final = 20  # batches that may wait for the writer: more are lost on the real clock, waited for at full speed
 
 
 class Sink(Protocol):
@@ -85,7 +85,7 @@ class Recorder:
         self._shared = writer is not None
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: set[asyncio.Future[None]] = set()
-        self._writing: Future[None] | None = None  # at full speed: the block before
+        self._writing: deque[Future[None]] = deque()  # at full speed: blocks that are not known to be written
         self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
         if runtime.bus.maker is None:
             runtime.bus.maker = self
@@ -186,13 +186,13 @@ class Recorder:
             self._lost = batch.lost + lost
 
     def _encode_here(self) -> None:
-        """Make the batch's bytes in the loop, and have the thread write them when it has written those before."""
-        if self._writing is not None:
-            self._writing.result()
+        """Make the batch's bytes in the loop, and have the thread write them."""
+        while len(self._writing) > BACKLOG or (self._writing and self._writing[0].done()):
+            self._writing.popleft().result()
         if self._failure is None:
             block = self._encode(self._take_batch())
             if block is not None:
-                self._writing = self._writer.submit(self._write_block, block)
+                self._writing.append(self._writer.submit(self._write_block, block))
 
     # -- in the writer's thread --------------------------------------------------------------------------------
 
