@@ -14,6 +14,7 @@ import json
 import os
 from contextlib import AsyncExitStack
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,9 +81,18 @@ async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[st
         return {
             "late_s": [(now + 1e-9) % controller.PERIOD for task, now in steps[began:] if task == number],
             "misses": statistics["controller"].misses,
+            "missed_at_s": missed_at([now for task, now in steps if task == number]),
             "robot_cpu_share": (_cpu_s(os.getpid()) - own) / duration,
             "drawing_cpu_share": (_cpu_s(drawing) - drawn_before) / duration,
         }
+
+
+def missed_at(begun: list[float]) -> list[float]:
+    """When cycles were missed, s: the ends of the gaps between those that have begun."""
+    slots = [int((now + 1e-9) / controller.PERIOD) for now in begun]
+    return [
+        round(now, 2) for now, (before, after) in zip(begun[1:], pairwise(slots), strict=True) if after > before + 1
+    ]
 
 
 async def circle(wheel: CommandSource, ticks: Ticks) -> None:

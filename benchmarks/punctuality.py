@@ -50,6 +50,7 @@ class Round(NamedTuple):
     misses: int
     cpu: float = 0.0
     drawing_cpu: float = 0.0
+    missed_at: tuple[float, ...] = ()  # s
 
 
 def main(*, quick: bool) -> None:
@@ -122,6 +123,8 @@ def alone(duration: float, *, realtime: bool = False) -> None:
         f"cycles missed (limit 0: {verdict(result.misses == 0)}); latest start {result.max:.0f} us; processor time "
         f"{100.0 * result.cpu:.1f} % of a core, and {100.0 * result.drawing_cpu:.1f} % for the screens"
     )
+    if result.missed_at:
+        print("missed before", ", ".join(f"{at:g} s" for at in result.missed_at))
 
 
 @contextmanager
@@ -158,7 +161,8 @@ def robot(duration: float, *, realtime: bool = False) -> Round:
             raise SystemExit(f"punctuality: the robot ended with code {code}\n{errors.read().decode()}")
         result = json.loads(report.read_text(encoding="utf-8"))
     late = _round([1e6 * each for each in result["late_s"]], result["misses"])
-    return late._replace(cpu=result["robot_cpu_share"], drawing_cpu=result["drawing_cpu_share"])
+    shares = {"cpu": result["robot_cpu_share"], "drawing_cpu": result["drawing_cpu_share"]}
+    return late._replace(**shares, missed_at=tuple(result["missed_at_s"]))
 
 
 def _round(late: list[float], misses: int) -> Round:
