@@ -231,6 +231,7 @@ def test_a_recording_on_the_real_clock_that_breaks_off_replays_as_far_as_it_goes
     assert verdict.compared > 500
 
 
+@pytest.mark.long
 def test_one_altered_gain_on_the_real_clock_is_found_at_its_tick(tmp_path: Path) -> None:
     async def program(robot: Robot) -> None:
         await robot.drive(0.5, 0.3, 1.5)

@@ -68,7 +68,14 @@ def takes_signals(process: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc to see the first import")
-@pytest.mark.parametrize("command", [["run", "--headless"], ["board", "--tcp", "0"], ["experiment", "linear-steps"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "--headless"],
+        pytest.param(["board", "--tcp", "0"], marks=pytest.mark.long),
+        pytest.param(["experiment", "linear-steps"], marks=pytest.mark.long),
+    ],
+)
 def test_ctrl_c_at_any_moment_from_the_first_import_on_ends_it_with_130_and_no_traceback(
     command: list[str], tmp_path: Path
 ) -> None:
