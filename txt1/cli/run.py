@@ -30,6 +30,7 @@ from txt1.record.session import need
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
+from txt1.ui.viewer import DRIVING
 
 if TYPE_CHECKING:
     from txt1.learning.agent import Agent
@@ -131,6 +132,7 @@ async def _operate(
             await bridges.enter_async_context(node(robot))
         alongside: list[asyncio.Future[Any]] = []
         more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
+        shown = None if link is None else {"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING
         if link is not None:
             await bridges.enter_async_context(bridge(robot, "fleet", fleet, link.requests))
             if arguments.cooperate is not None:
@@ -146,7 +148,7 @@ async def _operate(
         getting_ready = asyncio.ensure_future(prepare())
         bridges.enter_context(served(robot.runtime))
         try:
-            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, more=more)
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
             await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *alongside)
         finally:
             getting_ready.cancel()

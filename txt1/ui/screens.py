@@ -156,7 +156,9 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("BUZZER", "link lost or battery low"),
         ("RX TX", "toggle with every message received and sent"),
     )
-    rows = driving if viewer.keys == DRIVING else tuple(viewer.keys.items())
+    rows: tuple[tuple[str, str], ...] = tuple(viewer.keys.items())
+    if viewer.keys.items() >= DRIVING.items():
+        rows = (driving[0], *(row for row in rows if row[0] not in DRIVING), *driving[1:])
     taken = [max(1, len(wrap(text, max(1, width - 12)))) for _, text in rows]
     shown = sum(until <= room for until in accumulate(taken))
     if shown < len(rows):

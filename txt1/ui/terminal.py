@@ -32,7 +32,7 @@ Reason = Literal["quit", "lost"]
 INTERVAL: Final = 0.1  # s between snapshots
 BACKLOG: Final = 0.5  # s: keys older than that, found after this process was held up, no longer drive or arm
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
-_ALWAYS: Final = frozenset(("space", "q"))
+_ALWAYS: Final = frozenset(("space", "x", "q"))
 
 
 class Terminal:
@@ -40,7 +40,7 @@ class Terminal:
 
     The keys are for `robot`; `keys` takes the driving keys' commands, None where somebody else drives; `beat` is s
     (real time) between the drawing process's heartbeats; `shown` the keys to show and their meaning, if no robot's;
-    `more` does what further keys mean (e, b, r), and may refuse.
+    `more` does what further keys mean (e, b, r, n, x), and may refuse.
     Entering raises TerminalLost if standard input or output is no terminal.
     """
 

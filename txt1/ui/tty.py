@@ -73,8 +73,8 @@ def write(data: bytes) -> None:
 
 _ARROWS: Final = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _PLAIN: Final = {
-    **{bytes([code]): chr(code) for code in b"cmq?wasd+-ebr"},
-    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBR"},  # caps lock must not disable the keyboard
+    **{bytes([code]): chr(code) for code in b"cmq?wasd+-ebrnx"},
+    **{bytes([code]): chr(code).lower() for code in b"CMQWASDEBRNX"},  # caps lock must not disable the keyboard
     b" ": "space",
     b"=": "+",
     b"_": "-",

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from txt1.cli import board
+from txt1.ui import console, helm, replay
 from txt1.ui.tty import Keys
+from txt1.ui.viewer import DRIVING
 
 
 @pytest.mark.parametrize(
@@ -21,7 +26,8 @@ from txt1.ui.tty import Keys
         (b"\x1b[5~\x1b[15~\x1bOP", []),
         ("äöü€🤖".encode(), []),
         (b"\xff\xfe\x80\x00\x01", []),
-        (b"xyz\r\n\t", []),
+        (b"nxNX", ["n", "x", "n", "x"]),
+        (b"tyz\r\n\t", []),
     ],
 )
 def test_names(data: bytes, names: list[str]) -> None:
@@ -41,3 +47,10 @@ def test_how_the_bytes_are_cut_does_not_matter(data: bytes, draw: st.DataObject)
     cut = draw.draw(st.integers(0, len(data)))
     keys = Keys()
     assert keys.feed(data[:cut]) + keys.feed(data[cut:] + b"q") == whole
+
+
+@pytest.mark.parametrize("shown", [DRIVING, board.SHOWN, replay.KEYS, helm.KEYS, console.KEYS, {"x": "stop all"}])
+def test_every_key_that_a_footer_names_is_understood(shown: Mapping[str, str]) -> None:
+    for key in shown:
+        typed = [each for each in key.replace(" ", "") if each.isascii()]
+        assert key.lower() == "space" or Keys().feed("".join(typed).encode()) == typed

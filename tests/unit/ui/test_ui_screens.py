@@ -22,7 +22,7 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.screens import SCREENS, render
 from txt1.ui.tables import in_force, visible
 from txt1.ui.text import count, duration, number, run_time
-from txt1.ui.viewer import Viewer
+from txt1.ui.viewer import DRIVING, Viewer
 
 NAMES = list(SCREENS)
 
@@ -220,6 +220,14 @@ def test_other_keys_take_the_place_of_driving_in_footer_and_help() -> None:
     viewer.help = True
     text = "\n".join(printed(full(), viewer, 80, 24))
     assert "pause" in text and "drive" not in text
+
+
+def test_a_key_that_a_robot_of_a_fleet_has_besides_stands_among_the_others() -> None:
+    viewer = Viewer({"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING)
+    assert printed(full(), viewer, 80, 24)[-1].startswith("SPACE stop x stop all q quit")
+    viewer.help = True
+    text = "\n".join(printed(full(), viewer, 80, 24))
+    assert "EMERGENCY STOP" in text and "stop all" in text
 
 
 def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:

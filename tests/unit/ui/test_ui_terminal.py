@@ -204,6 +204,11 @@ def test_keys_from_before_a_standstill_stop_but_do_not_drive(terminal: Terminal,
     robot.command.assert_not_called()
 
 
+def test_a_stop_of_all_from_before_a_standstill_is_a_stop_of_all(robot: Mock) -> None:
+    beat(Terminal(robot, more={"x": robot.stop_all}), "x", age=10.0)
+    robot.stop_all.assert_called_once_with()
+
+
 def test_every_button_is_pressed(terminal: Terminal, robot: Mock) -> None:
     beat(terminal, "left", "right", "up", "down", "c")
     pressed = [call.args[0] for call in robot.press.call_args_list]
