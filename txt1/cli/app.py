@@ -34,6 +34,7 @@ from txt1.runtime import Runtime
 from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
+from txt1.ui import tty
 from txt1.ui.line import SHOWN, status_line
 from txt1.ui.terminal import Terminal
 
@@ -177,8 +178,7 @@ class App:
     async def _watch(
         self, runtime: Runtime, terminal: Callable[[], Terminal], view: View, *ends: asyncio.Future[Any]
     ) -> None:
-        draws = sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-        if view == "screens" and self.speed != "max" and draws:
+        if view == "screens" and self.speed != "max" and tty.drawable():
             async with terminal() as screens:
                 runtime.add_task("screens", SCREENS_PRIORITY, SCREENS_PERIOD, screens.screens)
                 operator = asyncio.ensure_future(screens.wait())

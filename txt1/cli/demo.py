@@ -2,7 +2,6 @@
 
 import argparse
 import shlex
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +10,7 @@ from txt1.cli import OK, execute
 from txt1.cli.options import SEED, add, takes, unused
 from txt1.errors import installs
 from txt1.record.session import MODULES
+from txt1.ui import tty
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Drive, learn, and show what was learned; the exit code of the first command that failed."""
     out = arguments.out or unused(Path("out/demo"))
-    for about, words in steps(out, str(arguments.seed or 1), screens=sys.stdout.isatty()):
+    for about, words in steps(out, str(arguments.seed or 1), screens=tty.drawable()):
         print(f"\n{about}\n\n    txt1 {shlex.join(words)}\n", flush=True)
         code = execute(words)
         if code != OK:

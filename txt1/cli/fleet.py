@@ -4,7 +4,6 @@ import argparse
 import asyncio
 import json
 import os
-import sys
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from functools import partial
@@ -24,6 +23,7 @@ from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.record.session import need
+from txt1.ui import tty
 from txt1.ui.helm import KEYS, Helm
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
@@ -148,7 +148,7 @@ def _console(arguments: argparse.Namespace) -> int:
             return _stop_all(peer)
         if page is not None:
             return App().run(_page(peer, page))
-        if arguments.headless or arguments.json or not sys.stdin.isatty():
+        if arguments.headless or arguments.json or not tty.drawable():
             peer.listen(arguments.duration or 3.0)
             print(json.dumps([one._asdict() for one in peer.members()]))
             return OK

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import sys
 from collections.abc import Callable
 from typing import Final
 
@@ -125,7 +124,7 @@ async def play(recording: Snapshots, speed: float, start: float | None, loop: bo
     player = Player(recording, speed, loop, asyncio.get_running_loop().time)
     if start is not None:
         player.seek(start)
-    if sys.stdin.isatty() and sys.stdout.isatty():
+    if tty.drawable():
         async with Terminal(player, teleop=player, shown=KEYS) as terminal:
             await terminal.wait()
         return

@@ -8,6 +8,7 @@ it along: the space bar is the emergency stop.
 import os
 import re
 import select
+import sys
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +22,11 @@ LEAVE: Final = b"\x1b[0m\x1b[2J\x1b[H\x1b[?25h\x1b[?1049l"
 """Colours off, cleared (after a resize tmux would leave the text behind), cursor, the screen as it was."""
 
 Modes = list[Any]  # what termios.tcgetattr returns
+
+
+def drawable() -> bool:
+    """Return whether input and output are a terminal that can be drawn on, as one with TERM=dumb cannot."""
+    return sys.stdin.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def saved() -> Modes:
