@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import time
 import warnings
+from ast import literal_eval
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -243,6 +245,12 @@ def test_the_package_lists_its_public_names() -> None:
     assert set(txt1.__all__) <= set(dir(txt1))
     text = python("-c", "import pydoc, txt1; print(pydoc.render_doc(txt1, renderer=pydoc.plaintext))")
     assert "class Robot" in text and "run(main" in text
+
+
+def test_a_source_distribution_has_every_folder_that_a_wheel_ships() -> None:
+    (folders,) = re.findall(r"(?m)^SHIPPED = (\(.*\))$", (ROOT / "setup.py").read_text())
+    grafted = re.findall(r"(?m)^graft (\S+)$", (ROOT / "MANIFEST.in").read_text())
+    assert {folder.partition("/")[0] for folder in literal_eval(folders)} <= set(grafted)
 
 
 def test_a_speed_that_is_none_is_refused_and_the_coroutine_put_away() -> None:
