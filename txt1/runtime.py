@@ -40,6 +40,7 @@ from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
 from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
 from txt1.tasks.fields import GainTable, TaskReport
+from txt1.tasks.markers import MARKERS
 from txt1.tasks.obstacle_stop import LaserGuard
 from txt1.tasks.roll_guard import watching
 from txt1.tasks.state import State
@@ -175,7 +176,7 @@ class Runtime:
         return self._counts
 
     def _offer_to_snapshots(self) -> None:
-        """Offer what snapshots tell beside that."""
+        """Offer what snapshots tell beside that, and its surroundings to views in three dimensions."""
         state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
         size, shape = (sim.room.length, sim.room.width), self.config.geometry
         body = shape.length, shape.width, shape.centre
@@ -196,6 +197,7 @@ class Runtime:
         )
         bus.offer(fields.BACKLIGHT, lambda: state.backlight)
         bus.offer(fields.SURROUNDINGS, lambda: surroundings)
+        bus.offer(MARKERS, lambda: surroundings)
         bus.offer(fields.TASK_REPORTS, self._task_reports)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
 

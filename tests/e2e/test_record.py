@@ -113,6 +113,16 @@ def test_a_minute_is_read_by_mcap_ros2_support(minute: Path) -> None:
     assert messages["/rosout"].msg == "disarmed: the run has ended"
 
 
+def test_body_light_and_walls_are_there_for_views_in_three_dimensions(minute: Path) -> None:
+    body, light, walls = last(minute)["/markers"].markers
+    assert (body.type, body.header.frame_id, body.scale.x, body.scale.y) == (1, "base_footprint", 0.51, 0.385)
+    assert (light.type, light.header.frame_id, light.pose.position.x) == (2, "room", 0.0)
+    assert (walls.type, walls.header.frame_id) == (4, "room")
+    corners = [(point.x, point.y) for point in walls.points]
+    assert corners == [(2.5, 2.5), (-2.5, 2.5), (-2.5, -2.5), (2.5, -2.5), (2.5, 2.5)]
+    assert [each.id for each in (body, light, walls)] == [0, 1, 2]
+
+
 def test_a_minute_is_read_by_rosbags(minute: Path) -> None:
     with AnyReader([minute]) as reader:
         assert {c.topic: c.msgcount for c in reader.connections if c.topic in EVERY_CYCLE} == dict.fromkeys(

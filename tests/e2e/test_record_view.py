@@ -26,7 +26,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from txt1.cli import execute
+from txt1.cli import app, execute
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
@@ -452,7 +452,7 @@ def test_what_is_no_twist_is_no_command() -> None:
 
 # -- the layout --------------------------------------------------------------------------------------------------
 
-LAYOUT = json.loads((ROOT / "docs" / "txt1.foxglove-layout.json").read_text())
+LAYOUT = json.loads(app.LAYOUT.read_text())  # the file that `--view` names
 PANELS: dict[str, type] = {
     "3D": layouts.ThreeDeeConfig,
     "Plot": layouts.PlotConfig,
@@ -501,7 +501,7 @@ def test_the_layout_shows_values_that_there_are() -> None:
     messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {
-        "/odom", "/pose", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
+        "/odom", "/pose", "/markers", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
     }  # fmt: skip
     for path in named:
         topic, *names = path.split(".")

@@ -31,6 +31,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.record.session import open_view, recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.shipped import shipped
 from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
 BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
 PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
+LAYOUT: Final = shipped("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
 
 View = Literal["screens", "lines", "nothing"]
 
@@ -251,6 +253,7 @@ async def live_view(arguments: argparse.Namespace, *, control: bool = False) -> 
         return None
     view = await asyncio.to_thread(open_view, *place, control=control, token=token)
     say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
+    say(f"its layout for Foxglove, to be imported from file: {LAYOUT}")
     return view
 
 

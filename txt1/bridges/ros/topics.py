@@ -42,8 +42,12 @@ STANDARD: Final[dict[str, tuple[str, Quality]]] = {
 }
 """Topics of the table that have a name of ROS's own."""
 
-NOT_TOLD: Final = frozenset({"/tf_room", "/snapshot", "/input", "/steps", "/link", "/cmd_vel"})
-"""Topics for recordings alone. ``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``."""
+NOT_TOLD: Final = frozenset({"/tf_room", "/markers", "/snapshot", "/input", "/steps", "/link", "/cmd_vel"})
+"""Topics for recordings and the live view alone.
+
+``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``; ``/markers``: RViz has the
+description of the robot, and not every ROS has the message.
+"""
 
 define(
     "sensor_msgs/JointState",
