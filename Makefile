@@ -18,7 +18,7 @@ VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros try-bare lint wheel bench docs docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros try-bare lint wheel torture bench docs docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
@@ -70,7 +70,7 @@ docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link check
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict
 
 docs-version: docs  ## keep the pages as VERSION, beside the others, on the branch gh-pages; MIKE=--push publishes it
-	NO_MKDOCS_2_WARNING=1 PATH="$(CURDIR)/$(DOCS)/bin:$$PATH" mike deploy $(MIKE) $(VERSION) $(ALIAS)
+	NO_MKDOCS_2_WARNING=1 COLUMNS=100 PATH="$(CURDIR)/$(DOCS)/bin:$$PATH" mike deploy $(MIKE) $(VERSION) $(ALIAS)
 
 docs-links: docs  ## the links that lead out of the pages, tried one by one; needs a network
 	$(DOCS)/bin/python docs/links.py build/site
