@@ -50,6 +50,7 @@ MISTAKES = (
     Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed:")),
     Mistake(f"{RUN} --source ouija", ("'ouija'", "--source")),
     Mistake("sensor check nose", ("'nose'", "light")),
+    Mistake("service install --user run --fly", ("--fly", "txt1 run --help")),
     # files
     Mistake(f"{RUN} --config FOLDER/none.yaml", ("none.yaml", "No such file", "--config")),
     Mistake(f"{RUN} --config FOLDER", ("FOLDER", "directory")),

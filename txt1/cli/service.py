@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from txt1.cli import OK, options
+from txt1.cli import OK, options, parsed
 from txt1.cli.app import say
 from txt1.cli.options import flag, takes
 from txt1.errors import ConfigError
@@ -120,12 +120,8 @@ def unit_path(name: str, *, system: bool) -> Path:
 
 def run_options(words: Sequence[str]) -> list[str]:
     """Return the options of `run` for a service, without screens and never armed; ConfigError for those that arm."""
-    from txt1.cli import run
-
     given = list(words[1:] if words[:1] in (["run"], ["--"]) else words)
-    parser = argparse.ArgumentParser(prog="txt1 service install run")
-    run.add_arguments(parser)
-    told = parser.parse_args(given)
+    told = parsed(["run", *given])
     if told.arm:
         raise ConfigError(
             "--arm: a service comes up by itself, so it never arms; leave it out, and arm when you see it"
