@@ -1,4 +1,7 @@
-"""What the pages tell to type: every command is one, and those of the first hour run as they stand, page by page."""
+"""What the pages tell to type: every command is one, and those of the first hour run as they stand, page by page.
+
+What they name besides is there, too: settings, files, modules, targets of make; and their YAML is valid.
+"""
 
 import os
 import re
@@ -7,16 +10,27 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+import yaml
 
 from txt1.cli import parsed
+from txt1.config import Config, checked, flatten, load
+from txt1.experiments.profile import Profile
+from txt1.fleet.plan import FleetPlan
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+EACH = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 TEMPLATE = re.compile(r"\.\.\.|^\[|^[A-Z][A-Z0-9_]+([:=,].*)?$")  # a word that stands for others
+MENTION = ("required", "expected one argument")  # a command that a sentence names without all that it takes
 FILE = re.compile(r'```\w+ title="([\w.]+)"\n(.*?)```', re.DOTALL)  # one that the reader is to write
+PART = re.compile(r"`((?:benchmarks|config|docs|examples|firmware|image|tests|torture|txt1)/[\w./-]+)`")  # of the tree
+FOLDERS = ("benchmarks", "docs", "torture")  # whose modules are run with python -m
+SUFFIXES = ("csv", "json", "png", "md", "py", "yaml")  # of files whose names are no settings
 TUTORIALS = ("task", "light", "tune", "car", "sensor", "fleet")
 PATIENCE = 2.0  # s that a command gets before Ctrl-C, as an operator ends what runs for ever
 
@@ -31,19 +45,67 @@ def commands(page: Path) -> Iterator[list[str]]:
         yield words[1:] if "=" in words[0] else words
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def told(page: Path) -> Iterator[list[str]]:
+    """The words behind `txt1` of each command in a page, also within sentences, in which no word stands for others."""
+    inside = (shlex.split(each) for each in re.findall(r"`(txt1\s[^`]+)`", page.read_text("utf-8")))
+    for words in (*commands(page), *inside):
+        if words[0] == "txt1" and not any(TEMPLATE.search(word) for word in words):
+            yield words[1 : next((k for k, word in enumerate(words) if word in (">", "|")), None)]
+
+
+@EACH
 def test_every_command_that_a_page_names_is_one(
     page: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    for words in commands(page):
-        if words[0] != "txt1" or any(TEMPLATE.search(word) for word in words):
-            continue
+    for words in told(page):
         try:
-            parsed(words[1 : words.index(">") if ">" in words else None])
+            parsed(words)
         except SystemExit as ended:
-            told = capsys.readouterr().err
-            assert ended.code == 0 or "there is no file" in told, f"{shlex.join(words)}: {told}"
+            said = capsys.readouterr().err
+            allowed = ended.code == 0 or any(each in said for each in ("there is no file", *MENTION))
+            assert allowed, f"{shlex.join(words)}: {said}"
+        load(None, [value for option, value in pairwise(words) if option == "--set"])
+
+
+@EACH
+def test_every_setting_that_a_page_names_is_one(page: Path) -> None:
+    known = dict(flatten(Config()))
+    sections = {key.partition(".")[0] for key in known}
+    for key in re.findall(r"`(?:--set )?([a-z_]+(?:\.[a-z0-9_]+)+)(?:[=:][^`]*)?`", page.read_text("utf-8")):
+        if key.partition(".")[0] not in sections or key.rpartition(".")[2] in SUFFIXES:
+            continue
+        within = {name for name in known if f"{name}.".startswith(f"{key}.")}
+        free = {name for name, value in known.items() if value == {} and key.startswith(f"{name}.")}
+        assert within | free, key
+
+
+@EACH
+def test_every_file_module_and_target_that_a_page_names_is_there(page: Path) -> None:
+    text = page.read_text("utf-8")
+    assert [path for path in PART.findall(text) if not (ROOT / path).exists()] == []
+    modules = {name.replace(".", "/") for name in re.findall(r"python\s+-m\s+([\w.]+)", text)}
+    modules |= {f"benchmarks/{name}" for name in re.findall(r"python\s+-m\s+benchmarks\s+(\w+)", text)}
+    own = {name for name in modules if name.partition("/")[0] in FOLDERS}
+    assert [name for name in own if not ((ROOT / name).is_dir() or (ROOT / f"{name}.py").exists())] == []
+    targets = set(re.findall(r"(?m)(?:`|^ {4,})make ([a-z-]+)", text))
+    (phony,) = re.findall(r"(?m)^\.PHONY: (.*)$", (ROOT / "Makefile").read_text("utf-8"))
+    assert targets <= set(phony.split())
+
+
+@EACH
+def test_every_block_of_yaml_on_a_page_is_valid(page: Path, tmp_path: Path) -> None:
+    for text in re.findall(r"```yaml[^\n]*\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+        tree = yaml.safe_load(text)
+        if "title" in tree:
+            Profile.model_validate(tree)
+        elif "robots" in tree:
+            FleetPlan.model_validate(tree)
+        else:
+            (tmp_path / "block.yaml").write_text(text, "utf-8")
+            config = load(tmp_path / "block.yaml").config
+            if config.hal_options:
+                checked(import_module(f"txt1.hal.{config.hal}").Options, config.hal_options, "hal_options")
 
 
 def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
