@@ -239,7 +239,7 @@ def _rendezvous(kept: Kept, seeds: int, folder: Path | None) -> None:
             own = sorted(time for n, time, _ in runs if n == count and time is not None)
             axes[0].plot(own, [(at + 1) / len(own) for at in range(len(own))], label=f"{count} cars", **look)
         axes[0].set(xlabel="time until all are in their slots, s", ylabel="share of the runs that got there")
-        axes[0].set_title("Rendezvous over switching graphs")
+        axes[0].set_title(f"Rendezvous over switching graphs, {len(runs)} runs", fontsize="medium")
         axes[0].legend()
         figure.savefig(folder / "rendezvous.png", dpi=150)
 
@@ -254,9 +254,10 @@ def _search(kept: Kept, seeds: int, folder: Path | None) -> None:
     table(f"Light search in a hall of 10 x 10 m, {seeds} seeds", heads, rows)
     if folder is not None:
         figure, axes = _figure(1)
-        axes[0].errorbar(list(times), [mean(each) for each in times.values()], list(half.values()), fmt="o-", capsize=4)
-        axes[0].set(xlabel="robots", ylabel="time, s", ylim=(0.0, None))
-        axes[0].set_title(f"Time to the light: mean of {seeds} seeds, 95 %")
+        means = [mean(each) for each in times.values()]
+        axes[0].errorbar(list(times), means, list(half.values()), fmt="o-", capsize=4, color=COLOURS[0])
+        axes[0].set(xlabel="robots", ylabel="time to the light, s", ylim=(0.0, None))
+        axes[0].set_title(f"Light search: mean of {seeds} seeds, with 95 %", fontsize="medium")
         figure.savefig(folder / "search.png", dpi=150)
 
 

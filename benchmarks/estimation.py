@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks import seeds
 from txt1.config.schema import EstimationConfig
 from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
-from txt1.experiments.figures import COLOURS
+from txt1.experiments.figures import LOOKS
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -143,10 +143,10 @@ def draw(found: dict[str, Errors], file: Path, count: float) -> None:
 
     figure = Figure(figsize=(7.5, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    for (name, errors), colour in zip(found.items(), (*COLOURS, "#CC79A7", "#56B4E9"), strict=True):
+    for (name, errors), look in zip(found.items(), LOOKS, strict=False):
         time, position, heading = np.array(errors.rows)[::10].T
-        above.semilogy(time, np.maximum(position, 1e-4), linewidth=0.9, label=name, color=colour)
-        below.semilogy(time, np.maximum(heading, 1e-5) * 180.0 / pi, linewidth=0.9, color=colour)
+        above.semilogy(time, np.maximum(position, 1e-4), linewidth=0.9, label=name, **look)
+        below.semilogy(time, np.maximum(heading, 1e-5) * 180.0 / pi, linewidth=0.9, **look)
     above.set(ylabel="position error, m", title=f"{count:g} laps with 5 % slip and 0.1 s²/m² of understeer, seed 1")
     below.set(ylabel="heading error, degrees", xlabel="time, s")
     for axes in (above, below):

@@ -1,7 +1,8 @@
 """Makes docs/drive-tests.md and its figures: `python -m docs.drive_tests --real-time` drives everything again.
 
 Every number in the page is measured here, in seven minutes on two quiet processors. `--real-time` also drives
-against boards on pseudo-terminals, each in a process of its own.
+against boards on pseudo-terminals, each in a process of its own. `--only Tuning` (or battery-run) makes that section
+anew, all in virtual time, and leaves the rest of the page as it is.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from txt1.robot import Robot
 from txt1.sim.room import Room
 
 HERE = Path(__file__).parent
+PAGE = HERE / "drive-tests.md"
 FIGURES = HERE / "drive-tests"
 SERIAL = ("hal=serial", "serial.port=virtual")
 WEAK = (
@@ -67,38 +69,70 @@ def main() -> None:
     """Drive, draw and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--real-time", action="store_true", help="also drive against boards on pseudo-terminals")
+    parser.add_argument("--only", choices=ALONE, help="make this section alone anew")
     arguments = parser.parse_args()
     FIGURES.mkdir(exist_ok=True)
+    if arguments.only is not None:
+        renew(arguments.only, ALONE[arguments.only]())
+        return
     pty = on_ptys() if arguments.real_time else {}
     sim = {name: run(load_profile(name), "sim", "seed=1") for name in NAMES}
     again = {name: run(load_profile(name), "sim, another seed", "seed=2") for name in DRIVES}
     serial = {name: run(load_profile(name), "serial, virtual", "seed=1", *SERIAL) for name in NAMES}
-    empty = run(load_profile("battery-run"), "stop disabled", "seed=1", safe_end=False)
+    empty = emptied()
     lock = run(LOCK, "lock", "seed=1")
     parts = [INTRODUCTION, beside_the_thesis(sim, empty, lock)]
-    for name in NAMES:
-        parts.append(f"## {name}\n\n`txt1 experiment {name} --seed 1`\n")
-        runs = [sim[name]]
-        if name == "battery-run":
-            parts.append(BATTERY)
-            runs = [each._replace(label=label) for each, label in (
-                (sim[name], "stop at the safe end"), (serial[name], "the same, serial, virtual"), (empty, empty.label)
-            )]  # fmt: skip
-        parts.append(picture(name, runs))
-        parts.append(markdown(runs))
-        parts.append("\n".join(ending(each) for each in runs) + "\n")
-        if name in DRIVES:
-            both = run_folder.alike([sim[name], serial[name], *([pty[name]] if name in pty else [])])
-            parts.append("By the encoders, beside the same behind the wire protocol:\n")
-            parts.append(picture(f"{name}-serial", both))
-            parts.append(markdown(both))
+    for name in DRIVES:
+        parts += section(name, [sim[name]])
+        both = run_folder.alike([sim[name], serial[name], *([pty[name]] if name in pty else [])])
+        parts.append("By the encoders, beside the same behind the wire protocol:\n")
+        parts.append(picture(f"{name}-serial", both))
+        parts.append(markdown(both))
+    parts.append(battery_run(sim["battery-run"], serial["battery-run"], empty))
     parts.append(behind_the_wire(sim, [again, serial, pty], BEHIND_THE_WIRE))
     parts.append(f"## To a pose\n\n{POSES}\n{paragraph(f'{sentence(pose_trips())}.')}")
-    parts.append(TUNING)
+    parts.append(tunings())
+    PAGE.write_text("\n".join(parts).rstrip() + "\n")
+
+
+def renew(heading: str, text: str) -> None:
+    """Put another text in place of the page's section of this heading."""
+    before, _, rest = PAGE.read_text().partition(f"\n## {heading}\n")
+    _, mark, after = rest.partition("\n## ")
+    PAGE.write_text(f"{before}\n{text.rstrip()}\n{mark}{after}")
+
+
+def section(name: str, runs: list[Run]) -> list[str]:
+    """The parts that tell of a test."""
+    head = f"## {name}\n\n`txt1 experiment {name} --seed 1`\n"
+    ends = "\n".join(ending(each) for each in runs) + "\n"
+    return [head, *([BATTERY] if name == "battery-run" else []), picture(name, runs), markdown(runs), ends]
+
+
+def emptied() -> Run:
+    """The battery run until the packs cut off."""
+    return run(load_profile("battery-run"), "stop disabled", "seed=1", safe_end=False)
+
+
+def battery_run(sim: Run, serial: Run, empty: Run) -> str:
+    """The section on the battery run."""
+    whole, wired = sim._replace(label="stop at the safe end"), serial._replace(label="the same, serial, virtual")
+    return "\n".join(section("battery-run", [whole, wired, empty]))
+
+
+def battery_runs() -> str:
+    """The same, driven again."""
+    profile = load_profile("battery-run")
+    return battery_run(run(profile, "sim", "seed=1"), run(profile, "serial, virtual", "seed=1", *SERIAL), emptied())
+
+
+def tunings() -> str:
+    """The section on tuning."""
+    parts = [TUNING]
     for title, key, settings in (("The nominal vehicle", "nominal", ()), (WEAK_TITLE, "weak", WEAK)):
         parts.append(f"### {title}\n")
         parts += tuning(key, settings)
-    (HERE / "drive-tests.md").write_text("\n".join(parts).rstrip() + "\n")
+    return "\n".join(parts)
 
 
 def configured(*settings: str) -> Config:
@@ -401,6 +435,8 @@ mean, too; so one half of the runs says when the response is highest and the oth
 way round. After ± is the standard error of that. An overshoot of 0.3 ± 0.2 % of a step of 0.1 rad/s is
 0.3 ± 0.2 mrad/s, a hundredth of what a single reading of the encoders is off.
 """
+
+ALONE: Final = {"battery-run": battery_runs, "Tuning": tunings}  # sections that need nothing of the others
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from txt1.config import Config, load
+from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.experiments.profile import load_profile
 from txt1.kernel.loop import run as run_loop
 from txt1.kernel.ticks import Ticks
@@ -96,22 +97,26 @@ def main() -> None:
     figure = Figure(figsize=(9.6, 4.0), dpi=120)
     left, right = figure.subplots(1, 2)
     v = np.linspace(0.15, 1.3, 120)
-    for label, style, model, bend in (
-        ("straight, the thesis's floor", "-", one, 0.0),
-        ("at full lock", "--", one, 1.0),
-        ("straight, carpet (1.5)", ":", Batteries(floor=1.5), 0.0),
+    for look, (label, model, bend) in zip(
+        LOOKS,
+        (
+            ("straight, the thesis's floor", one, 0.0),
+            ("at full lock", one, 1.0),
+            ("straight, carpet (1.5)", Batteries(floor=1.5), 0.0),
+        ),
+        strict=False,
     ):
         costs = [energy_per_metre(model, float(each), bend) for each in v]
         best = economical_speed(model, 1.5, bend)
-        (line,) = left.plot(v, costs, style, label=label)
-        left.plot([best], [energy_per_metre(model, best, bend)], "o", color=line.get_color())
-    left.set(xlabel="speed / m/s", ylabel="energy / J/m", ylim=(0.0, None), title="Consumption; o: economical speed")
+        left.plot(v, costs, label=label, **look)
+        left.plot([best], [energy_per_metre(model, best, bend)], "o", color=look["color"])
+    left.set(xlabel="speed, m/s", ylabel="energy, J/m", ylim=(0.0, None), title="Consumption; o: economical speed")
     left.legend()
     names = [f"{each.said} m/s" if isinstance(each.said, float) else f"“{each.said}”" for each in drives]
     bars = right.bar(["full load\n0.5 m/s", *names], [thesis.metres, *(each.metres for each in drives)],
-                     color=["0.6", *["#0072B2"] * len(drives)])  # fmt: skip
+                     color=["0.6", *[COLOURS[0]] * len(drives)])  # fmt: skip
     right.bar_label(bars, [f"{each.metres:.0f} m\n{each.minutes:.1f} min" for each in (thesis, *drives)])
-    right.set(ylabel="driven / m", title=f"The rectangle, {LEFT:.0f} min of full load left")
+    right.set(ylabel="driven, m", title=f"The rectangle, {LEFT:.0f} min of full load left")
     right.margins(y=0.18)
     figure.tight_layout()
     figure.savefig(PICTURE)
