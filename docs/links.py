@@ -10,6 +10,7 @@ import sys
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
+from http.client import HTTPException
 from pathlib import Path
 from typing import Final
 from urllib.error import HTTPError, URLError
@@ -40,7 +41,7 @@ def complaint(address: str) -> str:
             return ""
     except HTTPError as error:
         return "" if error.code in REFUSES else str(error)
-    except (URLError, OSError, ValueError) as error:
+    except (URLError, HTTPException, OSError, ValueError) as error:
         return str(error)
 
 
