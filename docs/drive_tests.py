@@ -47,6 +47,14 @@ LOCK = Profile(
     steps=tuple(Step(v=0.5 if omega is not None else 0.0, omega=omega or 0.0, seconds=4.0)
                 for omega in (None, 0.0, 0.5 / 0.56, 0.0)),
 )  # fmt: skip
+SEEN: Final = {
+    "velocities": "speed and yaw rate over time, beside their set-points",
+    "path": "the path, and the radius of the circle through it",
+    "waypoints": "the path with its waypoints, and the distance from each leg over time",
+    "battery": "the voltage over time, and the lines through it",
+    "steps": "the response to each step, with old and with new gains",
+}
+"""By a figure's layout, for readers who do not see it."""
 REPEATS: Final = 30
 """Runs of a test with each set of gains."""
 OTHER_SEED: Final = 1001
@@ -56,13 +64,13 @@ PAIRS: Final = 1000
 
 
 def markdown(runs: Sequence[Run]) -> str:
-    """The tables as Markdown."""
-    lines = []
+    """The tables as Markdown, folded up: the figures come first."""
+    lines = ['<details markdown="1">', "<summary>Tables</summary>", ""]
     for title, head, rows in report.tables(runs):
         lines += [f"**{title}**", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
         lines += [f"| {' | '.join(row)} |" for row in rows]
         lines.append("")
-    return "\n".join(lines)
+    return "\n".join([*lines, "</details>", ""])
 
 
 def main() -> None:
@@ -245,7 +253,7 @@ def tuning(key: str, settings: Sequence[str]) -> list[str]:
         for test, pair in zip(TESTS, pairs, strict=True):
             parts.append(old_and_new(pair))
             figures.draw(pair, FIGURES / f"{test}-tuned-{key}.png", "steps")
-            parts.append(shown(f"{test}-tuned-{key}"))
+            parts.append(shown(f"{test}-tuned-{key}", SEEN["steps"]))
         parts.append(paragraph(gain(pairs)))
         seeds = range(OTHER_SEED, OTHER_SEED + REPEATS)
         others = [Pair(*(over(seeds, test, file, settings) for file in (None, gains))) for test in TESTS]
@@ -289,12 +297,12 @@ def paragraph(text: str) -> str:
 def picture(name: str, runs: list[Run]) -> str:
     """Draw runs into a file, and the line that shows it."""
     figures.draw(runs, FIGURES / f"{name}.png")
-    return shown(name)
+    return shown(name, SEEN[runs[0].profile.figure])
 
 
-def shown(name: str) -> str:
-    """The line that shows a figure."""
-    return f"![{name}](drive-tests/{name}.png)\n"
+def shown(name: str, seen: str) -> str:
+    """The line that shows a figure, and says in words what is seen there."""
+    return f"![{name}: {seen}](drive-tests/{name}.png)\n"
 
 
 def ending(each: Run) -> str:
