@@ -87,6 +87,9 @@ async def test_one_stop_reaches_all_from_the_helm_and_the_keys_only_one() -> Non
         assert render(helm.snapshot, Viewer(), 100, 30)
         helm.stop()
         assert [robot.reason for robot in fleet.robots.values()] == ["emergency stop"] * 3
+        helm.toggle_esc()
+        await asyncio.sleep(0.1)
+        assert [robot.runtime.state.power.esc for robot in fleet.robots.values()] == [True, False, True]
 
 
 async def test_events_come_with_the_robots_name() -> None:

@@ -108,7 +108,8 @@ async def _operate(
             await asyncio.gather(*steering, asyncio.Future[None]())  # only an error of these ends the run
 
         preparing = asyncio.ensure_future(prepare())
-        terminal = partial(Terminal, helm, helm, app.beat, teleop, shown=KEYS, more={"n": helm.next})
+        more = {"n": helm.next, "e": helm.toggle_esc}
+        terminal = partial(Terminal, helm, helm, app.beat, teleop, shown=KEYS, more=more)
         lines = asyncio.ensure_future(_lines(fleet)) if view_of(arguments) == "lines" else None
         others = [robot.runtime.scheduler.ended for robot in robots[1:]]
         view = "nothing" if view_of(arguments) == "lines" else view_of(arguments)

@@ -55,6 +55,10 @@ class Helm:
         for robot in self._robots:
             robot.press(button)
 
+    def toggle_esc(self) -> None:
+        """Switch the ESC of the robot at hand off, or on again; raises CommandRefused, NotCapable."""
+        self._robots[self._at].toggle_esc()
+
     def tell(self, text: str) -> None:
         """Add a line to the event log of the robot at hand."""
         self._robots[self._at].tell(text)
