@@ -2,6 +2,8 @@
 
 const AHEAD = 0.15  // s that the pose is drawn ahead of the last telemetry, at most
 const STEP = 0.02  // m between two points of the path
+const JUMP = 0.5  // m from one telemetry to the next that tell that the robot was lifted ...
+const REACH = 2.0  // ... unless it could drive there at so many m/s
 const PATH_MAX = 8000
 const VIEW_MIN = 2.0  // m, the smallest view without a room
 
@@ -53,12 +55,13 @@ export class Map2d {
     }
     this.frame = topics["/pose"] ? "room" : estimate ? "estimate" : "odometry"
     this.#robot = { pose, v: odometry?.v ?? 0, omega: odometry?.omega ?? 0, at: performance.now() }
-    if (time <= this.#poses.at(-1)?.[0]) this.#poses = []
+    const elapsed = time - (this.#poses.at(-1)?.[0] ?? time)
+    if (elapsed <= 0) this.#poses = []
     this.#poses.push([time, pose])
     while (this.#poses[0][0] < time - 2) this.#poses.shift()
     const last = this.path.at(-1)
     const gone = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity
-    if (gone > 1 && last) this.path.push(null)  // it was put down somewhere else
+    if (last && gone > Math.max(JUMP, REACH * elapsed)) this.path.push(null)
     if (gone > STEP) this.path.push([pose[0], pose[1]])
     if (this.path.length > PATH_MAX) this.path.splice(0, 1000)
   }
