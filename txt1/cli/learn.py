@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from txt1.cli import DISARMED, OK, signals_to
 from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
+from txt1.cli.options import ARM, LOG, ROBOT, add, busy, count, flag, loaded, robot_speed, takes, unused
 from txt1.cli.trials import conduct
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
@@ -121,7 +121,8 @@ def _tell(metrics: dict[str, Any]) -> None:
 
 def _floor(config: Config, trials: int, episodes: int) -> int:
     """Print the floor beside the geometric optimum, for every start."""
-    floor, task = floor_of(config), task_of(config)
+    with busy("searching the best plan for each bearing of the light"):
+        floor, task = floor_of(config), task_of(config)
     print("trial,episode,bearing_rad,heading_rad,optimal_time_s,floor_s")
     sums = [0.0, 0.0]
     for trial in range(1, trials + 1):

@@ -73,7 +73,9 @@ def export_csv(arguments: argparse.Namespace) -> int:
         from txt1.record import rosbag1
 
         bag = arguments.output or arguments.file.with_suffix(".bag")
-        print(f"{bag}: {rosbag1.export(_chosen(arguments), bag)} messages")
+        with busy(f"writing {bag}"):
+            messages = rosbag1.export(_chosen(arguments), bag)
+        print(f"{bag}: {messages} messages")
         return OK
     directory = arguments.output or arguments.file.with_suffix("")
     with busy(f"writing {directory}"):

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from txt1.cli import OK
-from txt1.cli.options import CONFIGURATION, add_actions, loaded, takes
+from txt1.cli.options import CONFIGURATION, add_actions, busy, loaded, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,8 @@ def install(arguments: argparse.Namespace) -> int:
     from txt1.bridges.ros.python import home
 
     place = home()
-    install.install(place, arguments.distribution)
+    with busy(f"installing ROS 2 {arguments.distribution} into {place}, which takes minutes"):
+        install.install(place, arguments.distribution)
     print(f"ROS 2 {arguments.distribution} is in {place}; 'txt1 run --ros2' uses it where no other is installed")
     return OK
 
