@@ -22,7 +22,7 @@ MISTAKES = (
     # words and options
     Mistake("rnu", ("'rnu'", "did you mean 'run'?", "txt1 --help")),
     Mistake("--fly", ("--help",)),
-    Mistake("run --fly", ("--fly", "--help")),
+    Mistake("run --fly", ("--fly", "txt1 run --help")),
     Mistake("config", ("ACTION", "txt1 config --help")),
     Mistake("log catt first.mcap", ("'catt'", "cat")),
     Mistake("run fast", ("fast", "--help")),

@@ -153,7 +153,11 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     """Return the arguments that words are; a mistake in them is told, and ends the process (SystemExit)."""
     words = _joined(argv)
     named = next((word for word in words if not word.startswith("-")), "")
-    return parser({named}).parse_args(words)
+    whole = parser({named})
+    arguments, unknown = whole.parse_known_args(words)
+    if unknown:
+        whole.get_default("parsers").get(named, whole).error(f"unrecognized arguments: {' '.join(unknown)}")
+    return arguments
 
 
 def helps() -> Iterator[tuple[str, str]]:

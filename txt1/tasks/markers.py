@@ -1,4 +1,4 @@
-"""The topic ``/markers``: the body, the room, the light and what stands there, for views that draw in three dimensions."""
+"""The topic ``/markers``: the robot's body, the room, the light and obstacles for views in three dimensions."""
 
 from collections.abc import Iterable
 from typing import Any, Final
