@@ -1,48 +1,72 @@
 """Learning by several robots beside learning alone: repetitions to the same skill, full robots.
 
-``python -m benchmarks.learning_together [--teams 20] [--robots 4] [--episodes 24] [--minutes 5]``. Every kind has the
-same teams: the same robots, starts and noise. What came out is kept as it comes; the same command goes on.
+``python -m benchmarks.learning_together [--learner thesis] [--teams 20] [--robots 4] [--episodes 24] [--minutes 5]``.
+Every kind has the same teams: the same robots, starts and noise. What came out is kept as it comes; the same command
+goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.rounds import table
 from txt1.config import load
+from txt1.fleet.learned import Learned
 from txt1.fleet.plan import names
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
 from txt1.learning.provenance import code_hash
-from txt1.learning.thesis import ThesisAgent
-from txt1.learning.together import Shared, learn_together
+from txt1.learning.sharing import Lessons, Sharing
+from txt1.learning.together import Join, learn_together
 
-Share = Callable[[Mapping[str, ThesisAgent]], Shared]
 Times = list[list[float]]  # s to the light, by robot and episode; a failure counts as LIMIT
 LIMIT: Final = 60.0  # s of an episode
 SKILL: Final = 12.0  # s that each of ...
 IN_A_ROW: Final = 3  # ... so many episodes in a row takes at most
 RESAMPLES: Final = 2000
-KINDS: dict[str, Share | None] = {
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A way of learning together."""
+
+    lessons: Mapping[str, Any] = field(default_factory=dict)  # options of `Lessons`
+    sharing: Mapping[str, Any] = field(default_factory=dict)  # ... and of `Sharing`
+
+    def join(self) -> Join:
+        """Begin a team."""
+        lessons = Lessons(**self.lessons)
+        return lambda name, learner: Sharing(learner, lessons.of(name), **self.sharing)
+
+
+def reversed_by(name: str, own: Learned) -> Learned:
+    """The lie of the first: whatever is best is worst, and five times so."""
+    lie = tuple(tuple(-5.0 * value for value in row) for row in own.rows)
+    return own._replace(rows=lie) if name == "txt01" else own
+
+
+KINDS: dict[str, Kind | None] = {
     "alone": None,
-    "together": Shared,
-    "each explores at its own pace": partial(Shared, hurry=False),
-    "one of them lies": partial(Shared, lies=lambda name, q: -5.0 * q if name == "txt01" else q),
-    "one of them is lost": partial(Shared, lost=frozenset({"txt01"})),
+    "together": Kind(),
+    "each explores at its own pace": Kind(sharing={"hurry": False}),
+    "one of them lies": Kind({"lies": reversed_by}),
+    "one of them lies, all are believed": Kind({"lies": reversed_by}, {"liars": 0}),
+    "one of them is lost": Kind({"lost": frozenset({"txt01"})}),
 }
 
 
-def learned(share: Share | None, seed: int, robots: int, episodes: int) -> Times:
+def learned(kind: Kind | None, learner: str, seed: int, robots: int, episodes: int) -> Times:
     """How long each robot but the first took for each episode: the first lies, or is lost, in some kinds."""
     config = load(None, [f"learning.time_limit={LIMIT:g}"]).config
-    done = run(learn_together(config, seed, names(robots), episodes, share), speed="max")
+    join = None if kind is None else kind.join()
+    done = run(learn_together(config, seed, names(robots), episodes, join, learner), speed="max")
     return [[one.time if one.success else LIMIT for one in each] for name, each in done.items() if name != "txt01"]
 
 
@@ -65,30 +89,32 @@ def interval(teams: Sequence[float]) -> tuple[float, float]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--learner", default="thesis")
     parser.add_argument("--teams", type=int, default=20)
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--episodes", type=int, default=24)
     parser.add_argument("--minutes", type=float, help="begin no team after so many")
     parser.add_argument("--kept", type=Path, default=Path("out/learning_together.jsonl"), help="what came out so far")
     arguments = parser.parse_args()
-    given = [arguments.robots, arguments.episodes, code_hash()]
+    given = [arguments.learner, arguments.robots, arguments.episodes, code_hash()]
     lines = arguments.kept.read_text(encoding="utf-8").splitlines() if arguments.kept.exists() else []
     known = {(row["kind"], row["seed"]): row["times"] for row in map(json.loads, lines) if row["given"] == given}
     began = stopwatch_ns()
     arguments.kept.parent.mkdir(parents=True, exist_ok=True)
     for seed in range(arguments.teams):
-        for kind, share in KINDS.items():
+        for name, kind in KINDS.items():
             late = arguments.minutes is not None and stopwatch_ns() - began > 60.0 * arguments.minutes * NS_PER_S
-            if (kind, seed) in known or late:
+            if (name, seed) in known or late:
                 continue
-            known[kind, seed] = learned(share, seed, arguments.robots, arguments.episodes)
+            known[name, seed] = learned(kind, arguments.learner, seed, arguments.robots, arguments.episodes)
             with arguments.kept.open("a", encoding="utf-8") as kept:
-                row = {"kind": kind, "seed": seed, "given": given, "times": known[kind, seed]}
+                row = {"kind": name, "seed": seed, "given": given, "times": known[name, seed]}
                 print(json.dumps(row), file=kept)
-    _report(known, arguments.robots, arguments.episodes)
+    _report(known, arguments)
 
 
-def _report(known: Mapping[tuple[str, int], Times], robots: int, episodes: int) -> None:
+def _report(known: Mapping[tuple[str, int], Times], arguments: argparse.Namespace) -> None:
+    episodes = arguments.episodes
     whole = [seed for seed in range(1000) if all((kind, seed) in known for kind in KINDS)]
     thirds = [slice(at * episodes // 3, (at + 1) * episodes // 3) for at in range(3)]
     rows = []
@@ -102,8 +128,9 @@ def _report(known: Mapping[tuple[str, int], Times], robots: int, episodes: int) 
              *(_with_interval(data[:, :, third].mean(axis=(1, 2))) for third in thirds))
         )  # fmt: skip
     skill = f"{IN_A_ROW} in a row within {SKILL:g} s"
+    teams = f"{arguments.learner}: {len(whole)} teams of {arguments.robots}, {episodes} episodes"
     table(
-        f"{len(whole)} teams of {robots}, {episodes} episodes, a failure as {LIMIT:g} s; in brackets 95 % over teams",
+        f"{teams}, a failure as {LIMIT:g} s; in brackets 95 % over teams",
         ("", f"episodes until {skill}", "fewer than alone", *(f"s, {name} third" for name in ("first", "2nd", "last"))),
         rows,
     )

@@ -2,6 +2,10 @@
 
 import asyncio
 import json
+import os
+import signal
+import subprocess
+import sys
 from io import StringIO
 from itertools import pairwise
 from math import dist
@@ -15,14 +19,18 @@ from txt1.cli import execute
 from txt1.cli.fleet import line
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
+from txt1.fleet.learned import FORGET, LEARNED, Learned, learned_of
+from txt1.fleet.link import Link
 from txt1.fleet.members import FLEET
+from txt1.fleet.network import Peer
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.reading import robots_in
 from txt1.record.snapshots import Snapshots
+from txt1.robot import Robot
 from txt1.tasks.encoder import POSE
-from txt1.tasks.fields import VEHICLES
+from txt1.tasks.fields import EVENTS, VEHICLES
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.fleet import screen as fleet_screen
 from txt1.ui.helm import Helm
@@ -218,3 +226,73 @@ async def test_robots_search_the_light_together() -> None:
             await asyncio.sleep(0.5)
             found = any(dist(r.pose[:2], (2.5, 2.5)) < 0.5 for r in fleet.robots.values() if r.pose)
         assert found
+
+
+async def test_a_robot_that_learns_hears_others_for_a_while_and_tells_once_what_it_refuses() -> None:
+    async with Robot.open() as robot:
+        link = Link(robot)
+        table = Learned("thesis", 3, (1, 0), ((1.0, 2.0), (3.0, 4.0)))
+        link.teach(table)
+        assert Snapshot.take(robot.runtime.bus, robot.now, "", ["/learned"])[LEARNED] == table
+        told = json.loads(json.dumps(table._asdict()))
+        link.requests["learned"](who="txt02", learned=told, age=1.0)
+        link.requests["learned"](who="txt03", learned=told, age=0.0)
+        await asyncio.sleep(FORGET - 0.5)
+        assert link.taught() == {"txt03": table}, "txt02 is lost"
+        for _ in range(3):
+            link.requests["learned"](who="txt03", learned=None, why="has the number nan in row 1")
+        assert not link.taught()
+        events = [event.text for event in robot.runtime.state.events]
+        assert [text for text in events if "refuses" in text] == [
+            "refuses what txt03 has learned: it has the number nan in row 1"
+        ]
+
+
+@pytest.mark.long
+def test_a_robot_learns_together_with_others_on_the_network_of_whom_some_lie(tmp_path: Path) -> None:
+    pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    log, own = tmp_path / "run.mcap", f"learner{os.getpid()}"
+    words = ["run", "--name", own, "--fleet", "--learn", "thesis", "--share", "1", "--headless", "--log", str(log)]
+    told = {"honest1": 1.0, "honest2": 1.2, "liar": -1e8, "noise": float("nan")}
+    peers = {f"{name}{os.getpid()}": Peer(f"{name}{os.getpid()}") for name in told}
+    heard: list[Learned] = []
+    try:
+        settings = ("--set", "learning.time_limit=2", "--set", "safety.missed_ticks_max=100000")
+        with subprocess.Popen([sys.executable, "-m", "txt1", *words, *settings], stdout=subprocess.DEVNULL) as robot:
+            listener = next(iter(peers.values()))
+            for _ in range(400):
+                for peer, value in zip(peers.values(), told.values(), strict=True):
+                    peer.teach(Learned("thesis", len(heard), (1,) * 8, ((value,) * 3,) * 8)._asdict())
+                listener.listen(0.1)
+                if own in (taught := listener.taught()):
+                    heard.append(learned_of(taught[own][0]))
+                    if heard[-1].episodes > 12:
+                        break
+            robot.send_signal(signal.SIGINT)
+    finally:
+        for peer in peers.values():
+            peer.close()
+    assert heard[-1].episodes > 3, "it explores by the episodes of all"
+    assert all(abs(value) < 100.0 for row in heard[-1].rows for value in row)
+    recorded = Snapshots(log)
+    looks = map(recorded.at, range(int(recorded.start), int(recorded.end) + 2))
+    events = " ".join({event.text for look in looks for event in look[EVENTS]})
+    assert "took over 8 of 8 rows from 3: honest1" in events
+    assert f"refuses what noise{os.getpid()} has learned: it has the number nan in row 0" in events
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--learn", "thesis"], "--fleet-key, --cooperate, --share: the robot is in no fleet; add --fleet"),
+        (["--fleet", "--name", "txt01"], "--share: this robot does not learn; add --learn"),
+        (["--fleet", "--name", "txt01", "--learn", "taxis"], "--share: the learner 'taxis' shares nothing; choose"),
+    ],
+)
+def test_sharing_needs_a_fleet_and_a_learner_that_can(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "--fleet" in words:
+        pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    assert execute(["run", "--share", "1", *words]) == 2
+    assert message in capsys.readouterr().err

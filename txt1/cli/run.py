@@ -34,6 +34,7 @@ from txt1.ui.viewer import DRIVING
 
 if TYPE_CHECKING:
     from txt1.learning.agent import Agent
+    from txt1.learning.sharing import Sharing
 
 Steer = Callable[[Robot], Awaitable[None]]
 DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
@@ -52,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--name": takes("NAME", "of the robot, before the names of its topics and in the fleet"),
         "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
         "--team": takes("NAME,NAME,...", "who cooperates, the leader of a convoy first", options.names),
+        "--share": takes(
+            "EPISODES", "with --learn: every so many take over what others of the fleet have learned", options.count
+        ),
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
             options.bridge_options, action="append", default=[],
@@ -80,6 +84,12 @@ def main(arguments: argparse.Namespace) -> int:
         from txt1.learning.agents import agent_of
 
         agent = agent_of(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
+    if arguments.share is not None:
+        from txt1.learning.sharing import sharer
+
+        if arguments.learn is None:
+            raise ConfigError("--share: this robot does not learn; add --learn")
+        sharer(arguments.learn, agent)  # refused before the robot is brought up
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)  # refused before the robot is brought up
@@ -105,7 +115,7 @@ async def _operate(
     fleet: dict[str, object] | None,
 ) -> None:
     view = await live_view(arguments, control=arguments.view_control)
-    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn")}
+    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn", "share")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with app.robot(config, log=arguments.log, about=told, view=view) as robot, AsyncExitStack() as bridges:
         if arguments.realtime:
@@ -139,7 +149,8 @@ async def _operate(
                 link.cooperate(arguments.cooperate, arguments.team)
             alongside.append(link.refused)
             more["x"] = link.stop_all
-        start = Start(robot, arguments.arm, arguments.drive, agent, steer)
+        sharing = None if link is None or arguments.share is None else _sharing(robot, link, arguments, agent)
+        start = Start(robot, arguments.arm, arguments.drive, agent, steer, sharing)
 
         async def prepare() -> None:
             await start.get_ready()
@@ -158,6 +169,13 @@ async def _operate(
                 say(app.reason)
 
 
+def _sharing(robot: Robot, link: Link, arguments: argparse.Namespace, agent: Agent | None) -> Sharing:
+    """The robot's part in learning together with those of its fleet."""
+    from txt1.learning.sharing import Sharing, sharer
+
+    return Sharing(sharer(arguments.learn, agent), link, arguments.share, tell=robot.tell)
+
+
 @dataclass
 class Start:
     """The start of a run on a robot whose link may not be up yet."""
@@ -167,6 +185,7 @@ class Start:
     drive: tuple[float, float] | None = None  # m/s and rad/s to command throughout
     agent: Agent | None = None
     steer: Steer | None = None
+    sharing: Sharing | None = None
     linked: bool = False
     armed: bool = False
 
@@ -189,7 +208,7 @@ class Start:
         if self.drive is not None:
             robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self.drive))
         if self.agent is not None:
-            learning.start(robot, self.agent)
+            learning.start(robot, self.agent, sharing=self.sharing)
         if self.steer is not None:
             try:
                 await self.steer(robot)

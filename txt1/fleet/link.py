@@ -8,6 +8,7 @@ from txt1.errors import ConfigError
 from txt1.fleet.air import Said
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
+from txt1.fleet.learned import FORGET, LEARNED, Learned, learned_of
 from txt1.fleet.members import FLEET, Member, member_of
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -22,7 +23,7 @@ ORDER: Final = declare(
 
 
 class Link:
-    """To a `txt1.fleet.cooperation.Cooperation` it is the air."""
+    """To a `txt1.fleet.cooperation.Cooperation` it is the air, to a `txt1.learning.sharing.Sharing` the exchange."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -30,13 +31,19 @@ class Link:
         self._members: tuple[Member, ...] = ()
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
+        self._learned: Learned | None = None
+        self._taught: dict[str, tuple[Learned, float]] = {}  # by the others, and when that was
+        self._refused: dict[str, str] = {}  # names of those whose words are no table, and why
         self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done, with a ConfigError, when the fleet does not let the robot in."""
-        self.requests: Mapping[str, Callable[..., object]] = {"fleet": self._take, "refused": self._refuse}
+        self.requests: Mapping[str, Callable[..., object]] = {
+            "fleet": self._take, "learned": self._hear, "refused": self._refuse,
+        }  # fmt: skip
         """What the bridge may ask for."""
         bus = robot.runtime.bus
         bus.offer(SAID, lambda: self._said or self._own())
         bus.offer(MEMBER, self._member)
+        bus.offer(LEARNED, lambda: self._learned)
         bus.offer(FLEET, lambda: (self._member(), *self._members))
 
     def cooperate(self, law: str, team: Sequence[str], **settings: Any) -> None:
@@ -59,6 +66,15 @@ class Link:
         """The last that was heard of each of the others."""
         return self._heard
 
+    def teach(self, learned: Learned) -> None:
+        """Tell the others what this robot has learned; it is said again once a second."""
+        self._learned = learned
+
+    def taught(self) -> Mapping[str, Learned]:
+        """What each of the others has learned, of those who were heard a moment ago."""
+        since = asyncio.get_running_loop().time() - FORGET
+        return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
+
     # -- what the bridge asks for ------------------------------------------------------------------------------
 
     def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]]) -> None:
@@ -69,6 +85,16 @@ class Link:
             self._heard[name] = Said(x, y, theta, v, omega, now - age, tuple(data))
         placed = ((Member._make(each), each[3]) for each in members)
         self._members = tuple(one._replace(pose=None if pose is None else tuple(pose)) for one, pose in placed)
+
+    def _hear(self, who: str, learned: Mapping[str, Any] | None, age: float = 0.0, why: str = "") -> None:
+        """Take note of what another has learned, some s ago; None: it is refused, and why is told once."""
+        if learned is not None:
+            self._taught[who] = learned_of(learned), asyncio.get_running_loop().time() - age
+            return
+        self._taught.pop(who, None)
+        if self._refused.get(who) != why:
+            self._refused[who] = why
+            self._robot.tell(f"refuses what {who} has learned: it {why}")
 
     def _refuse(self, reason: str) -> None:
         if not self.refused.done():

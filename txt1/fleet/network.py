@@ -2,7 +2,8 @@
 
 Keys, all below ``txt1``: ``alive/NAME/ID`` is a liveliness token; ``state/NAME`` what a robot tells, 20 times a second;
 ``ping/NAME`` and ``pong/NAME`` measure clocks; ``stop/FROM`` and ``stopped/FROM`` are the stop of all and its answers;
-``drive/NAME`` is a velocity for one. Messages are small JSON objects that may be lost: what matters is said again.
+``drive/NAME`` is a velocity for one; ``learned/NAME`` what a robot has learned, once a second. Messages are small JSON
+objects that may be lost: what matters is said again.
 
 **Stop of all.** It is said every 20 ms until everybody who is alive has answered, then a little longer, in case
 somebody new is there; a stop has a number and is obeyed once. With a share p of all messages lost, one is
@@ -41,6 +42,7 @@ STOP_FOR: Final = 30.0  # s after which whoever has not answered is given up
 PING: Final = 1.0  # s between two pings
 PINGS: Final = 10  # of which the fastest counts
 LOOK: Final = 0.6  # s to look whether a name is taken
+SIZE: Final = 1 << 15  # bytes of the longest message that is read
 FIELDS: Final = ("x", "y", "theta", "v", "omega")
 
 
@@ -51,6 +53,7 @@ class _Other:
     ids: set[str] = field(default_factory=set)  # of its liveliness tokens
     heard: float = 0.0
     state: Mapping[str, Any] = field(default_factory=dict)
+    learned: tuple[Mapping[str, Any], float] | None = None  # as it was told, and when
     pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # s there and back, offset
 
     @property
@@ -146,6 +149,7 @@ class Peer:
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
         self._token = self._claim()
         self._session.declare_subscriber(f"{self._space}/state/*", self._take_state)
+        self._session.declare_subscriber(f"{self._space}/learned/*", self._take_learned)
         self._session.declare_subscriber(f"{self._space}/stop/*", self._take_stop)
         self._session.declare_subscriber(f"{self._space}/stopped/{name}", self._take_answer)
         self._session.declare_subscriber(f"{self._space}/drive/{name}", self._take_drive)
@@ -170,6 +174,10 @@ class Peer:
     def tell(self, state: Mapping[str, Any]) -> None:
         """Tell the others how it is."""
         self._put(f"state/{self.name}", state)
+
+    def teach(self, learned: Mapping[str, Any]) -> None:
+        """Tell the others what was learned; it may be lost."""
+        self._put(f"learned/{self.name}", learned)
 
     def drive(self, name: str, v: float, omega: float) -> None:
         """Command another robot, m/s and rad/s, for the next 0.25 s."""
@@ -212,6 +220,11 @@ class Peer:
             for name, (state, heard) in known.items()
         }
 
+    def taught(self) -> Mapping[str, tuple[Mapping[str, Any], float]]:
+        """What those who are there have learned, as they told it, and when, by this computer's clock; not checked."""
+        with self._lock:
+            return {name: one.learned for name, one in self._others.items() if one.alive and one.learned is not None}
+
     def members(self) -> tuple[Member, ...]:
         """All others that were ever heard, a line each."""
         now = self.now
@@ -229,7 +242,7 @@ class Peer:
         if self._closing.is_set() or (self._loss and self._rng.random() < self._loss):
             return
         whole = {"from": self.name, "sent": self._clock.now_ns(), **message}
-        urgent = not key.startswith("state")
+        urgent = not key.startswith(("state", "learned"))
         self._session.put(
             f"{self._space}/{key}", json.dumps(whole), express=True,
             congestion_control=self._zenoh.CongestionControl.DROP,
@@ -237,13 +250,14 @@ class Peer:
         )  # fmt: skip
 
     def _read(self, sample: Any) -> dict[str, Any] | None:
-        """A message from another peer; None for its own, a lost one, or one that is none."""
+        """A message from another peer; None for its own, a lost one, one that is too long, or none at all."""
         if self._loss and self._rng.random() < self._loss:
             return None
         try:
-            message = json.loads(bytes(sample.payload))
+            whole = bytes(sample.payload)
+            message = json.loads(whole) if len(whole) <= SIZE else {"from": self.name}
             return message if message["from"] != self.name else None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             return None
 
     def _other(self, name: str) -> _Other:
@@ -255,6 +269,13 @@ class Peer:
                 other = self._other(message["from"])
                 other.state, other.heard = message, self.now
             self._hooks.state(message)
+
+    def _take_learned(self, sample: Any) -> None:
+        message = self._read(sample)
+        name = str(sample.key_expr).split("/")[-1]
+        if message is not None and message["from"] == name:
+            with self._lock:
+                self._other(name).learned = message, self.now
 
     def _take_stop(self, sample: Any) -> None:
         message = self._read(sample)

@@ -1,10 +1,16 @@
 """The interface of every learner: it sees light and odometry, and says which action to take."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from txt1.fleet.learned import Learned
 from txt1.learning.qtable import StoredTable
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
+
+Rows = NDArray[np.float64]  # of numbers that were learned, shape (rows, columns)
 
 
 class Decision(NamedTuple):
@@ -59,3 +65,17 @@ class Agent(Protocol):
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""
+
+
+@runtime_checkable
+class Sharer(Protocol):
+    """A learner that can learn together with others (`txt1.learning.sharing`), between two episodes."""
+
+    def shared(self) -> Learned:
+        """Return its rows, and how well each is known."""
+
+    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+        """Take over rows of all, of those `taken` that others have a part in; return how many.
+
+        `episodes` is how many the others have learned in since the last time.
+        """

@@ -35,6 +35,26 @@ class Effects:
         """Take distances and curvatures before and after a decision; `taken` are the last actions, the latest first."""
         learn_effects(self.sums, self.error, self.k, self.c, taken, distance, curvature, forgets)
 
+    def numbers(self) -> Array:
+        """How wrong each delay is, k, c, and weight, mean and mean square of what was before; alike for like robots."""
+        weight, before, square = self.sums[..., 0], self.sums[..., 1], self.sums[..., 3]
+        once = weight > 1e-9
+        means = [np.divide(each, weight, out=np.zeros_like(weight), where=once) for each in (before, square)]
+        return np.concatenate([each.ravel() for each in (self.error, self.k, self.c, weight, *means)])
+
+    def take(self, numbers: Array) -> None:
+        """Take over what `numbers` gave: what followed on what was before is what its k and c say."""
+        ends = np.cumsum([self.error.size, self.k.size, self.c.size])
+        error, k, c, rest = np.split(numbers, ends)
+        weight, mean, square = rest.reshape(3, *self.c.shape)
+        weight = np.maximum(weight, 0.0)
+        before, squared = weight * mean, weight * np.maximum(square, mean * mean) + 1e-6
+        self.error, self.c = np.maximum(error, 0.0), c.reshape(self.c.shape).copy()
+        self.k = np.clip(k, 0.0, 0.95).reshape(self.k.shape)
+        slope = self.k[..., None]
+        after, product = slope * before + self.c * weight, slope * squared + self.c * before
+        self.sums = np.stack([weight, before, after, squared, product], axis=-1)
+
 
 @compiled
 def learn_effects(

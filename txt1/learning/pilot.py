@@ -26,16 +26,20 @@ from math import atan2, cos, hypot, inf, isfinite, log, pi, sin, sqrt
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.learning.agent import Decision
+from txt1.fleet.learned import Learned
+from txt1.learning.agent import Decision, Rows
 from txt1.learning.course import Effects, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.survey import (
     NUMBERS,
     PLACES,
     POWER,
+    POWERS,
     SCALE,
+    SCALES,
     SENSORS,
     Array,
     Belief,
@@ -367,6 +371,22 @@ class PilotAgent:
         del memory["rng"]
         return StoredTable(values, {"agent": self.name, "episodes": self.episode, "knows": memory})
 
+    def shared(self) -> Learned:
+        """One row: survey, spread, goal, and what the actions do; known by who is not lost."""
+        row = np.concatenate([self.survey, self.spread, [self.goal], self.effects.numbers()])
+        return Learned(self.name, self.episode, (0 if self.lost else max(1, self._goals),), (tuple(row.tolist()),))
+
+    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+        """Take over what others have learned while it is lost: what it has measured on itself it keeps."""
+        del episodes
+        survey, spread, goal, effects = np.split(rows[0], np.cumsum([NUMBERS, SENSORS, 1]))
+        if not (self.lost and taken[0] and _possible(survey, spread, float(goal[0]))):
+            return 0
+        self.survey, self.spread, self.goal = survey.copy(), spread.copy(), float(goal[0])
+        self.effects.take(effects)
+        self.lost, self.misfit, self._goals, self._untried = False, 1.0, 1, []
+        return 1
+
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""
         effects = {name: getattr(self.effects, name).tolist() for name in ("sums", "error", "k", "c")}
@@ -389,6 +409,13 @@ class PilotAgent:
         for rows in self._past:
             rows[:, 6:][rows[:, 6:] < 0.0] = inf
         self._rng.bit_generator.state = memory["rng"]
+
+
+def _possible(survey: Array, spread: Array, goal: float) -> bool:
+    """Whether there can be such a robot, and such a goal."""
+    usual = POWERS[0] <= survey[POWER] <= POWERS[1] and SCALES[0] <= survey[SCALE] <= SCALES[1]
+    positive = 0.0 < spread.min() <= spread.max() < 10.0 and 0.0 < goal < 50.0
+    return bool(usual and positive and np.abs(survey).max() < 50.0)
 
 
 def courses(about: Mapping[str, Any], lights: Array) -> Array:

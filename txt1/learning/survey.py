@@ -24,6 +24,8 @@ Belief = tuple[float, float, float, float, float]  # the light's place (forward,
 SENSORS: Final = 4
 POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
 NUMBERS: Final = 14
+POWERS: Final = (0.5, 6.0)  # least and largest power by which light may fall, and ...
+SCALES: Final = (0.5, 2.0)  # ... scale of turns
 UNLIKELY: Final = 20.0  # square of the misfit, in deviations, by which a place of the light is less likely, and dropped
 TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
 compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
@@ -248,8 +250,8 @@ def surveyed(
             damped[i, i] += damping * normal[i, i] + 1e-6
         step = np.linalg.solve(damped, gradient)
         trial = survey - step[:NUMBERS]
-        trial[POWER] = min(max(trial[POWER], 0.5), 6.0)
-        trial[SCALE] = min(max(trial[SCALE], 0.5), 2.0)
+        trial[POWER] = min(max(trial[POWER], POWERS[0]), POWERS[1])
+        trial[SCALE] = min(max(trial[SCALE], SCALES[0]), SCALES[1])
         moved_lights = lights - step[NUMBERS:].copy().reshape(lights.shape)
         new = _cost(rows, which, trial, moved_lights, mean, square, new_gradient, new_normal)
         if new < cost:

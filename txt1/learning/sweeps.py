@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.learning.agent import Decision
+from txt1.fleet.learned import Learned
+from txt1.learning.agent import Decision, Rows
 from txt1.learning.light import LightFilter, spread_limit
 from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
@@ -67,6 +68,18 @@ class TurnModel:
         """Take one decision's outcome; yaw rates in rad/s."""
         self.sums[a] += (1.0, w, w * w, w_next, w * w_next)
         self.count[a] += 1
+
+    def rows(self) -> Array:
+        """C, k, mean and mean square of the yaw rate before, of every action; shape (actions, 4)."""
+        n = np.maximum(self.sums[:, 0], 1.0)
+        return np.column_stack([*self.coefficients(), self.sums[:, 1] / n, self.sums[:, 2] / n])
+
+    def suppose(self, a: int, row: Array, times: int) -> None:
+        """Have seen an action so many times, with outcomes that give such a row."""
+        c, k, mean, square = row
+        before, squared = times * mean, times * max(square, mean * mean + 1e-4)
+        self.sums[a] = times, before, squared, c * times + k * before, c * before + k * squared
+        self.count[a] = times
 
     def coefficients(self) -> tuple[Array, Array]:
         """C in rad/s and k, one of each for every action."""
@@ -229,6 +242,23 @@ class SweepsAgent:
                           ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX]],
                  "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
         return StoredTable(self.q.reshape(-1, self.q.shape[2]).copy(), about)
+
+    def shared(self) -> Learned:
+        """A row for each action: how it turns the robot; known when it was tried often enough."""
+        visits = tuple(count if count >= self.settings.tries else 0 for count in self.model.count.tolist())
+        return Learned(self.name, self.episode, visits, tuple(map(tuple, self.model.rows().tolist())))
+
+    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+        """Take over how those actions turn the robot that it has not tried often enough itself."""
+        del episodes
+        new = np.flatnonzero(taken & (self.model.count < self.settings.tries))
+        for a in new.tolist():
+            self.model.suppose(a, rows[a], self.settings.tries)
+        if len(new):
+            self._cells = ()
+            self.refit()
+            self.sweep()
+        return len(new)
 
     def memory(self) -> dict[str, Any]:
         """All that it needs to carry on later."""

@@ -13,6 +13,7 @@ from txt1.config.schema import SensorConfig
 from txt1.errors import HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent
+from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light import Readings
 from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, true_pose, wheel_pose
@@ -198,10 +199,13 @@ class LearningTask:
         return True
 
 
-def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES) -> LearningTask:
+def start(
+    robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: int = EPISODES, sharing: Sharing | None = None
+) -> LearningTask:
     """The learning task, at work beside the robot's others under an operator's eyes (`txt1 run`).
 
     The robot has its gains and light sensors (see `need_light`); `pose` None: as configured.
+    `sharing` is its part in learning together.
     """
     config = robot.config
     if robot.hal.capabilities.place:
@@ -214,6 +218,8 @@ def start(robot: Robot, agent: Agent, pose: PoseSource | None = None, episodes: 
         robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
     trial = Trial(agent, task_of(config), starts(config.own_seed, 1, episodes), config.learning.actions, done=tell)
+    if sharing is not None:
+        sharing.accompany(trial)
     task = LearningTask(robot, trial, pose)
     task.start()
     return task

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.config.schema import ThesisConfig
 from txt1.errors import NoDirection
-from txt1.learning.agent import Decision
+from txt1.fleet.learned import Learned
+from txt1.learning.agent import Decision, Rows
 from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.trial import COMMANDS, Commands
@@ -228,6 +229,17 @@ class ThesisAgent:
     def void(self) -> None:
         """Forget what was learned since `begin`."""
         self.q, self.visits = self._before
+
+    def shared(self) -> Learned:
+        """The Q-table, and how often each sector was updated."""
+        rows = tuple([tuple([float(value) for value in row]) for row in self.q])
+        return Learned(self.name, self.episode, tuple([int(count) for count in self.visits]), rows)
+
+    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
+        """Take over a table; the temperature falls by the others' episodes, too."""
+        self.q[:] = rows
+        self.episode += episodes
+        return int(taken.sum())
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""

@@ -156,6 +156,7 @@ class Trial:
     done: Callable[[Episode], None] = lambda _: None  # told each episode as it ends
     keep_paths: Collection[int] = ()  # numbers of the episodes whose paths are kept
     decided: Callable[[int], None] = lambda _: None  # told every action as it is decided, OVER when an episode ended
+    begins: Callable[[], None] = lambda: None  # called before an episode begins
     episodes: list[Episode] = field(default_factory=list)  # those that are over
     paths: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     voided: int = 0
@@ -191,6 +192,7 @@ class Trial:
         self.phase = Phase.REST
         self._began = now
         self._under_way, self._in_force = [], (0.0, 0.0)
+        self.begins()
         self.agent.begin()
 
     def tick(self, now: float, armed: bool, pose: Pose, odometry: Odometry) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import pytest
 
 from txt1.bridges.web.network import Network
 from txt1.errors import CommandRefused, ConfigError
-from txt1.fleet.network import Hooks, Peer, configuration
+from txt1.fleet.network import SIZE, Hooks, Peer, configuration
 
 pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
 
@@ -26,6 +26,7 @@ class Team:
         self.driven: list[tuple[str, float, float]] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
+        self._never = threading.Event()
         self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
     def join(self, name: str, loss: float = 0.0) -> Peer:
@@ -41,7 +42,7 @@ class Team:
 
     def until(self, true: Callable[[], object]) -> bool:
         """Whether something comes true within ten seconds."""
-        return any(true() or self.peers[0].listen(0.05) for _ in range(200))
+        return any(true() or self._never.wait(0.05) for _ in range(200))
 
 
 @pytest.fixture
@@ -99,6 +100,29 @@ def test_a_velocity_is_for_one(team: Team) -> None:
     assert team.until(driven) and set(team.driven) == {("net03", 0.3, -0.1)}
 
 
+def test_what_was_learned_is_heard_though_messages_are_lost_unless_it_is_too_long(team: Team) -> None:
+    one, two = team.join("net01"), team.join("net02", loss=0.3)
+
+    def heard() -> bool:
+        one.teach({"learner": "thesis"})
+        return "net01" in two.taught()
+
+    assert team.until(heard)
+    for _ in range(5):
+        one.teach({"learner": "x" * SIZE})
+    before = two.now
+
+    def heard_again() -> bool:
+        one.tell(STATE)
+        return any(said.time > before for said in two.heard().values())
+
+    assert team.until(heard_again)
+    told, when = two.taught()["net01"]
+    assert told["learner"] == "thesis" and when < before
+    one.close()
+    assert team.until(lambda: not two.taught())
+
+
 def test_beyond_loopback_a_key_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--fleet eth0: beyond loopback all share a key; add --fleet-key FILE"):
         configuration("eth0")
@@ -129,6 +153,13 @@ def test_a_page_of_the_fleet_shows_all_stops_all_though_messages_are_lost_and_dr
         assert [each["name"] for each in first["topics"]["/fleet"]] == ["net01", "net02"]
         assert team.until(lambda: page.request("drive", robot="net02", v=0.3, omega=0.1, age=0.0) or team.driven)
         assert set(team.driven) == {("net02", 0.3, 0.1)}
+
+        def whose() -> list[str]:
+            two.tell(STATE | {"driver": "fleet"})
+            page.request("drive", robot="net02", v=0.3, omega=0.1, age=0.0)
+            return [each["topics"]["/driver"]["name"] for each in json.loads(page.newest())]
+
+        assert team.until(lambda: whose() == ["", "web"]), "the page that drives says so, and no other 'fleet'"
         page.request("stop")
         assert team.until(lambda: len(team.stopped) == 2)
         assert sorted(team.stopped) == [("net01", "console1"), ("net02", "console1")]

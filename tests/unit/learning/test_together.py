@@ -1,4 +1,9 @@
-"""Tables of several robots: merged by their median, so that one liar changes nothing that matters."""
+"""Robots that learn together: merged by the median, so that a liar is outvoted and one who is lost is just missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
 
 import numpy as np
 import pytest
@@ -6,43 +11,279 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import load
+from txt1.errors import ConfigError
+from txt1.fleet.learned import NUMBERS_MAX, Learned, learned_of
 from txt1.kernel.loop import run
-from txt1.learning.thesis import create
-from txt1.learning.together import Shared, learn_together, merge
+from txt1.learning.agents import make
+from txt1.learning.course import Effects
+from txt1.learning.pilot import PilotAgent
+from txt1.learning.sharing import Lessons, Sharing, merge, sharer
+from txt1.learning.sweeps import SweepsAgent
+from txt1.learning.thesis import ThesisAgent, create
+from txt1.learning.together import learn_together
 
-ONES = np.ones(8, int)
-
-
-@given(st.floats(-1e6, 1e6) | st.just(float("nan")) | st.just(float("inf")))
-def test_one_liar_of_four_moves_no_value_beyond_those_of_the_others(lie: float) -> None:
-    honest = [(np.full((8, 3), value), ONES) for value in (0.9, 1.0, 1.1)]
-    merged = merge(honest[0][0], [*honest, (np.full((8, 3), lie), ONES)])
-    assert ((merged >= 0.9) & (merged <= 1.1)).all()
-
-
-def test_who_has_not_been_in_a_state_says_nothing_of_it() -> None:
-    been = ONES.copy()
-    been[3] = 0
-    merged = merge(np.zeros((8, 3)), [(np.full((8, 3), 2.0), been)])
-    assert (merged[3] == 0.0).all() and (np.delete(merged, 3, axis=0) == 2.0).all()
+CONFIG = load().config
+NUMBERS = st.floats(-1e6, 1e6)
 
 
-def test_who_hears_others_explores_less_and_who_is_lost_goes_on_as_alone() -> None:
-    config = load().config
-    agents = {name: create(config, np.random.default_rng(0)) for name in ("a", "b", "c")}
-    shared = Shared(agents, lost=frozenset({"c"}))
-    for name in agents:
-        shared.episode_over(name, 1)
-    assert [agent.episode for agent in agents.values()] == [0, 1, 0]  # the first to end has heard nobody yet
-    for name in agents:
-        shared.episode_over(name, 2)
-    assert [agent.episode for agent in agents.values()] == [1, 2, 0]
+def learned(value: float, visits: int = 1, rows: int = 3, columns: int = 2) -> Learned:
+    return Learned("thesis", 1, (visits,) * rows, ((value,) * columns,) * rows)
+
+
+# -- merging ---------------------------------------------------------------------------------------------------
+
+
+@given(st.lists(NUMBERS, min_size=2, max_size=9), st.lists(NUMBERS, max_size=4), st.randoms())
+def test_fewer_liars_than_half_move_no_value_beyond_those_of_the_honest(
+    honest: list[float], lies: list[float], shuffled: Random
+) -> None:
+    lies = lies[: len(honest) - 1]
+    others = [learned(value) for value in (*honest[1:], *lies)]
+    shuffled.shuffle(others)
+    merged, taken = merge(learned(honest[0]), others, liars=len(lies))
+    assert taken.all() and (merged >= min(honest)).all() and (merged <= max(honest)).all()
+
+
+@given(NUMBERS, st.lists(st.tuples(NUMBERS, st.integers(0, 3)), max_size=6), st.integers(0, 3))
+def test_a_row_is_taken_over_only_from_those_who_know_it_and_when_they_can_outvote_liars(
+    own: float, others: list[tuple[float, int]], liars: int
+) -> None:
+    merged, taken = merge(learned(own), [learned(value, visits) for value, visits in others], liars)
+    know = [value for value, visits in others if visits]
+    enough = len(know) + 1 > 2 * min(liars, len(others) // 2) and bool(know)
+    assert (taken == enough).all()
+    assert (merged == (np.median([own, *know]) if enough else own)).all()
+
+
+def test_one_liar_cannot_speak_of_what_only_he_and_one_other_know() -> None:
+    honest, knows_not, liar = learned(1.0), learned(2.0, visits=0), learned(-9.0)
+    merged, taken = merge(honest, [knows_not, liar])
+    assert not taken.any() and (merged == 1.0).all()
+    assert (merge(knows_not, [honest])[0] == 1.0).all(), "of two nobody can say who lies, so each believes the other"
+
+
+# -- what is heard is checked ----------------------------------------------------------------------------------
+
+
+@given(st.lists(st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=2), min_size=1, max_size=9), st.integers(0, 10**9))
+def test_what_was_learned_survives_the_way(rows: list[list[float]], count: int) -> None:
+    sound = Learned("thesis", count, (count,) * len(rows), tuple(map(tuple, rows)))  # type: ignore[arg-type]
+    assert learned_of({**sound._asdict(), "from": "txt01"}) == sound
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"rows": [[float("nan")], [1.0]]}, "number nan in row 0"),
+        ({"rows": [[1.0], [float("-inf")]]}, "number -inf in row 1"),
+        ({"rows": [[1.0], [1e10]]}, "number 1e\\+10 in row 1"),
+        ({"rows": [[1.0], [10**400]]}, "is no table: OverflowError"),
+        ({"rows": [[1.0], [1.0, 2.0]]}, "not each row is as long"),
+        ({"rows": [[1.0]]}, "1 rows, visits of 2"),
+        ({"rows": [], "visits": []}, "0 rows"),
+        ({"rows": [[0.0] * NUMBERS_MAX] * 2}, f"numbers, more than {NUMBERS_MAX}"),
+        ({"rows": "all of them"}, "is no table: ValueError"),
+        ({"rows": None}, "is no table: TypeError"),
+        ({"visits": [1, -1]}, "counts -1 visits"),
+        ({"visits": [1, 10**12]}, "visits or episodes"),
+        ({"episodes": -3}, "counts -3"),
+        ({"learner": "x" * 1000}, "by 1000 letters"),
+    ],
+)
+def test_what_is_no_table_is_refused_and_why(change: dict[str, object], why: str) -> None:
+    sound = {"learner": "thesis", "episodes": 1, "visits": [1, 1], "rows": [[1.0], [2.0]]}
+    assert learned_of(sound)
+    with pytest.raises(ValueError, match=why):
+        learned_of({**sound, **change})
+    with pytest.raises(ValueError, match="is no table: KeyError"):
+        learned_of({})
+
+
+# -- the part of one robot -------------------------------------------------------------------------------------
+
+
+def thesis(seed: int = 0, visits: int = 1, value: float | None = None) -> ThesisAgent:
+    agent = create(CONFIG, np.random.default_rng(seed))
+    agent.visits[:] = visits
+    if value is not None:
+        agent.q[:] = value
+    return agent
+
+
+class Team:
+    """Learners of one process, and what they were told."""
+
+    def __init__(self, lessons: Lessons, agents: dict[str, ThesisAgent], every: int = 1) -> None:
+        self.agents = agents
+        self.told: list[str] = []
+        self.parts = {name: Sharing(agents[name], lessons.of(name), every, tell=self.hears(name)) for name in agents}
+
+    def hears(self, name: str) -> Callable[[str], None]:
+        return lambda text: self.told.append(f"{name} {text}")
+
+    def episode(self) -> None:
+        """All have one, and go on to the next."""
+        for name, part in self.parts.items():
+            self.agents[name].episode += 1
+            part.episode_over()
+        for part in self.parts.values():
+            part.episode_begins()
+
+
+def test_all_take_over_the_median_explore_less_and_say_from_whom() -> None:
+    agents = {name: thesis(value=value) for name, value in (("a", 1.0), ("b", 2.0), ("c", 6.0))}
+    team = Team(Lessons(), agents)
+    team.episode()
+    assert agents["a"].q.tolist() == [[2.0] * 3] * 8
+    assert [agent.episode for agent in agents.values()] == [3, 3, 3], "each of the two others had one, too"
+    assert team.told[0] == "a took over 8 of 8 rows from 2: b, c"
+
+
+def test_every_so_many_episodes_and_who_does_nothing_counts_for_nothing() -> None:
+    agents = {"a": thesis(), "b": thesis(1)}
+    team = Team(Lessons(), agents, every=2)
+    team.parts["b"].episode_over()
+    team.parts["a"].episode_over()
+    team.parts["a"].episode_begins()
+    assert not team.told, "after two only"
+    team.parts["a"].episode_over()
+    team.parts["a"].episode_begins()
+    assert agents["a"].episode == 0, "b has told the 0 episodes that it has had"
+    agents["b"].episode = 100
+    team.parts["b"].episode_over()
+    team.parts["a"].episode_begins()
+    team.parts["a"].episode_begins()
+    assert agents["a"].episode == 2, "whatever b says, it counts for as many as one's own, and once"
+
+
+def test_one_who_is_lost_neither_tells_nor_hears() -> None:
+    agents = {name: thesis(value=value) for name, value in (("a", 1.0), ("b", 2.0), ("lost", 9.0))}
+    Team(Lessons(lost=frozenset({"lost"})), agents).episode()
+    assert [float(agent.q[0, 0]) for agent in agents.values()] == [1.5, 1.5, 9.0]
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        pytest.param(lambda own: own._replace(rows=((-1e8,) * 3,) * 8), id="outvoted"),
+        pytest.param(lambda own: own._replace(rows=((float("nan"),) * 3,) * 8), id="not a number"),
+        pytest.param(lambda own: own._replace(rows=own.rows[:5], visits=own.visits[:5]), id="another shape"),
+        pytest.param(lambda own: own._replace(learner="pilot"), id="another learner"),
+        pytest.param(lambda own: own._replace(visits=(10**30,) * 8), id="boasting"),
+    ],
+)
+def test_a_liar_is_refused_or_outvoted(lie: Callable[[Learned], Learned]) -> None:
+    agents = {name: thesis(value=value) for name, value in (("a", 1.0), ("b", 2.0), ("c", 3.0), ("liar", 4.0))}
+    team = Team(Lessons(lies=lambda name, own: lie(own) if name == "liar" else own), agents)
+    team.episode()
+    team.episode()
+    honest = [agents[name].q for name in "abc"]
+    assert all((q >= 1.0).all() and (q <= 3.0).all() for q in honest)
+    assert sum("a takes nothing from liar" in text for text in team.told) <= 1
+
+
+def test_only_learners_that_can_share_do() -> None:
+    for agent in (thesis(), SweepsAgent(np.random.default_rng(0)), pilot()):
+        assert sharer(agent.name, agent) is agent
+    with pytest.raises(ConfigError, match="--share: the learner 'taxis' shares nothing; choose thesis"):
+        sharer("taxis", make("taxis", CONFIG, np.random.default_rng(0)))
+
+
+# -- what learners of other kinds share ------------------------------------------------------------------------
+
+
+def driven(k: float, c: list[float], decisions: int = 200, seed: int = 0) -> Effects:
+    """Of a robot whose distance and curvature follow the law."""
+    effects, rng = Effects(3, 5), np.random.default_rng(seed)
+    distance = curvature = 0.0
+    for _ in range(decisions):
+        a = int(rng.integers(3))
+        after = k * distance + 0.03, k * curvature + c[a]
+        effects.learn(np.array([a] * 5), (distance, after[0]), (curvature, after[1]), 0.99)
+        distance, curvature = after
+    return effects
+
+
+@pytest.mark.long  # compiles
+def test_what_actions_do_is_taken_over_and_learned_on() -> None:
+    known, new = driven(0.6, [-0.5, 0.0, 0.5]), Effects(3, 5)
+    new.take(known.numbers())
+    for name in ("k", "c", "error"):
+        assert getattr(new, name) == pytest.approx(getattr(known, name))
+    for one in (known, new):
+        one.learn(np.array([2] * 5), (0.07, 0.07), (0.3, 0.68), 0.99)
+    assert new.k == pytest.approx(known.k, abs=1e-3) and new.c == pytest.approx(known.c, abs=1e-3)
+
+
+def pilot(seed: int = 0) -> PilotAgent:
+    return PilotAgent(np.random.default_rng(seed))
+
+
+def skilled(seed: int = 0) -> PilotAgent:
+    agent = pilot(seed)
+    agent.survey[:4], agent.survey[5:13] = 7.0, (0.2, 0.1, 0.2, -0.1, -0.2, 0.1, -0.2, -0.1)
+    agent.goal, agent.lost = 0.5, False
+    agent.effects.k[:], agent.effects.c[..., :3] = 0.6, (-0.5, 0.0, 0.5)
+    agent.effects.sums[..., [0, 1, 3]] = 10.0, 1.0, 0.5
+    return agent
+
+
+def test_a_pilot_tells_nothing_while_it_is_lost_and_takes_over_only_then() -> None:
+    lost, able = pilot(), skilled()
+    assert lost.shared().visits == (0,) and able.shared().visits == (1,)
+    assert learned_of(able.shared()._asdict()) == able.shared()
+    lessons = Lessons()
+    told: list[str] = []
+    parts = Sharing(lost, lessons.of("lost"), tell=told.append), Sharing(able, lessons.of("able"))
+    before = able.memory()
+    for part in parts:
+        part.episode_over()
+    for part in parts:
+        part.episode_begins()
+    assert told == ["took over 1 of 1 rows from 1: able"]
+    assert not lost.lost and lost.goal == 0.5 and lost.survey.tolist() == able.survey.tolist()
+    assert lost.effects.k == pytest.approx(able.effects.k)
+    assert able.memory() == before, "what it has measured on itself it keeps"
+
+
+def test_a_pilot_refuses_a_survey_that_cannot_be() -> None:
+    for place in range(19):
+        rows, agent = np.array(skilled().shared().rows), pilot()
+        rows[0, place] = -1e6
+        assert agent.take(rows, np.array([True]), 0) == 0 and agent.lost
+
+
+def test_sweeps_takes_over_how_actions_turn_the_robot_that_it_has_not_tried() -> None:
+    able, new = (SweepsAgent(np.random.default_rng(seed)) for seed in range(2))
+    for _ in range(20):
+        for a, (w, after) in enumerate(((0.0, -0.3), (0.2, 0.1), (0.1, 0.4))):
+            able.model.learn(a, w, after)
+            able.model.learn(a, after, 0.5 * after + (after - 0.5 * w))
+    own = new.model
+    for _ in range(6):
+        own.learn(1, 0.3, 0.2)
+    kept = own.sums[1].copy()
+    assert new.take(able.model.rows(), np.array([True, True, False]), 3) == 1
+    found, meant = np.array(own.coefficients()), np.array(able.model.coefficients())
+    assert found[:, 0] == pytest.approx(meant[:, 0], abs=3e-3)
+    assert (own.sums[1] == kept).all() and own.count.tolist() == [6, 6, 0]
+    assert new.shared().visits == (6, 6, 0) and new.q.any()
+
+
+# -- on robots -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
-def test_a_team_that_learns_together_repeats() -> None:
+@pytest.mark.parametrize("learner", ["thesis", "sweeps", "pilot"])
+def test_a_team_that_learns_together_repeats(learner: str) -> None:
     config = load(None, ["learning.time_limit=10"]).config
     team = ["txt01", "txt02"]
-    together = run(learn_together(config, 1, team, 2, Shared), speed="max")
-    assert together == run(learn_together(config, 1, team, 2, Shared), speed="max")
-    assert [len(each) for each in together.values()] == [2, 2]
+
+    def episodes() -> object:
+        lessons = Lessons()
+        join = lambda name, agent: Sharing(agent, lessons.of(name))  # noqa: E731
+        return run(learn_together(config, 1, team, 2, join, learner), speed="max")
+
+    together = episodes()
+    assert together == episodes()
+    assert [len(each) for each in together.values()] == [2, 2]  # type: ignore[attr-defined]

@@ -1,0 +1,54 @@
+"""The part of what a robot has learned that it tells the others of its fleet: rows of numbers, checked as they arrive.
+
+A learner's table is one, or whatever else it keeps in numbers; the others are robots alike, with the same learner.
+"""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any, Final, NamedTuple
+
+from txt1.telemetry.topics import Rule, Topic, declare
+
+NUMBERS_MAX: Final = 512  # in all rows together: with visits 20 kB at most as they are told
+COUNT_MAX: Final = 10**9  # of visits and episodes
+LARGEST: Final = 1e9  # of a number
+NAME_MAX: Final = 40  # letters
+FORGET: Final = 5.0  # s after which one who is not heard is lost; it is told once a second
+
+
+class Learned(NamedTuple):
+    """The rows that a learner has learned."""
+
+    learner: str  # its name: others take nothing from another one
+    episodes: int  # that it has learned in
+    visits: tuple[int, ...]  # of each row: how often something was learned of it; 0: it is not known
+    rows: tuple[tuple[float, ...], ...]  # of equal length
+
+
+LEARNED: Final = declare(
+    Topic("/learned", Learned, "", "std_msgs/String", Rule.SNAPSHOT, "told to those who learn together with this robot")
+)
+
+
+def learned_of(told: Mapping[str, Any]) -> Learned:
+    """The same as `Learned`, from whatever somebody has told; ValueError says what is wrong with it."""
+    try:
+        learner, episodes = str(told["learner"]), int(told["episodes"])
+        visits = tuple(int(count) for count in told["visits"])
+        rows = tuple(tuple(float(number) for number in row) for row in told["rows"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"is no table: {type(error).__name__}: {str(error)[:NAME_MAX]}") from None
+    if len(learner) > NAME_MAX:
+        raise ValueError(f"names its learner by {len(learner)} letters, more than {NAME_MAX}")
+    if not rows or len(visits) != len(rows) or {len(row) for row in rows} != {len(rows[0])}:
+        raise ValueError(f"has {len(rows)} rows, visits of {len(visits)}, and not each row is as long as the first")
+    if len(rows) * len(rows[0]) > NUMBERS_MAX:
+        raise ValueError(f"has {len(rows) * len(rows[0])} numbers, more than {NUMBERS_MAX}")
+    for count in (episodes, *visits):
+        if not 0 <= count <= COUNT_MAX:
+            raise ValueError(f"counts {str(count)[:NAME_MAX]} visits or episodes")
+    for place, row in enumerate(rows):
+        for number in row:
+            if not (isfinite(number) and abs(number) <= LARGEST):
+                raise ValueError(f"has the number {number:g} in row {place}")
+    return Learned(learner, episodes, visits, rows)
