@@ -234,6 +234,11 @@ def figures(lines: Sequence[Line]) -> Line:
     return found
 
 
+def _place(line: Line) -> tuple[str, int]:
+    """The place of a trial among all: by its contender and number."""
+    return line["contender"], line["trial"]
+
+
 def _interval(values: NDArray[np.float64]) -> list[float]:
     """The middle 95 % of values, which may be infinite."""
     ordered = np.sort(values)
@@ -245,9 +250,12 @@ def _seconds(value: float) -> str:
 
 
 def table(head: Line, lines: Sequence[Line]) -> str:
-    """The table in Markdown, those first that have the most failures, then the largest ratio."""
+    """The table in Markdown, those first that have the most failures, then the largest ratio.
+
+    It is the same in whatever order the trials were done.
+    """
     by: dict[str, list[Line]] = {}
-    for line in lines:
+    for line in sorted(lines, key=_place):
         by.setdefault(line["contender"], []).append(line)
     all_of = {name: figures(some) for name, some in by.items()}
     worst_first = sorted(
@@ -279,7 +287,7 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         rows.append("| " + " | ".join(map(str, cells)) + " |")
     made = head["provenance"]
     hashes: dict[str, list[str]] = {}
-    for line in lines:
+    for line in sorted(lines, key=_place):
         hashes.setdefault(line["code"], []).append(line["contender"])
     codes = "; ".join(f"{code} ({', '.join(dict.fromkeys(names))})" for code, names in hashes.items())
     versions = ", ".join(f"{name} {made[name]}" for name in made if name not in ("code", "platform"))
@@ -295,7 +303,7 @@ def table(head: Line, lines: Sequence[Line]) -> str:
 def curves(lines: Sequence[Line]) -> dict[str, dict[str, NDArray[np.float64]]]:
     """Of each contender, along its episodes or checkpoints: seconds driven, success and ratio with their intervals."""
     by: dict[str, list[Line]] = {}
-    for line in lines:
+    for line in sorted(lines, key=_place):
         if line["curve"]:
             by.setdefault(line["contender"], []).append(line)
     found = {}

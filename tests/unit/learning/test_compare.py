@@ -69,6 +69,13 @@ def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_don
     assert len(compare.read(file)[1]) == 2
 
 
+def test_the_table_is_the_same_in_whatever_order_the_trials_were_done(tmp_path: Path) -> None:
+    some = [[QUICK] * 12, [SLOW] * 12, [QUICK] * 11 + [LOST], [QUICK, SLOW] * 6]
+    lines = [line(rows, name, number) for name in ("pilot", "sweeps") for number, rows in enumerate(some)]
+    head, every = compare.read(raw(tmp_path / "a.jsonl", lines))
+    assert compare.table(head, every[::-1]) == compare.table(head, every)
+
+
 @pytest.mark.parametrize(
     ("other", "told"),
     [
