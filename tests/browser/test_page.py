@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -401,6 +406,46 @@ def ten_robots(browser: Any, fleet: str) -> None:
     driver.reload()
     is_told(driver, "robots", "'txt03'", "value")
     for page in pages:
+        page.close()
+
+
+def test_robots_of_processes_of_their_own_are_one_choice_on_their_console_s_page(browser: Any) -> None:
+    pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    names = [f"web{number}of{os.getpid()}" for number in (1, 2, 3)]
+    settings = [word for setting in PATIENT for word in ("--set", setting)]
+    with ExitStack() as stack:
+        for name in names:
+            words = [sys.executable, "-m", "txt1", "run", "--name", name, "--fleet", "--headless", *settings]
+            robot = stack.enter_context(subprocess.Popen(words, stdout=subprocess.DEVNULL))
+            stack.callback(robot.send_signal, signal.SIGINT)
+        url = stack.enter_context(command("fleet", "--join"))
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        arrive(page, url)
+        listed = "[...document.getElementById('robots').options].map((one) => one.value)"
+        page.wait_for_function(f"(names) => names.every((name) => {listed}.includes(name))", arg=names, timeout=60_000)
+        for name in names:
+            page.locator("#robots").select_option(name)
+            is_told(page, "robots", f"'{name}'", "value")
+            is_told(page, "state", "'armed'")
+        for _ in range(5):
+            push(page, 0, -70)
+            if waits(page, f"() => {SPEED} > 0.2"):
+                break
+            page.mouse.up()
+        is_told(page, "driver", "'this page'")
+        assert "Hold the stick to drive" in page.locator("#hint").inner_text()
+        page.mouse.up()
+        page.wait_for_function(f"() => {SPEED} === 0")
+        page.locator("[data-tab=fleet]").click()
+        page.wait_for_function(
+            "(names) => names.every((name) => document.getElementById('panel').innerText.includes(name))", arg=names
+        )
+        assert overlaps(page) == [] and cut(page) == []
+        page.locator("#stop").click()
+        for name in names:
+            page.locator("#robots").select_option(name)
+            is_told(page, "robots", f"'{name}'", "value")
+            is_told(page, "reason", "'emergency stop'")
         page.close()
 
 

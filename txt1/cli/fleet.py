@@ -172,6 +172,8 @@ async def _page(peer: "Peer", page: WebPage) -> None:
 
     network = Network(peer)
     try:
+        if not network.names():
+            say("no robot of the fleet is heard yet; the page opens with the first")
         while not (names := network.names()):
             await asyncio.sleep(0.5)
         _, given = page.bridge()

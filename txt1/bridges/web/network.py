@@ -11,6 +11,7 @@ import json
 import socket
 import threading
 from contextlib import suppress
+from math import inf
 from typing import TYPE_CHECKING, Final
 
 from txt1.errors import CommandRefused
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 RATE: Final = 20.0  # looks a second
 QUIET: Final = ("", "subscribe", "request", "halt")  # have no meaning here, and need none
+HELD: Final = 0.5  # s after a command in which the wheel of a robot that "fleet" drives is this page's
 
 
 class Network:
@@ -30,6 +32,7 @@ class Network:
     def __init__(self, peer: Peer) -> None:
         self._peer = peer
         self._began = peer.now
+        self._drove: dict[str, float] = {}  # when each robot was driven from here
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
         self._closing = threading.Event()
@@ -57,18 +60,25 @@ class Network:
             self._ours.recv(4096)
         members = self._peer.members()
         there = [one for one in members if one.alive and one.pose is not None]
-        return json.dumps([_telemetry(one, there, members, self._peer.now - self._began) for one in there]).encode()
+        told = [_telemetry(self._seen(one), there, members, self._peer.now - self._began) for one in there]
+        return json.dumps(told).encode()
 
     def request(self, name: str, /, **fields: object) -> None:
         """Do what a page asks for; raises CommandRefused: it is not to be done from here."""
         if name == "stop":
             self._peer.stop_all()
         elif name == "drive":
+            self._drove[str(fields["robot"])] = self._peer.now
             self._peer.drive(str(fields["robot"]), float(str(fields["v"])), float(str(fields["omega"])))
         elif name == "release":
             self._peer.drive(str(fields["robot"]), 0.0, 0.0)
         elif name not in QUIET:
             raise CommandRefused(f"a fleet's page stops and drives; '{name}' is done at the robot or on its own page")
+
+    def _seen(self, one: Member) -> Member:
+        """A robot whose wheel was taken from here, as one that the page drives; another console's is "fleet"."""
+        ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < HELD
+        return one._replace(driver="web") if ours else one
 
     def _beat(self) -> None:
         while not self._closing.wait(1.0 / RATE):
