@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks import seeds
 from txt1.config import load
-from txt1.control.limits import limit_velocity
+from txt1.control.limits import SetpointBounds
 from txt1.control.parameters import RollGuard
 from txt1.control.pid import VelocityLoops
 from txt1.control.roll import Guard, lean, tipping
@@ -57,7 +57,7 @@ def drive(seed: int, height: float, speed: float, guarded: bool) -> Slalom:
     theta = 0.0
     for step in range(round(DURATION / DT)):
         now = step * DT
-        v, omega = limit_velocity(speed, (1 if int(now / TURN) % 2 else -1) * 10.0, LIMITS)
+        v, omega = SetpointBounds(LIMITS).nearest(speed, (1 if int(now / TURN) % 2 else -1) * 10.0)
         if guarded:
             v, omega = guard(v, omega, now)
         speed_now = state[3]

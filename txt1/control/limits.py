@@ -79,19 +79,26 @@ def clip(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-def limit_velocity(v: float, omega: float, limits: Limits) -> tuple[float, float]:
-    """The nearest set-point (v, omega) the vehicle may be asked for: speed first, then yaw rate by (2.16)."""
-    if not abs(v) <= limits.v_max:
-        v = clip(v, limits.v_max)
-    speed = abs(v)
-    if speed < limits.v_dead_band:
-        v = speed = 0.0
-    omega_max, radius_min = limits.omega_max, limits.radius_min
-    if speed < omega_max * radius_min:  # never where it turns in place
-        omega_max = yaw_rate_max(v, radius_min)
-    if not abs(omega) <= omega_max:
-        omega = clip(omega, omega_max)
-    return v, omega
+class SetpointBounds:
+    """The set-points that a vehicle may be asked for: of its limits, those of speed and yaw rate, looked up once."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.v_max, self.omega_max = limits.v_max, limits.omega_max
+        self.dead_band, self.radius_min = limits.v_dead_band, limits.radius_min
+
+    def nearest(self, v: float, omega: float) -> tuple[float, float]:
+        """The nearest set-point (v, omega) to this one: speed first, then yaw rate by (2.16)."""
+        if not abs(v) <= self.v_max:
+            v = clip(v, self.v_max)
+        speed = abs(v)
+        if speed < self.dead_band:
+            v = speed = 0.0
+        omega_max, radius_min = self.omega_max, self.radius_min
+        if speed < omega_max * radius_min:  # never where it turns in place
+            omega_max = yaw_rate_max(v, radius_min)
+        if not abs(omega) <= omega_max:
+            omega = clip(omega, omega_max)
+        return v, omega
 
 
 class RunawayWatch:
@@ -103,6 +110,7 @@ class RunawayWatch:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
+        self._fastest, self._strongest = limits.runaway_speed, float(limits.runaway_motor)
         self._pivots = limits.radius_min == 0.0  # so its sides may stand or turn against each other
         self.clear()
 
@@ -121,14 +129,14 @@ class RunawayWatch:
         Given are the motor's output (PWM counts), both encoders' ticks in the last `dt` s, and the speeds (m/s) by
         the encoders and by combined odometry, while the loops use that.
         """
-        fast = abs(v) > self._limits.runaway_speed
+        fast = abs(v) > self._fastest
         apart = v_combined is not None and abs(v_combined - v) > DISAGREEMENT
         if not (fast or apart):
             if right * left > 0:  # both turn the same way
                 if not self._calm:
                     self.clear()
                 return None
-            if self._calm and right == left == 0 and abs(motor) <= self._limits.runaway_motor:  # at rest
+            if self._calm and right == left == 0 and abs(motor) <= self._strongest:  # at rest
                 return None
         self._calm = False
         self._fast = self._fast + dt if fast else 0.0
@@ -141,7 +149,7 @@ class RunawayWatch:
         self._against = self._against + dt if against else 0.0
         if self._against >= PERSISTS:
             return "the encoders turn against each other"
-        return self._check_silence(abs(motor) > self._limits.runaway_motor, right, left, dt)
+        return self._check_silence(abs(motor) > self._strongest, right, left, dt)
 
     def _check_silence(self, driven: bool, right: int, left: int, dt: float) -> str | None:
         for wheel, ticks, other in ((0, right, left), (1, left, right)):
@@ -170,6 +178,9 @@ class Gate:
 
     def __init__(self, limits: Limits, on_close: Callable[[str], None]) -> None:
         self.limits = limits
+        self._bounds = SetpointBounds(limits)
+        self._timeout = limits.command_timeout + 1e-9
+        self._motor_max = float(limits.motor_max)
         self.armed = False
         self.stopped = False
         self.reason = "not armed yet"
@@ -228,10 +239,10 @@ class Gate:
         if not (isfinite(v) and isfinite(omega)):
             self.count(Fault.NOT_FINITE)
             return None
-        limited = limit_velocity(v, omega, self.limits)
+        limited = self._bounds.nearest(v, omega)
         if limited[1] != omega:
             self.count(Fault.YAW_RATE)
-        if abs(v) > self.limits.v_max:
+        if abs(v) > self._bounds.v_max:
             self.count(Fault.SPEED)
         return limited
 
@@ -241,7 +252,7 @@ class Gate:
             slower, turning = guard(v, omega, now)
             if not (isfinite(turning) and 0.0 <= slower * v <= v * v):
                 slower = turning = 0.0
-            v, omega = limit_velocity(slower, turning, self.limits)
+            v, omega = self._bounds.nearest(slower, turning)
         return v, omega
 
     def admit_finite(self, *values: float) -> bool:
@@ -265,7 +276,7 @@ class Gate:
             given is not None
             and epoch == self.epoch
             and given >= self._valid_from
-            and -AHEAD <= now - given <= self.limits.command_timeout + 1e-9
+            and -AHEAD <= now - given <= self._timeout
         )
         if self._fresh and not fresh and self.armed:
             self.count(Fault.STALE)
@@ -297,13 +308,13 @@ class Gate:
         if not -inf < motor + front + rear + v + omega < inf:  # one that is not finite spoils the sum
             self.count(Fault.NOT_FINITE)
             return self.neutral(servos)
-        if abs(motor) > self.limits.motor_max:
+        if abs(motor) > self._motor_max:
             self.count(Fault.MOTOR)
-            motor = clip(motor, self.limits.motor_max)
+            motor = clip(motor, self._motor_max)
         if abs(front) > STEERING_MAX or abs(rear) > STEERING_MAX:
             self.count(Fault.STEERING)
             front, rear = clip(front, STEERING_MAX), clip(rear, STEERING_MAX)
-        v, omega = limit_velocity(v, omega, self.limits)
+        v, omega = self._bounds.nearest(v, omega)
         self._motor = int(motor)
         self._hold(servos)
         pwm4, pwm5 = self._servos

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import inf, nan
 from typing import Any, Final, NamedTuple
 
-from txt1.control.limits import limit_velocity
+from txt1.control.limits import SetpointBounds
 from txt1.errors import NotArmed, Overruled
 from txt1.experiments.profile import Profile, Step, Waypoints
 from txt1.experiments.recording import Measurement, Recording
@@ -174,13 +174,13 @@ class Experiment:
         return bool(voltages) and max(voltages) < CUT_OFF_V + 0.1
 
     async def _measure(self, ticks: Ticks) -> None:
-        robot, limits = self.robot, self.robot.config.limits()
+        robot, bounds = self.robot, SetpointBounds(self.robot.config.limits())
         before: tuple[float, Pose] | None = None
         wheels: Pose = robot.odometry[:3]
         way = turn = 0.0
         async for now in ticks:
             command = robot.runtime.state.command
-            set_v, set_omega = (0.0, 0.0) if command is None else limit_velocity(command.v, command.omega, limits)
+            set_v, set_omega = (0.0, 0.0) if command is None else bounds.nearest(command.v, command.omega)
             *_, v, omega = odometry = robot.odometry
             rolled, turned = step_between(wheels, odometry[:3])
             way, turn, wheels = way + rolled, turn + turned, odometry[:3]

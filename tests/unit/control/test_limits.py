@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.limits import Fault, Gate, Outputs, RunawayWatch, limit_velocity
+from txt1.control.limits import Fault, Gate, Outputs, RunawayWatch, SetpointBounds
 from txt1.control.parameters import Limits
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -36,8 +36,8 @@ def test_no_admitted_set_point_leaves_the_reachable_region(v: float, omega: floa
 
 @given(finite, finite)
 def test_limiting_twice_changes_nothing_more(v: float, omega: float) -> None:
-    once = limit_velocity(v, omega, Limits())
-    assert limit_velocity(*once, Limits()) == once
+    once = SetpointBounds(Limits()).nearest(v, omega)
+    assert SetpointBounds(Limits()).nearest(*once) == once
 
 
 @given(st.floats(-1.5, 1.5), st.floats(-1.0, 1.0))
@@ -425,15 +425,15 @@ def test_of_a_rover_that_turns_in_place_only_two_silent_wheels_are_a_runaway() -
 
 
 def test_a_rover_s_yaw_rate_is_limited_by_itself_alone() -> None:
-    assert limit_velocity(0.0, -7.0, ROVER) == (0.0, -6.0)
-    assert limit_velocity(1.5, 5.0, ROVER) == (1.5, 5.0)
+    assert SetpointBounds(ROVER).nearest(0.0, -7.0) == (0.0, -6.0)
+    assert SetpointBounds(ROVER).nearest(1.5, 5.0) == (1.5, 5.0)
 
 
 def test_a_fast_car_s_yaw_rate_is_limited_like_a_rover_s() -> None:
     fast = Limits(v_max=5.0)
-    assert limit_velocity(4.0, 7.0, fast) == (4.0, 6.0)
-    assert limit_velocity(-4.0, -7.0, fast) == (-4.0, -6.0)
-    assert limit_velocity(3.0, 7.0, fast) == (3.0, 3.0 / 0.56)
+    assert SetpointBounds(fast).nearest(4.0, 7.0) == (4.0, 6.0)
+    assert SetpointBounds(fast).nearest(-4.0, -7.0) == (-4.0, -6.0)
+    assert SetpointBounds(fast).nearest(3.0, 7.0) == (3.0, 3.0 / 0.56)
 
 
 def guarded(*allowed: tuple[float, float], limits: Limits = LIMITS) -> tuple[float, float]:
