@@ -1,5 +1,6 @@
 """The interface of every learner: it sees light and odometry, and says which action to take."""
 
+from math import inf
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -79,3 +80,40 @@ class Sharer(Protocol):
 
         `episodes` is how many the others have learned in since the last time.
         """
+
+
+class PeriodicAgent:
+    """The part of a learner that decides once in a `period`, s, by all it has seen of the light since."""
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._rest()
+
+    def see(self, readings: Readings, odometry: Odometry) -> None:
+        """One sample of the light, lux."""
+        del odometry
+        self._samples.append(readings)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen anything."""
+        return len(self._samples) > 5
+
+    def waits(self, now: float, odometry: Odometry) -> bool:
+        """Whether the action in force goes on."""
+        del odometry
+        return now < self._due - 1e-9
+
+    def _rest(self) -> None:
+        """Nothing is in force, and nothing has been seen."""
+        self._samples: list[Readings] = []
+        self._due = -inf
+
+    def _decides(self, now: float) -> None:
+        """A decision falls at `now` s, and is in force for a period."""
+        self._due = now + self._period
+
+    def _seen(self) -> NDArray[np.float64]:
+        """The samples since the last decision, lux, shape (samples, 4), which then are past."""
+        samples, self._samples = self._samples, []
+        return np.array(samples).reshape(-1, 4)

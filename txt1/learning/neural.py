@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.learning.agent import Decision
+from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.light import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import Positive, PositiveInt, Share
 
@@ -73,12 +73,13 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     return agent
 
 
-class NeuralAgent:
+class NeuralAgent(PeriodicAgent):
     """The learner; see the module."""
 
     name = "neural"
 
     def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        super().__init__(settings.period)
         self.settings = settings
         self.actions = actions
         self.episode = 0
@@ -102,34 +103,18 @@ class NeuralAgent:
     def begin(self) -> None:
         """An episode begins."""
         self._before = self._copy()
-        self._samples: list[Readings] = []  # since the last decision
+        self._rest()
         self._first = len(self.rows)  # the episode's first row
         self._at: Odometry | None = None
         self._a = -1
-        self._due = 0.0
         self._random = 0  # decisions for which the action in force was drawn, yet to come
         self._untried = [int(a) for a in self._rng.permutation(self.actions)] if not len(self.rows) else []
         self._values: tuple[float, ...] = ()
         self._error: float | None = None
 
-    def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the light, lux."""
-        del odometry
-        self._samples.append(readings)
-
-    @property
-    def ready(self) -> bool:
-        """Whether it has seen anything."""
-        return len(self._samples) > 5
-
-    def waits(self, now: float, odometry: Odometry) -> bool:
-        """Whether the action in force goes on."""
-        del odometry
-        return self._a >= 0 and now < self._due - 1e-9
-
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from what came of the last action, and choose the next one."""
-        self._due = now + self.settings.period
+        self._decides(now)
         self._take(odometry)
         if self.training:
             self._train(self.settings.steps)
@@ -151,8 +136,7 @@ class NeuralAgent:
 
     def _take(self, odometry: Odometry) -> None:
         """Keep what was seen since the last decision."""
-        lux = np.nan_to_num(np.array(self._samples)) if self._samples else np.full((1, 4), LUX_MIN)
-        self._samples = []
+        lux = np.nan_to_num(self._seen()) if self._samples else np.full((1, 4), LUX_MIN)
         z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
         if self.level is None:
             self.level = z

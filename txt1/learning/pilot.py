@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from txt1.config import Config, checked
 from txt1.fleet.learned import Learned
-from txt1.learning.agent import Decision, Rows
+from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.course import Effects, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.survey import (
@@ -52,7 +52,7 @@ from txt1.learning.survey import (
     way,
 )
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.light import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
@@ -88,12 +88,13 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     return agent
 
 
-class PilotAgent:
+class PilotAgent(PeriodicAgent):
     """The learner; see the module."""
 
     name = "pilot"
 
     def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        super().__init__(settings.period)
         self.settings = settings
         self.actions = actions
         self.episode = 0
@@ -120,12 +121,10 @@ class PilotAgent:
         """An episode begins."""
         self._before = self.memory()
         self._rows: list[list[float]] = []
-        self._samples: list[Readings] = []  # since the last decision
+        self._rest()
         self._taken = [self.actions] * self.settings.delays  # actions, the latest first
         self._at: Odometry | None = None
         self._pace: Place = (0.0, 0.0)  # distance and curvature of the last decision
-        self._due = 0.0
-        self._acting = False
         self._lights: list[tuple[Belief, float]] = []  # its likely places in the robot's frame, the likeliest first
         self._range = (inf, inf)  # distance from the light at the last decision but one, and at the last
         self._near = self.goal  # the goal's distance as it shows in this episode
@@ -133,24 +132,9 @@ class PilotAgent:
         self._surveyed = False  # whether it surveyed again in this episode for being late
         self.plan = inf  # decisions that the plan takes
 
-    def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the light, lux."""
-        del odometry
-        self._samples.append(readings)
-
-    @property
-    def ready(self) -> bool:
-        """Whether it has seen anything."""
-        return len(self._samples) > 5
-
-    def waits(self, now: float, odometry: Odometry) -> bool:
-        """Whether the action in force goes on."""
-        del odometry
-        return self._acting and now < self._due - 1e-9
-
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from what came of the last action, and choose the next one."""
-        self._acting, self._due = True, now + self.settings.period
+        self._decides(now)
         self._learn(odometry)
         if self._light is not None:  # it is here, and the episode goes on: the goal is nearer to the light
             self._near = min(self._near, 0.98 * hypot(*self._light[:2]))
@@ -204,8 +188,8 @@ class PilotAgent:
 
     def _readings(self) -> tuple[Array, Array]:
         """The logarithms of the mean readings, and their variances; infinite where a sensor is of no use."""
-        lux, n = np.array(self._samples), len(self._samples)
-        self._samples = []
+        lux = self._seen()
+        n = len(lux)
         z, noise = np.zeros(SENSORS), np.full(SENSORS, inf)
         if not n:
             return z, noise

@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.learning.agent import Decision
+from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
-from txt1.model.light import LUX_MAX, LUX_MIN, Readings
+from txt1.model.light import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, Share
 
@@ -71,12 +71,13 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     return agent
 
 
-class TaxisAgent:
+class TaxisAgent(PeriodicAgent):
     """The learner; see the module."""
 
     name = "taxis"
 
     def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+        super().__init__(settings.period)
         self.settings = settings
         self.actions = actions
         self.episode = 0
@@ -93,37 +94,21 @@ class TaxisAgent:
     def begin(self) -> None:
         """An episode begins."""
         self._before = self.memory()
-        self._samples: list[Readings] = []  # since the last decision
+        self._rest()
         self._sensed: Array | None = None  # logarithms, quickly averaged
         self._bright = self._past = 0.0  # mean logarithm at the last decision, and slowly averaged
         self._x: Array | None = None
         self._a = -1
         self._turning = 0  # decisions for which a pirouette goes on
-        self._due = 0.0
         self._promised = np.zeros_like(self.promises)  # traces
         self._did = np.zeros_like(self.synapses)
         self._delta: float | None = None
         self._likes: Array = np.zeros(self.actions)
 
-    def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the light, lux."""
-        del odometry
-        self._samples.append(readings)
-
-    @property
-    def ready(self) -> bool:
-        """Whether it has seen anything."""
-        return len(self._samples) > 5
-
-    def waits(self, now: float, odometry: Odometry) -> bool:
-        """Whether the action in force goes on."""
-        del odometry
-        return self._a >= 0 and now < self._due - 1e-9
-
     def act(self, now: float, odometry: Odometry) -> int:
         """Learn from how bright it has become, and choose the next action."""
         del odometry
-        self._due = now + self.settings.period
+        self._decides(now)
         x, r, rise = self._sense()
         self._learn(x, r)
         self._promised = self.settings.fades * self._promised + x
@@ -151,8 +136,7 @@ class TaxisAgent:
     def _sense(self) -> tuple[Array, float, float]:
         """What comes in; how much brighter it is than at the last decision; how quickly it brightens, in deviations."""
         one = self.settings
-        lux = np.nan_to_num(np.array(self._samples)) if self._samples else np.full((1, SENSORS), LUX_MIN)
-        self._samples = []
+        lux = np.nan_to_num(self._seen()) if self._samples else np.full((1, SENSORS), LUX_MIN)
         z = np.log(np.clip(lux.mean(axis=0), LUX_MIN, LUX_MAX))
         bright = float(z.mean())
         if self._sensed is None:
