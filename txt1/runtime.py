@@ -336,8 +336,9 @@ class Runtime:
     def wheels(self) -> Wheels:
         """The robot's own part of a cycle of the filter."""
         state = self.state
-        steering = float(state.control.outputs.rear) if self.hal.capabilities.pwm else None
-        return Wheels(state.odometry, state.odometry_time, steering, state.control.v != 0.0)
+        outputs, v = state.control.outputs, state.control.v
+        steering, motor = (float(outputs.rear), float(outputs.motor)) if self.hal.capabilities.pwm else (None, None)
+        return Wheels(state.odometry, state.odometry_time, steering, v, motor)
 
     def _configured_sensors(self) -> dict[str, SensorConfig]:
         """The configured sensors, and simulated ones for those to be fused that are not among them."""

@@ -60,6 +60,8 @@ WIDER: Final = 0.1  # standard deviation of the slip that a sensor's misses leav
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
 REST_YAW: Final = 0.001  # rad/s, likewise
 PAIRS_MAX: Final = 600  # positions that are kept to find it
+XX: Final = 0  # place of x's variance in a covariance's triangle
+YY: Final = 7  # ... and of y's
 
 
 class Estimate(NamedTuple):
@@ -126,6 +128,7 @@ class Fusion:
         self._alone = False  # one sensor only is believed
         self._suspect: Judge | None = None  # whose readings miss on one side
         self._dispute = [0.0, 0.0, 0.0]  # m, m, rad from the pose to where those that contradict have it
+        self._way_doubt = (0.0, 0.0)  # m in x and y by which the pose may be off, as the speed may be
 
     def take(self, measurement: Measurement) -> None:
         """Take in a measurement with the next step."""
@@ -140,6 +143,19 @@ class Fusion:
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
         self._dispute = [0.0, 0.0, 0.0]
+        self._way_doubt = 0.0, 0.0
+
+    def believes(self, sensor: str) -> bool:
+        """Whether a sensor is fused and believed."""
+        judge = self._judges.get(sensor)
+        return judge is not None and judge.believed
+
+    def doubt_speed(self, speed: float, dt: float) -> None:
+        """Note that the speed may have been off by `speed` m/s for dt seconds, so that the pose is off by the way."""
+        if speed:
+            theta = (self._entries[-1].belief if self._entries else self._base).mean[THETA]
+            x, y = self._way_doubt
+            self._way_doubt = x + speed * dt * cos(theta), y + speed * dt * sin(theta)
 
     def trusts(self) -> tuple[Trust, ...]:
         """How much each sensor is believed."""
@@ -331,6 +347,10 @@ class Fusion:
             return update(belief, residual, h, sigmas, gate)[0]
         after, nis, misses = update(belief, residual, h, sigmas, gate if judge.believed else -1.0)
         entry.new, entry.used = False, judge.believed
+        if measurement.kind is Kind.POSE and after is not belief and any(self._way_doubt):
+            x, y = self._way_doubt  # the reading takes away of the error what it takes of the variance
+            before, left = belief.triangle, after.triangle
+            self._way_doubt = x * left[XX] / before[XX], y * left[YY] / before[YY]
         used = judge.used
         self._tell(judge.weigh(measurement, belief.mean[ROLLED], nis, misses))
         if judge.used > used and judge.one_sided > ONE_SIDED:
@@ -405,6 +425,9 @@ class Fusion:
         """Variances of x, y and theta besides the filter's: of contradictions, and of sensors that miss on one side."""
         x, y, theta = self._dispute
         doubts = [x * x + y * y, x * x + y * y, theta * theta]  # in any direction: the sensor may be wrong in any
+        way_x, way_y = self._way_doubt
+        doubts[0] += way_x * way_x
+        doubts[1] += way_y * way_y
         for judge in self._judges.values():
             if judge.settings.tells_pose and judge.believed and judge.one_sided > ONE_SIDED_SO_FAR:
                 for place, (miss, offset) in enumerate(zip(judge.misses, judge.offset(), strict=False)):

@@ -8,6 +8,7 @@ from txt1.config.schema import EstimationConfig, FusedConfig
 from txt1.estimation.fusion import Estimate, Fusion
 from txt1.estimation.judge import Belonging, Trust
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_pose
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
@@ -72,7 +73,8 @@ class Wheels(NamedTuple):
     odometry: Odometry
     time: float  # when the odometry was read, s of the run
     steering: float | None  # counts on the rear servo since the last cycle, left positive; None where nobody knows
-    commanded: bool  # whether a speed is asked for
+    setpoint: float  # m/s
+    motor: float | None  # counts on the motor since the last cycle; None where nobody knows
 
 
 class Estimator:
@@ -101,6 +103,7 @@ class Estimator:
         self._steering: float | None = None
         self._curvature = 0.0
         self._still = 0.0  # s for which it has stood
+        self._witness = MotorWitness()
 
     def take(self, name: str, reading: Reading[Any]) -> None:
         """Take a sensor's reading."""
@@ -141,7 +144,10 @@ class Estimator:
             rows = tuple(row for row, name in enumerate(("v", "omega")) if name in settings.fields)
         told, its = tuple([values[row] for row in rows]), tuple([sigmas[row] for row in rows])
         self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, told, its))
-        self._still = self._still + dt if v == 0.0 == omega and not wheels.commanded else 0.0
+        if wheels.motor is not None:
+            doubt = self._witness.doubt(wheels.setpoint, wheels.motor, dt)
+            self.fusion.doubt_speed(doubt if self.fusion.believes(ENCODERS) else 0.0, dt)
+        self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
         if self._still >= REST:
             self.fusion.rest(middle)
 
