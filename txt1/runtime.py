@@ -6,6 +6,7 @@ from collections.abc import Callable, Coroutine, Iterable
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
+from operator import itemgetter
 from typing import Any, Final
 
 from txt1.config import Config
@@ -27,7 +28,6 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
-from txt1.model.odometry import Odometry
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
@@ -46,6 +46,7 @@ from txt1.tasks.roll_guard import watching
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
+from txt1.telemetry.topics import Topic
 
 TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
 """Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
@@ -124,32 +125,29 @@ class Runtime:
         """Offer what there is to be seen: causes before effects, as the first difference of a replay is named."""
         state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
         can = hal.capabilities
+        gains, told = (state.gains.linear, state.control.gains), mode.Mode()
 
-        def known_odometry() -> Odometry | None:
-            return state.odometry if state.odometry_time or can.ticks else None
-
-        bus.offer(encoder.ODOMETRY, known_odometry)
-        bus.offer(controller.SETPOINT, lambda: state.control)
-        if can.pwm:
-            bus.offer(controller.MEASURED_BY, lambda: state.control.source)
-            bus.offer(controller.GAINS, lambda: (state.gains.linear, state.control.gains))
-            bus.offer(controller.PWM, lambda: state.control)
-        bus.offer(encoder.TRANSFORM, known_odometry)
-        if can.ticks:
-            bus.offer(encoder.ENCODERS, lambda: state.encoders)
-        if can.pose:
-            bus.offer(encoder.POSE, lambda: state.pose)
-            bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
-        told = mode.Mode()
-
-        def mode_now() -> mode.Mode:
-            nonlocal told
+        def read() -> tuple[Any, ...]:
+            nonlocal gains, told
+            control, odometry = state.control, state.odometry if state.odometry_time or can.ticks else None
+            linear, angular = state.gains.linear, control.gains
+            if linear is not gains[0] or angular is not gains[1]:
+                gains = linear, angular
             parts = gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel
-            if parts != told:  # looked at every cycle, and seldom another
+            if parts != told:
                 told = mode.Mode(*parts)
-            return told
+            return odometry, control, control, odometry, state.encoders, state.pose, told, control.source, gains
 
-        bus.offer(mode.MODE, mode_now)
+        row: dict[Topic[Any], bool] = {
+            encoder.ODOMETRY: True, controller.SETPOINT: True, controller.PWM: can.pwm, encoder.TRANSFORM: True,
+            encoder.ENCODERS: can.ticks, encoder.POSE: can.pose, mode.MODE: True, controller.MEASURED_BY: can.pwm,
+            controller.GAINS: can.pwm,
+        }  # fmt: skip
+        there = itemgetter(*(place for place, known in enumerate(row.values()) if known))
+        topics = [topic for topic, known in row.items() if known]
+        bus.offer_row(topics, read if all(row.values()) else lambda: there(read()))
+        if can.pose:
+            bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
         watch = self.watch
         if watch is not None:
             bus.offer(standstill.STOP, lambda: watch.standstill.stop)

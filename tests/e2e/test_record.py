@@ -29,7 +29,7 @@ from txt1.record.session import need
 
 Capture = pytest.CaptureFixture[str]
 
-EVERY_CYCLE = ("/odom", "/setpoint", "/pwm", "/gains", "/encoders", "/tf", "/pose")
+EVERY_CYCLE = ("/odom", "/setpoint", "/pwm", "/encoders", "/tf", "/pose")
 RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
 LINE = ("run", "--hal", "serial", "--port", "virtual", *RUN[1:])
 

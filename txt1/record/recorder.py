@@ -18,8 +18,7 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.record.encoder import Block, Channel, Encoder, Event, Sample
 from txt1.runtime import Runtime
 from txt1.tasks.controller import PERIOD
-from txt1.telemetry.bus import Take, Unsubscribe
-from txt1.telemetry.topics import Topic
+from txt1.telemetry.topics import Take, Topic, Unsubscribe
 
 BATCH: Final = 0.5  # s between two batches on the real clock: what a crash may lose, with what the disk needs
 

@@ -23,7 +23,8 @@ STEP_NS: Final = NS_PER_S // 10  # between two snapshots
 
 EVENTS_MAX: Final = 20  # lines of the event log that are shown, as in the robot
 
-_FAST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, GAINS, ENCODERS, POSE))
+_FAST: Final = frozenset(topic.name for topic in (ODOMETRY, SETPOINT, PWM, ENCODERS, POSE))
+_SELDOM: Final = frozenset(topic.name for topic in (MODE, GAINS))
 
 Values = dict[Topic[Any], Any]
 
@@ -64,7 +65,7 @@ class Snapshots:
                     due_ns = shown_ns + STEP_NS
                 wanted = time_ns >= due_ns
                 shown_ns, shown = time_ns, now
-            if item.name == MODE.name or (wanted and item.name in _FAST):
+            if item.name in _SELDOM or (wanted and item.name in _FAST):
                 latest[item.name] = decoding.message(item)
         if ODOMETRY.name in latest:
             self._steps.append((shown, _values(latest, tuple(events))))

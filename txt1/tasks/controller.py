@@ -42,7 +42,7 @@ GAINS: Final = declare(Topic[tuple[Gains, Gains]](
         "std_msgs/Header header\nfloat64 linear_kp\nfloat64 linear_ki\nfloat64 linear_kd\n"
         "float64 angular_kp\nfloat64 angular_ki\nfloat64 angular_kd",
     ),
-    Rule.CYCLE, "the gains in force", {"header": {"frame_id": "base_footprint"}},
+    Rule.CHANGE, "the gains in force", {"header": {"frame_id": "base_footprint"}},
     tuple(f"{loop}_{gain}" for loop in ("linear", "angular") for gain in ("kp", "ki", "kd")),
     lambda gains: gains[0] + gains[1], in_snapshots=False,
 ))  # fmt: skip

@@ -1,11 +1,8 @@
 """Messages that are bytes already: a recorder makes each once, for its files, the live view and bridges alike."""
 
-from __future__ import annotations
+from typing import NamedTuple, Protocol
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-if TYPE_CHECKING:
-    from txt1.telemetry.bus import Take, Unsubscribe
+from txt1.telemetry.topics import Take, Unsubscribe
 
 
 class Ready(NamedTuple):

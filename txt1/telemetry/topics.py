@@ -59,6 +59,10 @@ class Topic(Generic[T]):
     in_snapshots: bool = True
 
 
+Take = Callable[[Topic[Any], Any, float], None]
+"""Takes a topic, a value and its time in s of the run; in the loop, so it must not wait."""
+Unsubscribe = Callable[[], None]
+
 TOPICS: Final[dict[str, Topic[Any]]] = {}
 """Every topic declared so far, by name."""
 
