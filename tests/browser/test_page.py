@@ -434,6 +434,7 @@ def test_robots_of_processes_of_their_own_are_one_choice_on_their_console_s_page
             page.mouse.up()
         is_told(page, "driver", "'this page'")
         assert "Hold the stick to drive" in page.locator("#hint").inner_text()
+        assert page.locator("#arm").is_hidden(), "a robot is armed where it stands"
         page.mouse.up()
         page.wait_for_function(f"() => {SPEED} === 0")
         page.locator("[data-tab=fleet]").click()

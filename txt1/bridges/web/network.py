@@ -90,7 +90,7 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
     x, y, theta = one.pose
     topics: dict[str, object] = {
         "/odom": {"x": x, "y": y, "theta": theta, "v": one.v, "omega": one.omega},
-        "/mode": {"armed": one.armed, "reason": one.reason, "link": {"alive": True}},
+        "/mode": {"armed": one.armed, "reason": one.reason, "link": {"alive": True}, "remote": True},
         "/driver": {"name": one.driver},
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),

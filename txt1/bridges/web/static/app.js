@@ -166,6 +166,7 @@ function show() {
   $("link").textContent = !link.open ? "lost" : silent ? "silent" : mode?.link.alive === false ? "board lost"
     : know.page.round_trip == null ? "alive" : `${Math.round(1000 * know.page.round_trip)} ms`
   $("arm").dataset.armed = mode?.armed && !replay ? "1" : ""
+  $("arm").hidden = Boolean(mode?.remote)
   $("arm").firstElementChild.textContent = mode?.armed ? "disarm" : "hold to arm"
   $("take").textContent = mine ? "give up the wheel" : holder ? `page ${holder} drives` : "take the wheel"
   $("take").setAttribute("aria-pressed", String(Boolean(mine)))
@@ -196,7 +197,7 @@ function battery(state, range) {
 function hint(mode, holder, mine, driver, replay) {
   if (replay) return "This is a recording: nothing here moves the robot, but STOP stops it."
   if (!mode) return "Waiting for the robot."
-  if (!mode.armed) return "The robot is not armed: hold the button above for half a second."
+  if (!mode.armed) return mode.remote ? "The robot is not armed, which is done at the robot itself." : "The robot is not armed: hold the button above for half a second."
   if (holder && !mine) return `Page ${holder} drives. You watch; STOP works all the same.`
   if (driver && driver !== "web" && driver !== "route") return `'${driver}' drives. It is your turn when it lets go.`
   return "Hold the stick to drive, let go to stop. Keys: w a s d, space stops."
