@@ -154,7 +154,7 @@ class Runtime:
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(battery.RANGE, self._range_left)
-        bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
+        bus.offer(FAULTS, self._counted_faults)
         bus.offer(TASKS, self._task_counts)
         bus.offer(SNAPSHOT, self._recorded_snapshot)
         tap_line = getattr(hal, "tap_line", None)
@@ -210,8 +210,8 @@ class Runtime:
 
     def _recorded_snapshot(self) -> Snapshot:
         """The same; in virtual time without the tasks' times, which are the processor's and never the same."""
-        everything = {topic.name for topic in self.bus.offered}
-        return self.snapshot(everything - {fields.TASK_REPORTS.name} if self._virtual else everything)
+        without = (fields.TASK_REPORTS,) if self._virtual else ()
+        return Snapshot.take(self.bus, self.now, self.name, without=without)
 
     async def start(self) -> None:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
@@ -521,6 +521,13 @@ class Runtime:
         """Everything that was refused, clipped or lost so far, by name."""
         counted = {fault.value: count for fault, count in self.gate.counts.items()} | self.state.line_faults
         return counted if self.state.board is None else counted | self.state.board.faults
+
+    def _counted_faults(self) -> dict[str, int]:
+        """Those that there were; an Enum's value takes its time, so it is looked up for these only."""
+        state, counts = self.state, {fault.value: count for fault, count in self.gate.counts.items() if count}
+        for more in (state.line_faults, {} if state.board is None else state.board.faults):
+            counts.update({name: count for name, count in more.items() if count})
+        return counts
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name."""

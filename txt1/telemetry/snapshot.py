@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -34,12 +34,23 @@ class Snapshot:
         self._plain: Mapping[str, Any] = {}
 
     @classmethod
-    def take(cls, bus: Bus, time: float, name: str, topics: Iterable[str] | None = None) -> Snapshot:
-        """What a bus has to tell now, of all its sampled topics or of those of these names."""
+    def take(
+        cls,
+        bus: Bus,
+        time: float,
+        name: str,
+        topics: Iterable[str] | None = None,
+        without: Collection[Topic[Any]] = (),
+    ) -> Snapshot:
+        """What a bus has to tell now, of all its sampled topics or of those of these names, `without` some."""
         chosen = None if topics is None else frozenset(topics)
-        asked = (t for t in bus.offered if t.in_snapshots and (chosen is None or t.name in chosen))
-        told = ((topic.name, bus.read(topic)) for topic in asked)
-        return cls(time, name, {name: value for name, value in told if value is not None})
+        values = {}
+        for topic in bus.offered:
+            if topic.in_snapshots and (chosen is None or topic.name in chosen) and topic not in without:
+                value = bus.read(topic)
+                if value is not None:
+                    values[topic.name] = value
+        return cls(time, name, values)
 
     def __getitem__(self, topic: Topic[T]) -> T:
         """The value of a topic; KeyError where it has none."""
@@ -111,9 +122,14 @@ _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))
 
 
+@cache
+def _key(name: str) -> str:
+    return f"{_JSON.encode(name)}:"
+
+
 def _entry(name: str, words: Any) -> str:
     """A topic in JSON, to stand among others."""
-    return f"{_JSON.encode(name)}:{_JSON.encode(words)}"
+    return _key(name) + _JSON.encode(words)
 
 
 # -- values to JSON and back -----------------------------------------------------------------------------------
@@ -127,7 +143,8 @@ def plain(value: Any) -> Any:
     if kind is Schedule:
         return plain(value.sets)
     if names := _names(kind):
-        return {name: plain(getattr(value, name)) for name in names}
+        values = value if isinstance(value, tuple) else [getattr(value, name) for name in names]
+        return {name: each if type(each) in _WORDS else plain(each) for name, each in zip(names, values, strict=True)}
     if isinstance(value, tuple | list):
         return [plain(each) for each in value]
     if isinstance(value, Enum):
