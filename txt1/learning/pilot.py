@@ -20,7 +20,6 @@ half of what it had planned although it surveyed anew: then it forgets its surve
 from several guesses at where the light is.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, cos, hypot, inf, isfinite, log, pi, sin, sqrt
 from typing import Any, Final
@@ -353,7 +352,8 @@ class PilotAgent(PeriodicAgent):
         values = np.column_stack([self.survey[:4], np.full(4, self.survey[POWER]), places])
         memory = self.memory()
         del memory["rng"]
-        return StoredTable(values, {"agent": self.name, "episodes": self.episode, "knows": memory})
+        about = {"agent": self.name, "episodes": self.episode, "sensors": places.tolist(), "knows": memory}
+        return StoredTable(values, about)
 
     def shared(self) -> Learned:
         """One row: survey, spread, goal, and what the actions do; known by who is not lost."""
@@ -402,12 +402,12 @@ def _possible(survey: Array, spread: Array, goal: float) -> bool:
     return bool(usual and positive and np.abs(survey).max() < 50.0)
 
 
-def courses(about: Mapping[str, Any], lights: Array) -> Array:
-    """The curvature that a stored learner drives with the light at places in its frame, 1/m; shape (places,).
+def courses(table: StoredTable, lights: Array) -> Array:
+    """The curvature that a stored survey drives with the light at places in the robot's frame, 1/m; shape (places,).
 
-    It comes along straight ahead, and nothing is under way. `about`: of its `StoredTable`; `lights`: (places, 2), m.
+    It comes along straight ahead, and nothing is under way. `lights` has the shape (places, 2), m.
     """
-    memory = about["knows"]
+    memory = table.about["knows"]
     k, c = np.array(memory["effects"]["k"])[0], np.array(memory["effects"]["c"])[0]
     driven = c[:, :-1] / (1.0 - k)[:, None]
     straight = int(np.abs(driven[1]).argmin())

@@ -1,4 +1,4 @@
-"""Pictures of what was learned: the learning curve, some paths, the Q-table. Needs matplotlib (extra `plots`)."""
+"""Pictures of what was learned: the curve, paths, the table and where it drives. Needs matplotlib (extra `plots`)."""
 
 from collections.abc import Callable, Sequence
 from math import cos, sin
@@ -8,14 +8,18 @@ from typing import Any, Final
 import numpy as np
 
 from txt1.errors import MissingExtra
-from txt1.learning.pilot import courses
+from txt1.learning import pilot, sweeps, thesis
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
+from txt1.model.light import MOUNT, SENSORS
 
 DPI: Final = 120
 LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
 RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
+COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
+    "pilot": pilot.courses, "sweeps": sweeps.courses, "thesis": thesis.courses,
+}  # of learners whose tables tell how sharply they turn, left positive, by where the light is  # fmt: skip
 
 
 def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
@@ -26,10 +30,16 @@ def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: 
         from matplotlib.figure import Figure
     except ImportError:
         raise MissingExtra("drawing pictures", "plots") from None
+    table = chosen.table
+    parts: list[Callable[[Any, float], None]] = []
+    if table.about.get("agent") != pilot.PilotAgent.name:  # its table is a survey, which the floor shows
+        parts.append(lambda figure, left: _table(figure, left, table, colormaps))
+    if table.about.get("agent") in COURSES:
+        parts.append(lambda figure, left: _floor(figure, left, table, task))
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
         ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes, ticker, LineCollection)),
         ("paths.png", (4.5 * max(1, len(chosen.paths)), 4.8), lambda figure: _paths(figure, chosen, task)),
-        ("qtable.png", (6.0, 4.5), lambda figure: _table(figure, chosen.table, colormaps)),
+        ("qtable.png", (6.0 * len(parts), 4.5), lambda figure: _learned(figure, parts)),
     )
     pictures = []
     for name, size, paint in paintings:
@@ -124,37 +134,38 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m", title=title)
 
 
-def _model(figure: Any, table: StoredTable) -> None:
-    """What the pilot surveyed: its sensors, and which way it drives for each place of the light on the floor."""
-    axes = _panel(figure, 1.0, 0.475, 3.775, 3.775)
-    reach = 4.0 * table.about["knows"]["goal"] or 2.0
+def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None:
+    """The table, and beside it where it drives, as far as there are such."""
+    for k, part in enumerate(parts):
+        part(figure, 6.0 * k)
+
+
+def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
+    """Which way it drives for each place of the light on the floor, and where it takes its sensors to be."""
+    axes = _panel(figure, edge + 1.0, 0.475, 3.775, 3.775)
+    reach = 4.0 * task.goal_radius
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
-    outside = np.hypot(ahead, left) > table.about["knows"]["goal"]
+    outside = np.hypot(ahead, left) > task.goal_radius
     ahead, left = ahead[outside], left[outside]
-    curvature = courses(table.about, np.column_stack([ahead, left]))
-    turned = 0.5 * np.pi * curvature / (np.abs(curvature).max() or 1.0) + 0.5 * np.pi  # up is straight on
-    colours = np.where(curvature > 0.3 * curvature.max(), BLUE, np.where(curvature < 0.3 * curvature.min(), RED, GREEN))
+    turns = COURSES[table.about["agent"]](table, np.column_stack([ahead, left]))
+    turned = 0.5 * np.pi * turns / (np.abs(turns).max() or 1.0) + 0.5 * np.pi  # up is straight on
+    colours = np.where(turns > 0.3 * turns.max(), BLUE, np.where(turns < 0.3 * turns.min(), RED, GREEN))
     axes.quiver(-left, ahead, np.cos(turned), np.sin(turned), color=colours, pivot="mid", scale=26.0, width=0.005)
-    sensors = np.asarray(table.values)[:, 2:]
-    axes.plot(-sensors[:, 1], sensors[:, 0], "ks", markersize=4)
-    for name, (x, y) in zip(("FL", "FR", "RL", "RR"), sensors, strict=True):
+    for name, (x, y) in zip(SENSORS, table.about.get("sensors", MOUNT), strict=True):
+        axes.plot(-y, x, "ks", markersize=4)
         axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=7)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    goal = table.about["knows"]["goal"]
-    axes.plot(goal * np.cos(angle), goal * np.sin(angle), color=GREY)
+    axes.plot(task.goal_radius * np.cos(angle), task.goal_radius * np.sin(angle), color=GREY)
     axes.set(xlabel="light to the right, m", ylabel="light ahead, m", aspect="equal",
              title="drives left, straight or right, by where the light is")  # fmt: skip
 
 
-def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
+def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:
     """The Q-table as a heat map; where it says what its `axes` are (label, cells, from, to), the best actions."""
-    if table.about.get("agent") == "pilot":
-        _model(figure, table)
-        return
     if "axes" in table.about:
         (across, columns, *x), (up, rows, *y) = table.about["axes"]
         best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T
-        axes, scale = _panel(figure, 0.7, 0.475, 4.2, 3.775), _panel(figure, 5.1, 0.475, 0.2, 3.775)
+        axes, scale = _panel(figure, edge + 0.7, 0.475, 4.2, 3.775), _panel(figure, edge + 5.1, 0.475, 0.2, 3.775)
         colours = colormaps["viridis"].resampled(len(ACTIONS))
         image = axes.imshow(
             best, aspect="auto", origin="lower", extent=(*x, *y), cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
@@ -162,7 +173,7 @@ def _table(figure: Any, table: StoredTable, colormaps: Any) -> None:
         axes.set(xlabel=across, ylabel=up, title="best action")
         figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
-    axes, scale = _panel(figure, 0.97, 0.28, 4.04, 3.97), _panel(figure, 5.2, 0.28, 0.2, 3.97)
+    axes, scale = _panel(figure, edge + 0.97, 0.28, 4.04, 3.97), _panel(figure, edge + 5.2, 0.28, 0.2, 3.97)
     most = float(np.abs(table.values).max())
     image = axes.imshow(table.values, aspect="auto", cmap="PuOr", vmin=-most, vmax=most)
     actions = table.about.get("actions", ACTIONS)

@@ -25,6 +25,7 @@ from txt1.learning.qtable import StoredTable
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry
+from txt1.sim.light import PointLight, illuminances
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 Array = NDArray[np.float64]
@@ -136,8 +137,7 @@ class SweepsAgent:
         fl, fr, rl, rr = readings
         if fl <= 0.0 or fr <= 0.0 or rl <= 0.0 or rr <= 0.0:  # dead, as the watch will find out soon
             return
-        one, other = log(fl / rr), log(fr / rl)
-        ahead, left = (one + other) / SENSOR_X, (one - other) / SENSOR_Y
+        ahead, left = towards(readings)
         c, s = cos(odometry.theta), sin(odometry.theta)
         past = self.settings.memory
         self._east = past * self._east + (1.0 - past) * (c * ahead - s * left)
@@ -276,6 +276,24 @@ class SweepsAgent:
         self._rng.bit_generator.state = memory["rng"]
         self._cells = ()
         self._fitted = 0
+
+
+def towards(readings: Readings) -> tuple[float, float]:
+    """The way to the light as the sensors show it, ahead and left: of any length, and alike for a dim light."""
+    fl, fr, rl, rr = readings
+    one, other = log(fl / rr), log(fr / rl)
+    return (one + other) / SENSOR_X, (one - other) / SENSOR_Y
+
+
+def courses(table: StoredTable, lights: Array) -> Array:
+    """The yaw rate that a stored table comes to with the light at places in the robot's frame, rad/s; shape (places,).
+
+    It comes along straight ahead. `lights` has the shape (places, 2), m.
+    """
+    q = table.values.reshape(BEARINGS, YAW_RATES, -1)
+    c, k = np.array(table.about["turning"])
+    seen = [towards(illuminances(0.0, 0.0, 0.0, PointLight(x, y))) for x, y in lights.tolist()]
+    return np.asarray((c / (1.0 - k))[[best_action(q, atan2(left, ahead), 0.0) for ahead, left in seen]])
 
 
 def best_action(q: Array, bearing: float, w: float) -> int:

@@ -20,6 +20,7 @@ from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, u
 from txt1.learning.trial import COMMANDS, Commands
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
+from txt1.sim.light import PointLight, illuminances
 
 REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
@@ -243,7 +244,10 @@ class ThesisAgent:
 
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
-        about = {"agent": self.name, "episodes": self.episode, "actions": self._names(), "states": list(SECTORS)}
+        about = {
+            "agent": self.name, "episodes": self.episode, "actions": self._names(), "states": list(SECTORS),
+            "commands": [list(each) for each in self._commands], "direction": self.settings.direction,
+        }  # fmt: skip
         return StoredTable(self.q.copy(), about)
 
     def _names(self) -> list[str]:
@@ -261,3 +265,15 @@ class ThesisAgent:
         self.visits = np.array(memory["visits"], int)
         self.episode = int(memory["episode"])
         self._rng.bit_generator.state = memory["rng"]
+
+
+def courses(table: StoredTable, lights: Table) -> Table:
+    """The yaw rate that a stored table commands with the light at places in the robot's frame, rad/s; shape (places,).
+
+    `lights` has the shape (places, 2), m.
+    """
+    seen = corrected_direction if table.about.get("direction") == "corrected" else direction
+    commands = table.about.get("commands", COMMANDS)
+    best = table.values.argmax(axis=1).tolist()
+    sectors = [sector(seen(illuminances(0.0, 0.0, 0.0, PointLight(x, y)))) for x, y in lights.tolist()]
+    return np.array([commands[best[s]][1] for s in sectors])

@@ -12,7 +12,7 @@ from txt1.cli.trials import on_robot
 from txt1.config import load
 from txt1.config.schema import TURN
 from txt1.learning.experiment import Plan, summary
-from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action
+from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action, courses
 from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
@@ -37,6 +37,11 @@ def taught(order: tuple[tuple[float, float], ...] = COMMANDS) -> SweepsAgent:
     while not one.converged:
         one.sweep()
     return one
+
+
+def test_its_picture_turns_to_the_light_on_either_side_and_drives_straight_on_between() -> None:
+    right, ahead, left = courses(taught().table(), np.array([[0.5, -2.0], [2.0, 0.0], [0.5, 2.0]]))
+    assert [right, ahead, left] == pytest.approx([-TURN, 0.0, TURN], abs=0.05)
 
 
 def test_the_model_finds_how_the_yaw_rate_goes_on() -> None:

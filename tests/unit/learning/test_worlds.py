@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from txt1.config import Config, load
-from txt1.learning import suite
+from txt1.config.schema import TURN
+from txt1.learning import pilot, suite, thesis
 from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
 from txt1.learning.experiment import KEPT
 from txt1.learning.floor import floor_of
-from txt1.learning.pilot import courses
+from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Trial, starts, task_of
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
@@ -118,6 +119,12 @@ def test_the_pilot_carries_on_from_what_it_kept() -> None:
 
 @pytest.mark.long
 def test_the_picture_of_the_pilot_turns_towards_the_light_on_either_side() -> None:
-    about = learned("pilot", count=1, episodes=4)[0].agent.table().about
-    right, left = courses(about, np.array([[0.5, -2.0], [0.5, 2.0]]))
+    table = learned("pilot", count=1, episodes=4)[0].agent.table()
+    right, left = pilot.courses(table, np.array([[0.5, -2.0], [0.5, 2.0]]))
     assert right < 0.0 < left
+
+
+def test_the_picture_of_the_thesiss_table_takes_its_best_action_in_each_sector() -> None:
+    best = np.array([0, 0, 0, 0, 1, 2, 2, 2])  # right, straight on, left
+    places = np.array([[-2.0, -0.5], [0.5, -2.0], [2.0, 0.0], [0.5, 2.0]])
+    assert thesis.courses(StoredTable(np.eye(3)[best]), places).tolist() == [-TURN, -TURN, 0.0, TURN]
