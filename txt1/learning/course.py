@@ -7,6 +7,7 @@ by least squares that forget; a plan is "a for m decisions, then b", with b for 
 
 from functools import partial
 from math import acos, atan2, cos, erfc, floor, hypot, inf, pi, sin, sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,9 @@ from txt1.sim.batch import compiled as compiled_anew
 
 Array = NDArray[np.float64]
 Place = tuple[float, float]
-compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
+Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
+SETTLE: Final = 6  # decisions after which distance and curvature of an action have come to rest
+compiled = partial(compiled_anew, cache=True)  # of functions that call none of another file: it would not be noticed
 
 
 class Effects:
@@ -113,65 +116,81 @@ def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> tupl
 
 
 @compiled
-def quickest(
-    ahead: float, left: float, distance: float, curvature: float, pending: NDArray[np.int64], k: Array, c: Array,
-    every: Array, scale: float, goal: float, doubt: float, horizon: int,
-) -> tuple[int, float]:  # fmt: skip
-    """The first action of the plan "a for m decisions, then b" that is quickest on average, and its decisions.
+def _driven(
+    ahead: float, left: float, heading: float, distance: float, curvature: float, a: int, k: Array, c: Array,
+    scale: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """The light's place in the robot's frame, heading, distance and curvature, after a decision with a in force."""
+    distance = k[0] * distance + c[0, a]
+    curvature = k[1] * curvature + c[1, a]
+    turn = scale * curvature * distance
+    cos_turn, sin_turn = cos(turn), sin(turn)
+    x, y = ahead - distance * cos(0.5 * turn), left - distance * sin(0.5 * turn)
+    return cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x, heading + turn, distance, curvature
 
-    The light is at (ahead, left), which like the goal's distance has the standard deviation `doubt`: a plan that grazes
-    the goal may miss it, and then costs a circle more. Distance and curvature are those of the last decision. Actions
-    that are under way come first. `k`, `c` and `every` (with the action that stands for none): see `Effects`.
+
+@compiled
+def _onwards(
+    ahead: float, left: float, heading: float, distance: float, curvature: float, b: int, k: Array, c: Array,
+    scale: float, goal: float, spread: tuple[float, float, float], sharpest: float,
+) -> float:  # fmt: skip
+    """Decisions that action b takes to the goal, on average: a course that grazes it may miss, and go round once more.
+
+    `spread` has the variances of where the goal's edge is, and their covariance, in the frame of heading 0. Infinite:
+    the action does not move the robot.
     """
-    settle = 6  # decisions after which distance and curvature of an action have come to rest
+    time, near = 0.0, hypot(ahead, left)
+    for _ in range(SETTLE):
+        ahead, left, heading, distance, curvature = _driven(ahead, left, heading, distance, curvature, b, k, c, scale)
+        before, near = near, hypot(ahead, left)
+        if near <= goal:
+            time += max(before - goal, 0.0) / max(before - near, 1e-9)
+            break
+        time += 1.0
+    step, bend = c[0, b] / (1.0 - k[0]), scale * c[1, b] / (1.0 - k[1])
+    if abs(step) < 1e-9:
+        return time if near <= goal else inf
+    length, deep = _to_circle(ahead if step > 0.0 else -ahead, left, bend, goal)
+    if near > goal:
+        time += length / abs(step)
+    across = heading + (0.5 * pi if abs(bend) < 1e-3 else atan2(left - 1.0 / bend, ahead))
+    x, y = cos(across), sin(across)
+    doubt = sqrt(max(x * x * spread[0] + y * y * spread[1] + 2.0 * x * y * spread[2], 1e-12))
+    misses = 0.5 * erfc(deep / doubt * sqrt(0.5))
+    on_average: float = time + misses * 2.0 * pi / sharpest / abs(step)
+    return on_average
+
+
+@compiled
+def quickest(
+    light: Belief, distance: float, curvature: float, pending: NDArray[np.int64], k: Array, c: Array, scale: float,
+    goal: float, graze: float,
+) -> Array:  # fmt: skip
+    """Decisions to the goal by the quickest plan "a for m decisions, then b", on average; shape (actions a,).
+
+    Distance and curvature are those of the last decision; actions that are under way come first. The goal's distance
+    has the standard deviation `graze`. `k` and `c`: see `Effects`.
+    """
+    ahead, left, xx, yy, xy = light
+    spread = xx + graze * graze, yy + graze * graze, xy
+    heading = 0.0
     for a in pending:
-        distance = k[0] * distance + every[0, a]
-        curvature = k[1] * curvature + every[1, a]
-        turn = scale * curvature * distance
-        cos_turn, sin_turn = cos(turn), sin(turn)
-        x, y = ahead - distance * cos(0.5 * turn), left - distance * sin(0.5 * turn)
-        ahead, left = cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x
+        ahead, left, heading, distance, curvature = _driven(ahead, left, heading, distance, curvature, a, k, c, scale)
+    actions = c.shape[1] - 1  # the last stands for none
     sharpest = 1e-3
-    for b in range(c.shape[1]):
+    for b in range(actions):
         sharpest = max(sharpest, abs(scale * c[1, b] / (1.0 - k[1])))
-    best, action = inf, 0
-    for a in range(c.shape[1]):
-        at_x, at_y, step, bend = ahead, left, distance, curvature
-        for m in range(horizon):
-            if m <= 6 or m % 3 == 0:
-                for b in range(c.shape[1]):
-                    if b == a and m > 0:
-                        continue
-                    x, y, d, e = at_x, at_y, step, bend
-                    time = float(m)
-                    r = hypot(x, y)
-                    for _ in range(settle):
-                        d = k[0] * d + c[0, b]
-                        e = k[1] * e + c[1, b]
-                        turn = scale * e * d
-                        cos_turn, sin_turn = cos(turn), sin(turn)
-                        x, y = x - d * cos(0.5 * turn), y - d * sin(0.5 * turn)
-                        x, y = cos_turn * x + sin_turn * y, cos_turn * y - sin_turn * x
-                        before, r = r, hypot(x, y)
-                        if r <= goal:
-                            time += (before - goal) / max(before - r, 1e-9)
-                            break
-                        time += 1.0
-                    if r > goal:
-                        d, e = c[0, b] / (1.0 - k[0]), scale * c[1, b] / (1.0 - k[1])
-                        if abs(d) < 1e-9:
-                            continue
-                        length, deep = _to_circle(x, y, e, goal) if d > 0.0 else _to_circle(-x, y, -e, goal)
-                        misses = 0.5 * erfc(deep / doubt * sqrt(0.5))
-                        time += (length + misses * 2.0 * pi / sharpest) / abs(d)
-                    if time < best:
-                        best, action = time, a if m > 0 else b
-            step = k[0] * step + c[0, a]
-            bend = k[1] * bend + c[1, a]
-            turn = scale * bend * step
-            cos_turn, sin_turn = cos(turn), sin(turn)
-            at_x, at_y = at_x - step * cos(0.5 * turn), at_y - step * sin(0.5 * turn)
-            at_x, at_y = cos_turn * at_x + sin_turn * at_y, cos_turn * at_y - sin_turn * at_x
-            if hypot(at_x, at_y) <= goal:
+    step = max([abs(c[0, b] / (1.0 - k[0])) for b in range(actions)])
+    circle = int(min(2.0 * pi / (sharpest * step + 1e-9), 1e4))  # decisions; nobody turns farther than that at first
+    best = np.full(actions, inf)
+    for a in range(actions):
+        best[a] = _onwards(ahead, left, heading, distance, curvature, a, k, c, scale, goal, spread, sharpest)
+        x, y, h, d, e = ahead, left, heading, distance, curvature
+        for m in range(1, circle):
+            x, y, h, d, e = _driven(x, y, h, d, e, a, k, c, scale)
+            if m >= best[a] or hypot(x, y) <= goal:
                 break
-    return action, best
+            for b in range(actions):
+                if b != a:
+                    best[a] = min(best[a], m + _onwards(x, y, h, d, e, b, k, c, scale, goal, spread, sharpest))
+    return best

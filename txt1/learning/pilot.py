@@ -11,17 +11,17 @@ tells how far it went and how much it turned (perhaps by a wrong scale). Lengths
              corrected by z (Kalman filters), and those that the readings speak against are dropped (`survey`)
     if lost, or late, or at an episode's end:
         survey: p, g, n, s and the light of each episode <- argmin sum (z - g + n log|q - p|)^2 (Gauss-Newton)
-    a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from the
-             likeliest q, on average: what grazes the goal may miss it, and go round once more (`course`)
+    a     <- first action of the plan "a for m decisions, then b" that is quickest to the goal's distance from q, on
+             average over the likely q: what grazes the goal may miss it, and go round once more (`course`)
 
 with sensors at p, of brightness g, power n, and a turn of s h for the h that odometry says. The goal's distance is the
-mean of those at which episodes ended well. It is lost at first, when the readings fit no longer, and when it is late by
-half of what it had planned although it surveyed anew: then it forgets its survey, tries each action again, and surveys
-from several guesses at where the light is.
+mean of those at which episodes ended well. It is lost at first, and when the readings fit no longer or it is late by
+half of what it had planned, although it surveyed with what it saw: then it forgets its survey, and surveys from several
+guesses at where the light is. At first and when it is late it tries each action before that.
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, inf, isfinite, log, pi, sin, sqrt
+from math import atan2, cos, exp, hypot, inf, isfinite, log, pi, sin, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, checked
 from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.course import Effects, quickest
+from txt1.learning.course import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.survey import (
     NUMBERS,
@@ -40,9 +40,6 @@ from txt1.learning.survey import (
     SCALE,
     SCALES,
     SENSORS,
-    Array,
-    Belief,
-    Place,
     followed,
     moved,
     seen_along,
@@ -69,7 +66,6 @@ class Settings:
     slip: NotNegative = 0.15  # standard deviation of odometry in one decision, as a share of distance and turn
     model: NotNegative = 0.03  # standard deviation of the brightness's law, as a share
     graze: Share = 0.06  # standard deviation of the goal's distance, as a share: what grazes the goal might miss it
-    ahead: PositiveInt = 130  # decisions after which a plan's first action ends at the latest
     delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
 
 
@@ -135,12 +131,13 @@ class PilotAgent(PeriodicAgent):
         """Learn from what came of the last action, and choose the next one."""
         self._decides(now)
         self._learn(odometry)
-        if self._light is not None:  # it is here, and the episode goes on: the goal is nearer to the light
-            self._near = min(self._near, 0.98 * hypot(*self._light[:2]))
+        if self._lights:  # wherever it may be, the episode goes on: the goal is no farther from the light
+            farthest = max(hypot(x, y) + sqrt(0.5 * (xx + yy)) for (x, y, xx, yy, _), _ in self._lights)
+            self._near = min(self._near, farthest)
         if self.lost and len(self._rows) % self.settings.anew == 0:
             self._survey_anew()
         if not self.lost and self.misfit > self.settings.doubt:
-            self._lose()
+            self._misfits()
         a = self._choose()
         if not self.lost and len(self._rows) + self.plan > self._arrival:
             self._late()
@@ -215,21 +212,34 @@ class PilotAgent(PeriodicAgent):
                 self._lights, self.survey, z, noise, distance, turn, self.settings.slip
             )
             if count:
-                self.misfit += 0.05 * (square / count - self.misfit)
+                self.misfit += 0.1 * (square / count - self.misfit)
         elif not self.lost:
             self._lights = sighted(self.survey, z, noise)
         if self._light is not None:
             self._range = self._range[1], hypot(*self._light[:2])
 
+    def _misfits(self) -> None:
+        """Survey again with what was seen in this episode; forget the survey where the readings do not fit then too."""
+        rows = np.array(self._rows[-self.settings.window :])
+        light, doubt = self._survey_on([*self._past, rows])
+        _, misfit = seen_along(self.survey, rows, self.settings.slip)
+        if misfit > self.settings.doubt:
+            self._lose()
+            self._survey_anew()
+        else:
+            self.misfit = 1.0
+            self._follow(rows, light, doubt)
+
     def _late(self) -> None:
         """Survey again with what was seen in this episode; forget the survey where that was done before."""
         if self._surveyed:
-            return self._lose()
+            self._lose()
+            self._rows, self._untried = self._rows[-10:], self._all()
+            return
         self._surveyed, self._arrival = True, inf
         rows = np.array(self._rows[-self.settings.window :])
         light, doubt = self._survey_on([*self._past, rows])
         self._follow(rows, light, doubt)
-        return None
 
     @property
     def _light(self) -> Belief | None:
@@ -237,14 +247,12 @@ class PilotAgent(PeriodicAgent):
         return self._lights[0][0] if self._lights else None
 
     def _lose(self) -> None:
-        """Forget the survey: nothing fits."""
+        """Forget the survey, and the episodes before this one."""
         self.lost = True
         self.misfit = 1.0
         self._past = []
-        self._rows = self._rows[-10:]
         self._lights = []
         self._arrival = inf
-        self._untried = self._all()
 
     def _trim(self) -> None:
         """Keep the latest episodes only."""
@@ -307,7 +315,7 @@ class PilotAgent(PeriodicAgent):
     def _sight(self, rows: Array) -> Place:
         """Where the light was on the map of an episode, as far as the survey tells."""
         x, y, heading = way(rows[:, 0], rows[:, 1] * self.survey[SCALE])
-        ahead, left, _, _, _ = seen_along(self.survey, rows, self.settings.slip)
+        (ahead, left, _, _, _), _ = seen_along(self.survey, rows, self.settings.slip)
         c, s = cos(heading[-1]), sin(heading[-1])
         return float(x[-1] + c * ahead - s * left), float(y[-1] + s * ahead + c * left)
 
@@ -322,14 +330,16 @@ class PilotAgent(PeriodicAgent):
         k, c = self.effects.k[delay], self.effects.c[delay]
         pending = np.array(self._taken[:delay][::-1], np.int64)
         goal = self._near or 0.25 * sqrt(self._prior()[1][PLACES])
-        doubt = hypot(sqrt(0.5 * (self._light[2] + self._light[3])), self.settings.graze * goal)
-        a, self.plan = quickest(
-            self._light[0], self._light[1], self._pace[0], self._pace[1], pending, k,
-            c[:, : self.actions].copy(), c, float(self.survey[SCALE]), goal, doubt, self.settings.ahead,
-        )  # fmt: skip
+        scale, graze = float(self.survey[SCALE]), self.settings.graze * goal
+        times = [quickest(light, *self._pace, pending, k, c, scale, goal, graze) for light, _ in self._lights]
+        likely = [exp(-0.5 * cost) for _, cost in self._lights]
+        on_average = np.average(times, axis=0, weights=likely)
+        a = int(on_average.argmin())
+        self.plan = float(on_average[a])
         if self._arrival == inf:
-            self._arrival = len(self._rows) + 1.5 * self.plan + 2.0 * self.settings.tries
-        return int(a)
+            longest = max(float(each[a]) for each in times)
+            self._arrival = len(self._rows) + 1.5 * longest + 2.0 * self.settings.tries
+        return a
 
     def decision(self, odometry: Odometry) -> Decision:
         """The bearing's cell of 5 degrees, 0 behind; the misfit; distance and bearing of the light, and the plan."""
@@ -413,13 +423,9 @@ def courses(table: StoredTable, lights: Array) -> Array:
     straight = int(np.abs(driven[1]).argmin())
     pending, scale = np.zeros(0, np.int64), float(memory["survey"][SCALE])
     goal = float(memory["goal"]) or 1e-3
-    found = [
-        quickest(
-            ahead, left, driven[0, straight], driven[1, straight], pending, k, c[:, :-1].copy(), c, scale, goal,
-            SETTINGS.graze * goal, SETTINGS.ahead,
-        )[0]
-        for ahead, left in lights.tolist()
-    ]  # fmt: skip
+    graze, pace = SETTINGS.graze * goal, driven[:, straight].tolist()
+    beliefs = [(x, y, 0.0, 0.0, 0.0) for x, y in lights.tolist()]
+    found = [int(quickest(each, *pace, pending, k, c, scale, goal, graze).argmin()) for each in beliefs]
     return np.asarray(scale * driven[1, found])
 
 
@@ -429,5 +435,5 @@ def _compile() -> None:
     surveyed(rows, np.zeros(2, np.int64), survey, np.ones((1, 2)), survey, square, 1)
     seen_along(survey, rows, 0.1)
     pending, c = np.zeros(1, np.int64), np.ones((2, 3))
-    quickest(1.0, 0.0, 0.1, 0.0, pending, np.zeros(2), c[:, :2].copy(), c, 1.0, 0.5, 0.1, 2)
+    quickest((1.0, 0.0, 0.1, 0.1, 0.0), 0.1, 0.0, pending, np.zeros(2), c, 1.0, 0.5, 0.1)
     Effects(2, 1).learn(pending, (0.1, 0.1), (0.0, 0.0), 0.9)

@@ -8,18 +8,12 @@ for a sensor of no use). With sensors at p, of brightness g, power n and a turn 
 and between surveys a Kalman filter keeps the light's place in the robot's frame.
 """
 
-from functools import partial
 from math import cos, exp, hypot, inf, log, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from txt1.sim.batch import compiled as compiled_anew
-
-Array = NDArray[np.float64]
-Place = tuple[float, float]  # (forward, left) of the robot, in odometry's metres
-Belief = tuple[float, float, float, float, float]  # the light's place (forward, left); variances, and covariance
+from txt1.learning.course import Array, Belief, compiled
 
 SENSORS: Final = 4
 POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
@@ -28,7 +22,6 @@ POWERS: Final = (0.5, 6.0)  # least and largest power by which light may fall, a
 SCALES: Final = (0.5, 2.0)  # ... scale of turns
 UNLIKELY: Final = 20.0  # square of the misfit, in deviations, by which a place of the light is less likely, and dropped
 TAIL: Final = 8.0  # square of the misfit, in deviations, from which a reading counts less
-compiled = partial(compiled_anew, cache=True)  # as everything that these functions call stands in this file
 
 
 @compiled
@@ -48,6 +41,16 @@ def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
 
 
 @compiled
+def _foretold(survey: Array, k: int, x: float, y: float) -> tuple[float, float, float, float]:
+    """The log reading of sensor k with the light at (x, y), and its slopes by x, y and the power."""
+    apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
+    square = apart_x * apart_x + apart_y * apart_y + 1e-4
+    by_power = -0.5 * log(square)
+    steep = -survey[POWER] / square
+    return survey[k] + survey[POWER] * by_power, steep * apart_x, steep * apart_y, by_power
+
+
+@compiled
 def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Belief, float, int]:
     """The light's place after readings; the sum of their squared misfits, in deviations, and how many they were."""
     x, y, xx, yy, xy = belief
@@ -55,10 +58,8 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
     for k in range(SENSORS):
         if noise[k] == inf:
             continue
-        apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
-        square = apart_x * apart_x + apart_y * apart_y + 1e-4
-        slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
-        miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+        foretold, slope_x, slope_y, _ = _foretold(survey, k, x, y)
+        miss = z[k] - foretold
         along_x, along_y = xx * slope_x + xy * slope_y, xy * slope_x + yy * slope_y
         variance = slope_x * along_x + slope_y * along_y + noise[k]
         total += miss * miss / variance
@@ -94,10 +95,8 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
             for k in range(SENSORS):
                 if noise[k] == inf:
                     continue
-                apart_x, apart_y = x - survey[PLACES + 2 * k], y - survey[PLACES + 2 * k + 1]
-                square = apart_x * apart_x + apart_y * apart_y + 1e-4
-                slope_x, slope_y = -survey[POWER] * apart_x / square, -survey[POWER] * apart_y / square
-                miss = z[k] - survey[k] + 0.5 * survey[POWER] * log(square)
+                foretold, slope_x, slope_y, _ = _foretold(survey, k, x, y)
+                miss = z[k] - foretold
                 cost += miss * miss / noise[k]
                 xx += slope_x * slope_x / noise[k]
                 yy += slope_y * slope_y / noise[k]
@@ -150,14 +149,16 @@ def followed(
 
 
 @compiled
-def seen_along(survey: Array, rows: Array, slip: float) -> Belief:
-    """Place of the light at the end of an episode's rows, as the survey has it."""
+def seen_along(survey: Array, rows: Array, slip: float) -> tuple[Belief, float]:
+    """Place of the light at the end of an episode's rows, as the survey has it, and the mean square of the misfit."""
     lights = sighted(survey, rows[0, 2:6], rows[0, 6:])
+    total, readings = 0.0, 1e-9
     for k in range(1, rows.shape[0]):
         turn = survey[SCALE] * rows[k, 1]
-        lights, _, _ = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip)
-    belief: Belief = lights[0][0]
-    return belief
+        lights, square, count = followed(lights, survey, rows[k, 2:6], rows[k, 6:], rows[k, 0], turn, slip)
+        total += square
+        readings += count
+    return lights[0][0], total / readings
 
 
 def way(distance: Array, turn: Array) -> tuple[Array, Array, Array]:
@@ -209,14 +210,12 @@ def _cost(
                 if rows[t, 6 + k] == inf:
                     continue
                 root = 1.0 / sqrt(rows[t, 6 + k])
-                apart_x, apart_y = ahead - survey[PLACES + 2 * k], left - survey[PLACES + 2 * k + 1]
-                far = apart_x * apart_x + apart_y * apart_y + 1e-4
-                miss = (survey[k] - 0.5 * survey[POWER] * log(far) - rows[t, 2 + k]) * root
-                by_x, by_y = -survey[POWER] * apart_x / far * root, -survey[POWER] * apart_y / far * root
+                foretold, slope_x, slope_y, by_power = _foretold(survey, k, ahead, left)
+                miss, by_x, by_y = (foretold - rows[t, 2 + k]) * root, slope_x * root, slope_y * root
                 cost += TAIL * log(1.0 + miss * miss / TAIL)
                 trust = 1.0 / (1.0 + miss * miss / TAIL)
                 column[0], slope[0] = k, root
-                column[1], slope[1] = POWER, -0.5 * log(far) * root
+                column[1], slope[1] = POWER, by_power * root
                 column[2], slope[2] = PLACES + 2 * k, -by_x
                 column[3], slope[3] = PLACES + 2 * k + 1, -by_y
                 column[4], slope[4] = SCALE, by_x * ahead_by + by_y * left_by

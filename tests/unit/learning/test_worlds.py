@@ -128,3 +128,12 @@ def test_the_picture_of_the_thesiss_table_takes_its_best_action_in_each_sector()
     best = np.array([0, 0, 0, 0, 1, 2, 2, 2])  # right, straight on, left
     places = np.array([[-2.0, -0.5], [0.5, -2.0], [2.0, 0.0], [0.5, 2.0]])
     assert thesis.courses(StoredTable(np.eye(3)[best]), places).tolist() == [-TURN, -TURN, 0.0, TURN]
+
+
+@pytest.mark.long
+def test_the_pilot_is_back_in_the_episode_after_its_sensors_have_changed_places() -> None:
+    config = suite.worlds(WORLDS, [], ["change-sensors"])[0].config
+    every = trials(config, lambda rng: make("pilot", config, rng), range(1, 5), 19, 3)
+    assert all(one.success for trial in every for one in trial.episodes[15:])
+    after = [one for trial in every for one in trial.episodes[16:]]
+    assert sum(one.time for one in after) < 1.25 * sum(one.optimal_time for one in after)
