@@ -1,7 +1,8 @@
 """Learners over a suite of worlds: trials side by side, results as files, and a table learner x world.
 
-    DIR/LEARNER/WORLD.json   raw: each episode's start, time, success, optimum and floor, and where it came from
-    DIR/table.md             learner x world: success and ratios after the 7th episode
+    DIR/LEARNER/WORLD.json    raw: each episode's start, time, success, optimum and floor, and where it came from
+    DIR/table.md              learner x world: success and ratios after the 7th episode
+    DIR/LEARNER/WORLD.k.part  trials that are done already, while others are on
 
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed.
 """
@@ -29,6 +30,7 @@ FORMAT: Final = "txt1 world result"
 LEARNED: Final = 7  # episodes after which a learner is judged
 DRAWN: Final = 4  # worlds drawn by a seed
 STAGES: Final = 4  # floors are computed for so many stages of a world that drifts
+BLOCK: Final = 100  # trials that are done side by side, by one processor, and kept when all is ended and carried on
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 BACK: Final = 1.1  # ratio to the floor at which a learner has come back after a change
 
@@ -113,12 +115,12 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
     return plain.model_copy(update={"learning": plain.learning.model_copy(update={"drift": {}, "changes": ()})})
 
 
-def run(world: World, agent: str, count: int, episodes: int, seed: int) -> dict[str, Any]:
-    """The raw result of a learner in a world: JSON values."""
+def run(world: World, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
+    """The raw result of a learner in a world, of so many trials from number `first` on: JSON values."""
     config = world.config
     refused = None
     try:
-        every = trials(config, lambda rng: make(agent, config, rng), range(1, count + 1), episodes, seed)
+        every = trials(config, lambda rng: make(agent, config, rng), range(first, first + count), episodes, seed)
     except LightFault as fault:
         every, refused = [], str(fault)
     floor = floors(config, episodes)
@@ -158,37 +160,67 @@ def run_all(
 
     `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
     """
-    results, missing = [], []
+    sizes = [min(BLOCK, count - done) for done in range(0, count, BLOCK)]
+    results: list[dict[str, Any]] = []
+    blocks: dict[Path, dict[int, dict[str, Any]]] = {}
+    missing: list[tuple[Path, int]] = []
+    texts: dict[int, str] = {}
     for agent in agents:
         for world in some:
             path = out / agent / f"{world.name}.json"
-            if not path.exists():
-                missing.append((world, agent))
+            if path.exists():
+                results.append(_before(path, count, episodes, seed, resume))
                 continue
-            if not resume:
-                raise ConfigError(f"--out {out}: holds {path.name} of {agent}; --resume carries on, or give another")
-            before = json.loads(path.read_text(encoding="utf-8"))
-            if before["provenance"]["code"] != provenance()["code"]:
-                raise ConfigError(f"--resume: {path} came from other code; give another directory")
-            if (before["trials"], before["episodes"], before["seed"]) != (count, episodes, seed):
-                raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")
-            results.append(before)
+            blocks[path] = {}
+            for k, size in enumerate(sizes):
+                if _part(path, k).exists():
+                    blocks[path][k] = _before(_part(path, k), size, episodes, seed, resume)
+                    continue
+                config = world.config.model_dump(mode="json")
+                texts[len(missing)] = json.dumps([world.name, config, agent, 1 + k * BLOCK, size, episodes, seed])
+                missing.append((path, k))
     out.mkdir(parents=True, exist_ok=True)
-    texts = (
-        json.dumps([world.name, world.config.model_dump(mode="json"), agent, count, episodes, seed])
-        for world, agent in missing
-    )
-    for _, text in each(run_text, dict(enumerate(texts))):
-        result = json.loads(text)
-        path = out / result["agent"] / f"{result['world']}.json"
+    for number, text in each(run_text, texts):
+        path, k = missing[number]
         path.parent.mkdir(exist_ok=True)
-        replace_file(path, text + "\n")
+        blocks[path][k] = json.loads(text)
+        if len(blocks[path]) < len(sizes):
+            replace_file(_part(path, k), text + "\n")
+            continue
+        result = _joined([blocks[path][j] for j in range(len(sizes))])
+        replace_file(path, json.dumps(result) + "\n")
+        for j in range(len(sizes)):
+            _part(path, j).unlink(missing_ok=True)
         results.append(result)
         tell(result)
     places = [(agent, world.name) for agent in agents for world in some]
     results.sort(key=lambda one: places.index((one["agent"], one["world"])))
     replace_file(out / "table.md", table(results))
     return results
+
+
+def _part(path: Path, k: int) -> Path:
+    """The file of a block of trials, from 0, until all of them are done."""
+    return path.with_suffix(f".{k}.part")
+
+
+def _before(path: Path, count: int, episodes: int, seed: int, resume: bool) -> dict[str, Any]:
+    """A result that is there already; ConfigError: it is not to be carried on, or is of something else."""
+    if not resume:
+        raise ConfigError(f"--out: holds {path} already; --resume carries on, or give another")
+    before: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if before["provenance"]["code"] != provenance()["code"]:
+        raise ConfigError(f"--resume: {path} came from other code; give another directory")
+    if (before["trials"], before["episodes"], before["seed"]) != (count, episodes, seed):
+        raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")
+    return before
+
+
+def _joined(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The result of all trials, of those of its blocks in their order."""
+    refused = next((one["refused"] for one in blocks if one["refused"]), None)
+    rows = [] if refused else [row for one in blocks for row in one["results"]]
+    return {**blocks[0], "trials": sum(one["trials"] for one in blocks), "refused": refused, "results": rows}
 
 
 # -- figures --------------------------------------------------------------------------------------------------------
@@ -242,10 +274,14 @@ def table(results: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     head = f"Success after episode {LEARNED}; ratio of successes to the floor, with its interval of 95 % over trials"
     head += "; ratio to the geometric optimum."
-    for one in results[:1]:
-        head += f" {one['trials']} trials of {one['episodes']} episodes, seed {one['seed']}"
-        head += f", code {one['provenance']['code']}."
+    for told in dict.fromkeys(_told(one) for one in results):
+        head += f" {told}."
     return head + "\n\n" + "\n".join(lines) + "\n"
+
+
+def _told(one: dict[str, Any]) -> str:
+    """How many trials of which code a result is of."""
+    return f"{one['trials']} trials of {one['episodes']} episodes, seed {one['seed']}, code {one['provenance']['code']}"
 
 
 def cell(one: dict[str, Any]) -> str:

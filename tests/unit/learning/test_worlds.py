@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,13 @@ import pytest
 
 from txt1.config import Config, load
 from txt1.config.schema import TURN
+from txt1.errors import ConfigError
 from txt1.learning import pilot, suite, thesis
 from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
 from txt1.learning.experiment import KEPT
 from txt1.learning.floor import floor_of
+from txt1.learning.provenance import provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Trial, starts, task_of
 
@@ -60,6 +64,27 @@ def test_who_does_not_believe_the_sensors_has_no_figures() -> None:
     result = {**raw([[5.0]], [[1]]), "results": [], "refused": "light sensor FL is dead"}
     assert suite.cell(suite.figures(result)) == "refuses the sensors"
     assert "| w | refuses the sensors |" in suite.table([result])
+
+
+def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
+    world, asked = suite.World("w", Config()), list[list[int]]()
+
+    def each(work: Callable[[str], str], texts: Mapping[int, str], last: int = 2) -> Iterator[tuple[int, str]]:
+        for number, text in list(texts.items())[-last:][::-1]:  # as they come
+            _, _, _, first, count, episodes, seed = json.loads(text)
+            asked.append([first, count])
+            rows = [[[0.0, 0.0, float(first + k), 1, 4.0, 5.0]] for k in range(count)]
+            one = raw([[5.0]], [[1]]) | {"seed": seed, "trials": count, "episodes": episodes, "results": rows}
+            yield number, json.dumps({**one, "refused": None, "provenance": provenance()})
+
+    suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, False, lambda _: None)
+    assert asked == [[201, 50], [101, 100]]
+    with pytest.raises(ConfigError, match="--resume carries on"):
+        suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, False, lambda _: None)
+    (done,) = suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, True, lambda _: None)
+    assert asked[2:] == [[1, 100]]
+    assert done["trials"] == 250 and [trial[0][2] for trial in done["results"]] == [*range(1, 251)]
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["w.json"]
 
 
 def test_a_change_is_in_force_from_its_episode_on_and_a_drift_goes_evenly() -> None:
