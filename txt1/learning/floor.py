@@ -12,10 +12,11 @@ a fraction of that.
 
 import hashlib
 import json
+from collections.abc import Sequence
 from functools import partial
-from math import cos, pi, sin
+from math import cos, nan, pi, sin
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +37,15 @@ DEPENDS: Final = (
 )  # keys of the configuration, or what they begin with  # fmt: skip
 TICKS: Final = DECISION_MS // TICK_MS
 
+Pieces = tuple[int, int, int, int, int]  # action a for m decisions, b for n, then c
+
 
 class Floor(NamedTuple):
     """The floor by the light's bearing in the robot's frame at the start."""
 
     times: tuple[float, ...]  # s, unrounded, for bearings from -pi on, evenly; inf: no plan reaches the goal
     gap: float  # mean share by which a third piece of the plan still brought the time down
+    ways: tuple[float, ...] = ()  # m driven in these times; none in floors.json
 
     @property
     def exists(self) -> bool:
@@ -50,9 +54,21 @@ class Floor(NamedTuple):
 
     def time(self, start: Start) -> float:
         """The least time from a start, s, at a decision."""
-        bearing = (start.bearing + pi - start.heading + pi) % (2.0 * pi)
-        time = float(np.interp(bearing / (2.0 * pi) * BEARINGS, range(BEARINGS + 1), (*self.times, self.times[0])))
-        return float(np.ceil(time / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
+        return float(np.ceil(self.exact(start) / (0.001 * DECISION_MS) - 1e-6)) * 0.001 * DECISION_MS
+
+    def exact(self, start: Start) -> float:
+        """The same were the goal looked for all the time, s."""
+        return _between(self.times, start)
+
+    def way(self, start: Start) -> float:
+        """The way driven in that, m; NaN: not known."""
+        return _between(self.ways, start) if self.ways else nan
+
+
+def _between(values: Sequence[float], start: Start) -> float:
+    """The value for a start, of values for bearings from -pi on."""
+    bearing = (start.bearing + pi - start.heading + pi) % (2.0 * pi)
+    return float(np.interp(bearing / (2.0 * pi) * BEARINGS, range(BEARINGS + 1), (*values, values[0])))
 
 
 @partial(compiled, nogil=True)
@@ -60,12 +76,15 @@ def _drive(
     robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
     p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains, car: Car,
     known: bool,
-) -> Array:  # fmt: skip
-    """Time at which each robot has the goal, s, by its plan (a, m, b, n, c); inf: it never has. `late`: in ticks."""
+) -> tuple[Array, Array]:  # fmt: skip
+    """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).
+
+    Infinite: it never has. `late`: in ticks.
+    """
     count = robots.shape[1]
     rolled, target, remaining = robots[:2].copy(), robots[0].copy(), robots[0].copy()
     still, given, arrived = np.zeros(count), np.zeros((count, 2)), np.full(count, np.inf)
-    before = np.full(count, np.inf)
+    before, way = np.full(count, np.inf), np.zeros(count)
     left = count
     for tick in range(1, decisions * TICKS + 1):
         since = tick - 1 - late
@@ -76,6 +95,7 @@ def _drive(
                 action = a if decision < m else b if decision < m + n else c
                 given[i] = commands[action]
         rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
+        was = robots[:2].copy()
         control(
             robots, given, motor_max, schedule, linear, car, known
         )  # as a decision takes effect before the vehicle moves on
@@ -84,14 +104,16 @@ def _drive(
         encode(robots, rolled, dt, count_length, track_width)
         for i in range(count):
             if arrived[i] == np.inf:
-                away = np.hypot(robots[X, i] - light[0], robots[Y, i] - light[1])
+                away, step = np.hypot(robots[X, i] - light[0], robots[Y, i] - light[1]), 1.0
                 if away <= goal:
-                    arrived[i] = (tick - (goal - away) / max(before[i] - away, 1e-12)) * dt
+                    step -= (goal - away) / max(before[i] - away, 1e-12)
+                    arrived[i] = (tick - 1 + step) * dt
                     left -= 1
+                way[i] += step * np.hypot(robots[X, i] - was[X, i], robots[Y, i] - was[Y, i])
                 before[i] = away
         if left == 0:
             break
-    return arrived
+    return arrived, way
 
 
 def floor_of(config: Config) -> Floor:
@@ -103,11 +125,9 @@ def floor_of(config: Config) -> Floor:
     horizon = int((2.0 * pi * task.radius_min + task.start_radius) / usual) + 20
     switches = [m for m in range(turn) if m < 6 or m % 2 == 0]
     two = [(a, m, b, 0, b) for a in range(actions) for m in switches for b in range(actions) if (b != a) == (m > 0)]
-    times, gaps = [], []
+    times, ways, gaps = [], [], []
     for bearing in np.arange(BEARINGS) * (2.0 * pi / BEARINGS) - pi:
-        arrived = _arrivals(config, task, float(bearing), np.array(two), horizon)
-        best = two[int(arrived.argmin())]
-        reached = float(arrived.min())
+        best, reached, way = _best(config, task, float(bearing), two, horizon)
         near = range(max(0, best[1] - 3), best[1] + 4)
         rest = max(0, int(reached * 10.0) - best[1]) if np.isfinite(reached) else turn
         three = [
@@ -115,12 +135,13 @@ def floor_of(config: Config) -> Floor:
             for m in near for b in range(actions) for n in range(1, rest, 2) for c in range(actions) if c != b
         ]  # fmt: skip
         if three:
-            finer = float(_arrivals(config, task, float(bearing), np.array(three), horizon).min())
+            _, finer, other = _best(config, task, float(bearing), three, horizon)
             if np.isfinite(reached):
                 gaps.append(max(0.0, reached - finer) / reached)
-            reached = min(reached, finer)
+            reached, way = min((reached, way), (finer, other))
         times.append(reached)
-    return Floor(tuple(times), float(np.mean(gaps)) if gaps else 0.0)
+        ways.append(way)
+    return Floor(tuple(times), float(np.mean(gaps)) if gaps else 0.0, tuple(ways))
 
 
 def known_floor(config: Config) -> Floor | None:
@@ -137,15 +158,19 @@ def key_of(config: Config) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _arrivals(config: Config, task: Task, bearing: float, plans: NDArray[np.int64], horizon: int) -> Array:
+def _best(
+    config: Config, task: Task, bearing: float, plans: Sequence[Pieces], horizon: int
+) -> tuple[Pieces, float, float]:
+    """The quickest of some plans, the time at which it has the goal, s, and the way, m."""
     robots = np.zeros((ROWS, len(plans)))
     robots[PHASE : PHASE + 2] = 0.5
     light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
     body, parameters = config.geometry, dynamics(config.sim.vehicle, config.geometry)
     car = car_of(config.car, body)
-    arrived: Any = _drive(
-        robots, plans, np.array(config.learning.actions), round(task.delay * 1000.0 / TICK_MS), horizon, light,
-        task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
+    arrived, ways = _drive(
+        robots, np.array(plans), np.array(config.learning.actions), round(task.delay * 1000.0 / TICK_MS), horizon,
+        light, task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
         gains_table(config.control.schedule()), config.control.linear.gains(), car or UNKNOWN, car is not None,
     )  # fmt: skip
-    return np.asarray(arrived)
+    k = int(arrived.argmin())
+    return plans[k], float(arrived[k]), float(ways[k])

@@ -111,6 +111,7 @@ def test_nobody_is_quicker_than_the_floor_which_is_above_the_optimum() -> None:
     some = [start for number in range(1, 20) for start in starts(1, number, 31)]
     ratio = sum(floor.time(one) for one in some) / sum(one.optimal_time(task) for one in some)
     assert floor.exists and 1.09 < ratio < 1.12
+    assert all(floor.way(one) < task.speed * floor.exact(one) <= task.speed * floor.time(one) for one in some)
     late = [one for trial in learned("sweeps") for one in trial.episodes[3:]]
     assert sum(one.time for one in late) > 0.995 * sum(floor.time(one.start) for one in late)
 
