@@ -66,7 +66,7 @@ def export_csv(arguments: argparse.Namespace) -> int:
 
         with busy(f"writing {arguments.lerobot}"):
             episodes, frames = lerobot.export(arguments.file, arguments.lerobot, arguments.fps, arguments.task)
-        print(f"{arguments.lerobot}: {episodes} episodes, {frames} frames")
+        print(f"{arguments.lerobot}: {episodes} episode{'s' * (episodes != 1)}, {frames} frames")
         return OK
     if arguments.rosbag1:
         need("--rosbag1", "ros", "rosbags")

@@ -341,10 +341,12 @@ def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT
     """What the guard has to know; raises ConfigError when the channels are not those that such a vehicle has."""
     wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
     motors, servos = wanted
+    car = f"a car with geometry.steering '{geometry.steering}'"
+    remedy = "give as many, or choose your car with --vehicle, such as --vehicle donkeycar"
     if len(options.motor) != motors:
-        raise ConfigError(f"hal_options.motor: {geometry.steering} has {motors}, not {len(options.motor)}")
+        raise ConfigError(f"hal_options.motor: {len(options.motor)} of them; {car} has {motors}: {remedy}")
     if servos and len(options.steering) != servos:
-        raise ConfigError(f"hal_options.steering: {geometry.steering} has {servos}, not {len(options.steering)}")
+        raise ConfigError(f"hal_options.steering: {len(options.steering)} of them; {car} has {servos}: {remedy}")
     if len(options.encoders) > 2 or any(len(pins) not in (1, 2) for pins in options.encoders):
         raise ConfigError("hal_options.encoders: at most two, of one or two pins each, such as [[17, 27]]")
     if len(options.encoders) == 1 and geometry.steering == "skid":

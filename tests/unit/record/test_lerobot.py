@@ -60,7 +60,7 @@ def test_a_drive_is_an_episode_and_what_is_missing_is_told_in_a_line(
     )
     export = ["log", "export", str(file), "--lerobot", str(out)]
     assert execute(export) == 0
-    assert "1 episodes" in capsys.readouterr().out
+    assert "1 episode, " in capsys.readouterr().out
     assert parquet.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == ["drive"]
     assert execute(export) == 2, "what is there is not overwritten"
     assert "choose another name" in capsys.readouterr().err
