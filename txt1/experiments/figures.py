@@ -101,9 +101,11 @@ def _steps(figure: Figure, runs: Sequence[Run]) -> None:
         axes.set_title(f"{step_name(judged[0][number])} {unit}", fontsize="small")
         axes.tick_params(labelsize="x-small")
         axes.grid(alpha=0.3)
-    figure.supxlabel("time since the set-point changed, s", fontsize="small")
+        if number + columns >= len(judged[0]):  # the lowest of its column; the legend would cover a label of all
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel("time, s", fontsize="x-small")
     figure.supylabel("response, m/s or rad/s", fontsize="small")
-    _legend(figure, panels[0], "shaded: the band; dotted: settled")
+    _legend(figure, panels[0], "since the set-point changed; shaded: the band; dotted: settled")
 
 
 def _looks(runs: Sequence[Run]) -> list[dict[str, Any]]:
