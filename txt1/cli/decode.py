@@ -38,7 +38,7 @@ def main(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise ConfigError(f"{arguments.file}: cannot read the capture: {error.strerror}") from None
+        raise ConfigError(f"{arguments.file}: cannot read the capture: {error.strerror}; check the name") from None
     except CaptureError as error:
         raise ConfigError(f"{arguments.file}: {error}; without --hex the file is read as raw bytes") from None
     print(capture.summary(decoder), file=sys.stderr)
