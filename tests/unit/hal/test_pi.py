@@ -112,7 +112,7 @@ def test_neutral_is_where_the_calibration_found_it() -> None:
     ("options", "geometry", "message"),
     [
         ({}, SKID, "hal_options.motor: 1 of them; a car with geometry.steering 'skid' has 2: give as many, or"),
-        ({"steering": (1, 2)}, FRONT, "hal_options.steering: 2 of them; a car with geometry.steering 'front' has 1: give as many"),
+        ({"steering": (1, 2)}, FRONT, "hal_options.steering: 2 of them; a car with geometry.steering 'front' has 1:"),
         ({"encoders": ((1, 2),)}, Geometry(steering="front", counts_per_rev=0), "geometry.counts_per_rev"),
         ({"encoders": ((1,), (2,))}, FRONT, "two pins each"),
         ({"motor": (0, 1), "encoders": ((1, 2),)}, SKID, "a rover takes two"),
