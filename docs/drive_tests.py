@@ -405,6 +405,8 @@ Where they differ:
 
 BATTERY = """\
 The robot stops by itself when its voltage says that no time is left (`--no-safe-end` switches that off).
+Here the packs are drained as in the thesis, by the full load whenever the motors turn. The same with a consumption that
+depends on speed and turning, and at the economical speed, is in [energy](energy.md#the-battery-run-with-it).
 """
 
 BEHIND_THE_WIRE = """\

@@ -1,6 +1,7 @@
-"""Makes docs/drive-tests/energy.png and the table of docs/energy.md: `python -m docs.energy`, a minute.
+"""Makes the pictures and the tables of docs/energy.md: `python -m docs.energy`, three minutes.
 
-The rectangle of the battery run, from a pack that has ten minutes under full load left until none is.
+The rectangle of the battery run, from a pack that has ten minutes under full load left until none is; and the battery
+run itself, from a full pack to the safe end, without the model of the consumption and with it.
 """
 
 from __future__ import annotations
@@ -13,19 +14,21 @@ from typing import Final, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from txt1.cli.experiment import ENDLESS
+from txt1.cli.experiment import drive as experiment
 from txt1.config import Config, load
 from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.experiments.profile import load_profile
 from txt1.kernel.loop import run as run_loop
 from txt1.kernel.ticks import Ticks
-from txt1.model.battery import SAFE_END_MIN
+from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 from txt1.navigation import follow, true_pose
 from txt1.navigation.pace import pace
 from txt1.robot import Robot
 from txt1.sim.battery import economical_speed, energy_per_metre, range_left
 from txt1.sim.parameters import Batteries
 
-PICTURE: Final = Path(__file__).parent / "drive-tests" / "energy.png"
+FIGURES: Final = Path(__file__).parent / "drive-tests"
 LEFT: Final = 10.0  # minutes under full load that the pack has left
 SPEEDS: Final[tuple[float | str, ...]] = (0.3, 0.5, "energy", "time")
 BY_SPEED: Final = "sim.battery.by_speed=true"
@@ -84,8 +87,56 @@ def _outside(each: Drive) -> float:
     return float((np.abs(each.places[5:]) - (1.5, 2.0)).max())
 
 
-def main() -> None:
-    """Drive, draw and print."""
+class Discharge(NamedTuple):
+    """A battery run, from a full pack to the safe end."""
+
+    model: str
+    speed: float  # m/s that were asked for
+    minutes: np.ndarray  # of each sample
+    metres: np.ndarray  # driven until then
+    volts: np.ndarray
+
+
+def discharge(model: str, said: float | str, *settings: str) -> Discharge:
+    """Drive the battery run at a speed."""
+    config = load(None, [*ENDLESS, "seed=1", *settings], {}).config
+    profile = load_profile("battery-run")
+    assert profile.waypoints is not None
+    waypoints = profile.waypoints.model_copy(update={"speed": pace(said, config)})
+    outcome, _ = experiment(config, profile.model_copy(update={"waypoints": waypoints}), "max")
+    assert outcome is not None
+    samples = outcome.recording
+    steps = np.hypot(np.diff(samples["true_x"]), np.diff(samples["true_y"]))
+    metres = np.concatenate([[0.0], np.cumsum(steps)])
+    return Discharge(model, waypoints.speed, samples["time"] / 60.0, metres, samples["voltage"])
+
+
+def battery_run() -> None:
+    """The figure of the battery run (3.13) without the model of the consumption and with it, and its table."""
+    runs = [discharge("full load", 0.5), *(discharge("by speed", said, BY_SPEED) for said in (0.5, "energy"))]
+    print("| model | m/s | until the safe end, min | m | V/min | V/km |\n" + "|---" * 6 + "|")
+    figure = Figure(figsize=(9.6, 4.2), dpi=120, layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for each, look in zip(runs, LOOKS, strict=False):
+        fell = np.nanmean(each.volts[:50]) - np.nanmean(each.volts[-50:])
+        print(f"| {each.model} | {each.speed:.2f} | {each.minutes[-1]:.1f} | {each.metres[-1]:.0f} "
+              f"| {fell / each.minutes[-1]:.4f} | {1000.0 * fell / each.metres[-1]:.3f} |")  # fmt: skip
+        label = f"{each.model}, {each.speed:.2f} m/s: {each.minutes[-1]:.1f} min, {each.metres[-1]:.0f} m"
+        for axes, along in ((left, each.minutes), (right, each.metres)):
+            axes.plot(along, each.volts, **look, label=label)
+    at = np.array([0.0, SAFE_END_MIN])
+    left.plot(at, INTERCEPT_V - SLOPE_V_PER_MIN * at, "k:", lw=1.0, label="the thesis's line (3.13)")
+    left.set(xlabel="time, min", ylabel="battery voltage, V", title="The battery run to the safe end, one run each")
+    right.set(xlabel="driven, m", title="The same by the way")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    left.margins(y=0.1)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    figure.savefig(FIGURES / "battery-run-energy.png")
+
+
+def rectangle() -> None:
+    """Consumption by speed, and how far the rectangle is driven at each; the table of that."""
     one = Batteries()
     drives = [drive(said, BY_SPEED) for said in SPEEDS]
     thesis = drive(0.5)
@@ -119,7 +170,13 @@ def main() -> None:
     right.set(ylabel="driven, m", title=f"The rectangle, {LEFT:.0f} min of full load left")
     right.margins(y=0.18)
     figure.tight_layout()
-    figure.savefig(PICTURE)
+    figure.savefig(FIGURES / "energy.png")
+
+
+def main() -> None:
+    """Drive, draw and print."""
+    battery_run()
+    rectangle()
 
 
 if __name__ == "__main__":
