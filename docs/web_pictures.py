@@ -114,7 +114,10 @@ def shoot_learner(browser: Any) -> None:
 def main() -> None:
     """Make them all, or those named."""
     FOLDER.mkdir(exist_ok=True)
-    names = sys.argv[1:] or [*PICTURES, "fleet", "learner"]
+    known = [*PICTURES, "fleet", "learner"]
+    names = sys.argv[1:] or known
+    if strange := sorted(set(names) - set(known)):
+        sys.exit(f"{strange[0]}: there is no such picture; there are: {', '.join(known)}")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         if some := [name for name in names if name in PICTURES]:
