@@ -19,7 +19,7 @@ from txt1.cli import execute
 from txt1.cli.fleet import line
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.learned import FORGET, LEARNED, Learned, learned_of
+from txt1.fleet.learned import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.fleet.link import Link
 from txt1.fleet.members import FLEET
 from txt1.fleet.network import Peer
@@ -246,6 +246,20 @@ async def test_a_robot_that_learns_hears_others_for_a_while_and_tells_once_what_
         assert [text for text in events if "refuses" in text] == [
             "refuses what txt03 has learned: it has the number nan in row 1"
         ]
+
+
+async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_that_is_not_there() -> None:
+    async with Robot.open() as robot:
+        link, alone = Link(robot), Link(robot)
+        began = robot.now
+        joining = asyncio.ensure_future(link.joined())
+        await asyncio.sleep(3.0)
+        assert not joining.done()
+        link.requests["fleet"](members=[], heard={})
+        await joining
+        assert robot.now - began == pytest.approx(3.0 + TOLD, abs=0.1)
+        await alone.joined()
+        assert robot.now - began < 30.0
 
 
 @pytest.mark.long

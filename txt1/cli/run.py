@@ -208,6 +208,8 @@ class Start:
         if self.drive is not None:
             robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self.drive))
         if self.agent is not None:
+            if self.sharing is not None:
+                await self.sharing.joined()
             learning.start(robot, self.agent, sharing=self.sharing)
         if self.steer is not None:
             try:

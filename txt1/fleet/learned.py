@@ -13,6 +13,7 @@ NUMBERS_MAX: Final = 512  # in all rows together: with visits 20 kB at most as t
 COUNT_MAX: Final = 10**9  # of visits and episodes
 LARGEST: Final = 1e9  # of a number
 NAME_MAX: Final = 40  # letters
+TOLD: Final = 1.5  # s in which everybody has told it once
 FORGET: Final = 5.0  # s after which one who is not heard is lost; it is told once a second
 
 

@@ -2,13 +2,14 @@
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 from txt1.errors import ConfigError
 from txt1.fleet.air import Said
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
-from txt1.fleet.learned import FORGET, LEARNED, Learned, learned_of
+from txt1.fleet.learned import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.fleet.members import FLEET, Member, member_of
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -17,6 +18,7 @@ SAID: Final = declare(Topic("/said", Said, "m, rad, m/s, rad/s", "std_msgs/Strin
 MEMBER: Final = declare(
     Topic("/member", Member, "", "std_msgs/String", Rule.SNAPSHOT, "this robot, as the fleet sees it")
 )
+PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no fleet
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
@@ -31,6 +33,7 @@ class Link:
         self._members: tuple[Member, ...] = ()
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
+        self._joined = asyncio.Event()
         self._learned: Learned | None = None
         self._taught: dict[str, tuple[Learned, float]] = {}  # by the others, and when that was
         self._refused: dict[str, str] = {}  # names of those whose words are no table, and why
@@ -75,10 +78,18 @@ class Link:
         since = asyncio.get_running_loop().time() - FORGET
         return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
 
+    async def joined(self) -> None:
+        """Wait until each of the others has had the time to tell what it has learned, but not for ever."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(PATIENCE):
+                await self._joined.wait()
+                await asyncio.sleep(TOLD)
+
     # -- what the bridge asks for ------------------------------------------------------------------------------
 
     def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]]) -> None:
         """Take note of the others; the time of what was heard is its age, s."""
+        self._joined.set()
         now = asyncio.get_running_loop().time()
         for name, said in heard.items():
             x, y, theta, v, omega, age, data = said

@@ -35,6 +35,9 @@ class Exchange(Protocol):
     def taught(self) -> Mapping[str, Learned]:
         """What each of the others has learned, of those who are heard now."""
 
+    async def joined(self) -> None:
+        """Wait until the others have had the time to tell it, when this robot is new among them."""
+
 
 def sharer(name: str, agent: object) -> Sharer:
     """The learner of this name, as one that can learn together with others; ConfigError: it cannot."""
@@ -89,6 +92,10 @@ class Sharing:
             told(one)
 
         trial.begins, trial.done = self.episode_begins, done
+
+    async def joined(self) -> None:
+        """Wait until it can take over what others have learned before the first episode."""
+        await self._exchange.joined()
 
     def episode_over(self) -> None:
         """Tell the others."""
@@ -165,3 +172,6 @@ class Pupil(NamedTuple):
     def taught(self) -> Mapping[str, Learned]:
         """What each of the others has learned, of those who are heard now."""
         return self.lessons.heard(self.name)
+
+    async def joined(self) -> None:
+        """They are heard at once."""
