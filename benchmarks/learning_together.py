@@ -1,8 +1,8 @@
 """Learning by several robots beside learning alone: repetitions to the same skill, full robots.
 
 ``python -m benchmarks.learning_together [--learner thesis] [--teams 20] [--robots 4] [--episodes 24] [--minutes 5]``.
-Every kind has the same teams: the same robots, starts and noise. What came out is kept as it comes; the same command
-goes on.
+With --newcomer: one that joins a team which has learned (``--episodes 3``: each third is an episode). Every kind has
+the same teams: the same robots, starts and noise. Results are kept as they come; the same command goes on.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ Times = list[list[float]]  # s to the light, by robot and episode; a failure cou
 LIMIT: Final = 60.0  # s of an episode
 SKILL: Final = 12.0  # s that each of ...
 IN_A_ROW: Final = 3  # ... so many episodes in a row takes at most
+BEFORE: Final = 12  # episodes that a team has had when a newcomer joins it
+NEW: Final = 1000  # what a newcomer's seed is larger by
 RESAMPLES: Final = 2000
 
 
@@ -70,6 +72,16 @@ def learned(kind: Kind | None, learner: str, seed: int, robots: int, episodes: i
     return [[one.time if one.success else LIMIT for one in each] for name, each in done.items() if name != "txt01"]
 
 
+def newcomer(kind: Kind | None, learner: str, seed: int, robots: int, episodes: int) -> Times:
+    """How long one takes for each of its episodes that joins a team of so many robots, who have had a few."""
+    config = load(None, [f"learning.time_limit={LIMIT:g}"]).config
+    join = None if kind is None else kind.join()
+    if join is not None:
+        run(learn_together(config, seed, names(robots), BEFORE, join, learner), speed="max")
+    (one,) = run(learn_together(config, NEW + seed, ["newcomer"], episodes, join, learner), speed="max").values()
+    return [[each.time if each.success else LIMIT for each in one]]
+
+
 def until_skill(times: Sequence[float]) -> int:
     """The episodes that were needed to become skilled; one more than there were, if that was not enough."""
     for at in range(len(times) - IN_A_ROW + 1):
@@ -93,10 +105,12 @@ def main() -> None:
     parser.add_argument("--teams", type=int, default=20)
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--episodes", type=int, default=24)
+    parser.add_argument("--newcomer", action="store_true", help="measure one that joins a team which has learned")
     parser.add_argument("--minutes", type=float, help="begin no team after so many")
     parser.add_argument("--kept", type=Path, default=Path("out/learning_together.jsonl"), help="what came out so far")
     arguments = parser.parse_args()
-    given = [arguments.learner, arguments.robots, arguments.episodes, code_hash()]
+    measure = newcomer if arguments.newcomer else learned
+    given = [measure.__name__, arguments.learner, arguments.robots, arguments.episodes, code_hash()]
     lines = arguments.kept.read_text(encoding="utf-8").splitlines() if arguments.kept.exists() else []
     known = {(row["kind"], row["seed"]): row["times"] for row in map(json.loads, lines) if row["given"] == given}
     began = stopwatch_ns()
@@ -106,7 +120,7 @@ def main() -> None:
             late = arguments.minutes is not None and stopwatch_ns() - began > 60.0 * arguments.minutes * NS_PER_S
             if (name, seed) in known or late:
                 continue
-            known[name, seed] = learned(kind, arguments.learner, seed, arguments.robots, arguments.episodes)
+            known[name, seed] = measure(kind, arguments.learner, seed, arguments.robots, arguments.episodes)
             with arguments.kept.open("a", encoding="utf-8") as kept:
                 row = {"kind": name, "seed": seed, "given": given, "times": known[name, seed]}
                 print(json.dumps(row), file=kept)
@@ -128,7 +142,8 @@ def _report(known: Mapping[tuple[str, int], Times], arguments: argparse.Namespac
              *(_with_interval(data[:, :, third].mean(axis=(1, 2))) for third in thirds))
         )  # fmt: skip
     skill = f"{IN_A_ROW} in a row within {SKILL:g} s"
-    teams = f"{arguments.learner}: {len(whole)} teams of {arguments.robots}, {episodes} episodes"
+    who = "newcomers to " if arguments.newcomer else ""
+    teams = f"{arguments.learner}: {who}{len(whole)} teams of {arguments.robots}, {episodes} episodes"
     table(
         f"{teams}, a failure as {LIMIT:g} s; in brackets 95 % over teams",
         ("", f"episodes until {skill}", "fewer than alone", *(f"s, {name} third" for name in ("first", "2nd", "last"))),
