@@ -1,6 +1,7 @@
 """The screen FLEET: a line for each robot."""
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 from rich.console import RenderableType
 
@@ -9,34 +10,68 @@ from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, styled, table
 from txt1.ui.viewer import Viewer
 
-STATE_MAX: Final = 30  # cells of a state: the numbers beside it are to stay readable
+FRAME: Final = 4  # cells of the frame and beside it
+GAP: Final = 2  # cells between two columns
+STATE_LEAST: Final = 16  # cells of a state, as long as there are columns to do without
+DISPENSABLE: Final = ("clock", "driver", "heard")  # these, in this order
 _NUMBER: Final = Column(right=True)
 COLUMNS: Final = (
-    Column("robot", LABEL), Column("state", least=8), *(_NUMBER._replace(heading=each) for each in ("x", "y", "v")),
+    Column("robot", LABEL), Column("state"), *(_NUMBER._replace(heading=each) for each in ("x", "y", "v")),
     Column("driver"), _NUMBER._replace(heading="V"), _NUMBER._replace(heading="heard"),
     _NUMBER._replace(heading="clock"),
 )  # fmt: skip
 
 
+class Line(NamedTuple):
+    """A robot's cells by their columns' headings, and the style of its state."""
+
+    cells: dict[str, str]
+    style: str
+
+
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
-    """FLEET for a body of width x rows cells."""
+    """FLEET for a body of width x rows cells; a narrow one does without some columns, and then cuts the states."""
     members = snapshot.get(FLEET) or ()
     if not members:
         return table("FLEET", (Column(),), ((styled("this robot is alone", DIM),),))
-    return table(f"FLEET of {len(members)}", COLUMNS, tuple(map(_cells, members[: max(1, rows - 3)])))
+    lines = tuple(map(_line, members[: max(1, rows - 3)]))
+    columns = COLUMNS
+    longest = max(len(line.cells["state"]) for line in lines)
+    for heading in DISPENSABLE:
+        if _left(columns, lines, width) >= min(longest, STATE_LEAST):
+            break
+        columns = tuple(column for column in columns if column.heading != heading)
+    left = max(1, _left(columns, lines, width))
+    told = tuple(tuple(_cell(line, column.heading, left) for column in columns) for line in lines)
+    return table(f"FLEET of {len(members)}", columns, told, gap=GAP)
 
 
-def _cells(one: Member) -> tuple[str, ...]:
+def _left(columns: Sequence[Column], lines: Sequence[Line], width: int) -> int:
+    """Cells that the other columns leave to the states."""
+    others = [column.heading for column in columns if column.heading != "state"]
+    taken = (max(len(heading), *(len(line.cells[heading]) for line in lines)) for heading in others)
+    return width - FRAME - GAP * len(others) - sum(taken)
+
+
+def _cell(line: Line, heading: str, left: int) -> str:
+    text = line.cells[heading]
+    if heading != "state":
+        return clean(text)
+    return styled(clean(text if len(text) <= left else f"{text[: left - 1]}…"), line.style)
+
+
+def _line(one: Member) -> Line:
     if not one.alive:
-        state = styled("gone", BAD)
+        state, style = "gone", BAD
     elif one.silent:
-        state = styled(clean(f"waits for {one.silent}"[:STATE_MAX]), "yellow")
+        state, style = f"waits for {one.silent}", "yellow"
     else:
-        state = styled("armed", GOOD) if one.armed else styled(clean(one.reason[:STATE_MAX]) or "disarmed", "red")
+        state, style = ("armed", GOOD) if one.armed else (one.reason or "disarmed", "red")
     x, y, _ = one.pose or (None, None, None)
-    heard = "" if one.age is None else f"{duration(one.age)} ago"
-    clock = "" if one.offset is None else duration(abs(one.offset))
-    return (
-        clean(one.name), state, number(x, 2), number(y, 2), number(one.v, 2), clean(one.driver),
-        number(one.battery, 2), heard, clock,
-    )  # fmt: skip
+    cells = {
+        "robot": one.name, "state": state, "x": number(x, 2), "y": number(y, 2), "v": number(one.v, 2),
+        "driver": one.driver, "V": number(one.battery, 2),
+        "heard": "" if one.age is None else f"{duration(one.age)} ago",
+        "clock": "" if one.offset is None else duration(abs(one.offset)),
+    }  # fmt: skip
+    return Line(cells, style)

@@ -14,9 +14,11 @@ from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
-from ui_snapshots import blind, full, mode
+from ui_snapshots import TEAM, blind, full, mode
 
+from txt1.fleet.members import FLEET
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import console, helm
 from txt1.ui.drawing import drawn
 from txt1.ui.line import status_line
 from txt1.ui.screens import SCREENS
@@ -37,8 +39,11 @@ READ = ("TERM", "NO_COLOR", "COLORTERM", "FORCE_COLOR", "COLUMNS", "LINES")  # b
 def views() -> dict[str, tuple[Snapshot | None, Viewer]]:
     """What there is to be seen, by name: each screen, and those that tell that something is otherwise."""
     stopped = mode(full(), armed=False, stopped=True, reason="emergency stop")
+    team = full(screen=list(SCREENS).index("FLEET")).replaced({FLEET: TEAM})
     return {
         **{name: (full(screen=index), Viewer()) for index, name in enumerate(SCREENS)},
+        "FLEET of four": (team, Viewer(helm.KEYS)),
+        "FLEET on a console": (team, Viewer(console.KEYS)),
         "HELP": (full(), Viewer(help=True)),
         "STATUS, stopped": (stopped, Viewer()),
         "STATUS of a board that tells little": (blind(), Viewer()),

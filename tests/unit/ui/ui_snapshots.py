@@ -6,6 +6,7 @@ from math import cos, pi, sin
 
 from txt1.control.commander import Driver
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
+from txt1.fleet.members import Member
 from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
 from txt1.model.odometry import Odometry
@@ -44,6 +45,12 @@ from txt1.tasks.fields import (
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 
+TEAM = (
+    Member("txt01", True, pose=(-2.479, 1.136, 0.5), v=0.512, driver="program", battery=12.164),
+    Member("txt02", False, "runaway: both encoders are silent", (10.25, -3.5, 0.0), -0.31, battery=9.81, age=0.0385),
+    Member("txt03", False, alive=False, pose=(0.75, 0.75, 0.0), battery=12.17, age=12.4, offset=0.00019),
+    Member("txt04", True, pose=(0.5, -0.75, 0.0), battery=12.02, age=0.0412, offset=0.0013, silent="txt01"),
+)
 RATES = {
     "controller": (4, 50.0),
     "serial": (4, None),
