@@ -6,6 +6,7 @@ robot, and a console may take its wheel, as the source "fleet".
 """
 
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from math import inf
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +33,11 @@ def main(robot: Connection, name: str, interface: str = "", key: str | None = No
     )
     robot.request("subscribe", topics=TOPICS, rate=RATE, seldom=SELDOM)
     try:
-        peer = Peer(name, interface, None if key is None else Path(key), hooks, loss)
+        with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken lasts longer than a heartbeat
+            joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss)
+            while not joining.done():
+                robot.receive(WAIT)
+        peer = joining.result()
     except ConfigError as error:
         robot.request("refused", reason=str(error))
         return
