@@ -58,7 +58,8 @@ def main(site: Path) -> int:
     lost = {address: why for address, why in told.items() if why}
     for address, why in lost.items():
         print(f"{address}: {why} ({', '.join(pages[address][:3])})")
-    print(f"{len(pages)} links lead out, {len(lost)} do not answer")
+    hint = "; is there a network?" if lost and len(lost) == len(pages) else ""
+    print(f"{len(pages)} links lead out, {len(lost)} do not answer{hint}")
     return bool(lost)
 
 
