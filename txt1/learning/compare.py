@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from txt1.config import Config
 from txt1.config.sources import with_values
@@ -139,12 +140,21 @@ def _begun(file: Path, head: Line) -> list[Line]:
         replace_file(file, json.dumps(head) + "\n")
         return []
     before, lines = read(file)
+    known = {**before, "config": _as_today(before.get("config"))}
     for key in ("format", "seed", "episodes", "config"):
-        if before.get(key) != json.loads(json.dumps(head[key])):
+        if known.get(key) != json.loads(json.dumps(head[key])):
             raise ConfigError(f"--compare {file}: was begun with another {key}; repeat that, or give another file")
     whole = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     replace_file(file, json.dumps(before) + "\n" + whole)  # without a line that was cut off
     return lines
+
+
+def _as_today(config: Any) -> Any:
+    """A configuration with the defaults of what it did not know yet; None: it is none of today's."""
+    try:
+        return json.loads(json.dumps(Config.model_validate(config).model_dump(mode="json", exclude={"seed"})))
+    except ValidationError:
+        return None
 
 
 def read(file: Path) -> tuple[Line, list[Line]]:

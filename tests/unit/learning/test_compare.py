@@ -80,13 +80,21 @@ def test_the_table_is_the_same_in_whatever_order_the_trials_were_done(tmp_path: 
     ("other", "told"),
     [
         ({"seed": 2}, "another seed"),
-        ({"config": {}}, "another config"),
+        ({"config": {"sim": {"light": {"noise": 0.0}}}}, "another config"),
+        ({"config": {"no such": 1}}, "another config"),
     ],
 )
 def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[str, Any], told: str) -> None:
     with pytest.raises(ConfigError, match="--compare") as caught:
         compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, here)
     assert told in str(caught.value)
+
+
+def test_a_file_that_did_not_know_a_value_yet_is_carried_on_with_its_default(tmp_path: Path) -> None:
+    older = CONFIG.model_dump(mode="json", exclude={"seed": True, "sim": {"battery"}})
+    file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12)], config=older)
+    assert len(compare.compare(file, ["pilot"], CONFIG, 1, 12, 1, here)) == 1
+    assert compare.read(file)[0]["config"] == older, "it says what it was begun with"
 
 
 @pytest.mark.long
