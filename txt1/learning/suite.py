@@ -179,6 +179,8 @@ def run_all(
                 config = world.config.model_dump(mode="json")
                 texts[len(missing)] = json.dumps([world.name, config, agent, 1 + k * BLOCK, size, episodes, seed])
                 missing.append((path, k))
+            if len(blocks[path]) == len(sizes):  # more trials were asked for before, and ended
+                results.append(_joined(path, blocks[path]))
     out.mkdir(parents=True, exist_ok=True)
     for number, text in each(run_text, texts):
         path, k = missing[number]
@@ -187,12 +189,8 @@ def run_all(
         if len(blocks[path]) < len(sizes):
             replace_file(_part(path, k), text + "\n")
             continue
-        result = _joined([blocks[path][j] for j in range(len(sizes))])
-        replace_file(path, json.dumps(result) + "\n")
-        for j in range(len(sizes)):
-            _part(path, j).unlink(missing_ok=True)
-        results.append(result)
-        tell(result)
+        results.append(_joined(path, blocks[path]))
+        tell(results[-1])
     places = [(agent, world.name) for agent in agents for world in some]
     results.sort(key=lambda one: places.index((one["agent"], one["world"])))
     replace_file(out / "table.md", table(results))
@@ -216,11 +214,16 @@ def _before(path: Path, count: int, episodes: int, seed: int, resume: bool) -> d
     return before
 
 
-def _joined(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The result of all trials, of those of its blocks in their order."""
+def _joined(path: Path, by_number: Mapping[int, dict[str, Any]]) -> dict[str, Any]:
+    """The result of all trials, of those of its blocks in their order; it is kept in their place."""
+    blocks = [by_number[k] for k in sorted(by_number)]
     refused = next((one["refused"] for one in blocks if one["refused"]), None)
     rows = [] if refused else [row for one in blocks for row in one["results"]]
-    return {**blocks[0], "trials": sum(one["trials"] for one in blocks), "refused": refused, "results": rows}
+    result = {**blocks[0], "trials": sum(one["trials"] for one in blocks), "refused": refused, "results": rows}
+    replace_file(path, json.dumps(result) + "\n")
+    for k in by_number:
+        _part(path, k).unlink(missing_ok=True)
+    return result
 
 
 # -- figures --------------------------------------------------------------------------------------------------------

@@ -85,6 +85,10 @@ def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
     assert asked[2:] == [[1, 100]]
     assert done["trials"] == 250 and [trial[0][2] for trial in done["results"]] == [*range(1, 251)]
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["w.json"]
+    first = lambda work, texts: each(work, dict([*texts.items()][:2]))  # noqa: E731
+    suite.run_all([world], ["a"], 250, 1, 7, tmp_path / "b", first, False, lambda _: None)
+    (done,) = suite.run_all([world], ["a"], 200, 1, 7, tmp_path / "b", each, True, lambda _: None)
+    assert done["trials"] == 200 and len(asked) == 5, "those that are there are enough"
 
 
 def test_a_change_is_in_force_from_its_episode_on_and_a_drift_goes_evenly() -> None:
