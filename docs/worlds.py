@@ -1,0 +1,134 @@
+"""Makes the pilot's tables in docs/learning.md: `python -m docs.worlds` has it learn in all worlds, half an hour.
+
+Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and, of many trials in the thesis's world,
+in out/pilot-thesis. `--report` does no more than write the page from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from docs.compared_learners import between
+from txt1.cli import execute
+from txt1.learning import suite
+
+HERE: Final = Path(__file__).parent
+WORLDS: Final = HERE.parent / "config" / "worlds"
+EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
+PAGE: Final = HERE / "learning.md"
+SEED: Final = "7021"  # not looked at before: what the pilot is was settled on seeds 77 and 20261122
+NEAR: Final = 1.05  # times its floor, within which it is to be
+SHOWN: Final = 4  # worlds that are named as the farthest from their floors
+
+
+def read(out: Path) -> list[dict[str, Any]]:
+    """The raw results of the pilot in a directory, by the names of their worlds."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted((out / "pilot").glob("*.json"))]
+
+
+def source(results: Sequence[dict[str, Any]]) -> str:
+    """Where results came from, in a sentence."""
+    (told,) = {(one["trials"], one["episodes"], one["seed"], one["provenance"]["code"]) for one in results}
+    made = results[0]["provenance"]
+    versions = ", ".join(f"{name} {made[name]}" for name in ("python", "numpy", "numba"))
+    return "{} trials of {} episodes, seed {}, code {}; ".format(*told) + f"{versions}; {made['platform']}"
+
+
+def about(result: dict[str, Any]) -> str:
+    """A world in a few words: what its file begins with, or its numbers where it was drawn."""
+    file = WORLDS / f"{result['world']}.yaml"
+    if file.exists():
+        return file.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")
+    learning, sim = result["config"]["learning"], result["config"]["sim"]
+    v, turns = learning["actions"][0][0], [abs(action[1]) for action in learning["actions"] if action[1]]
+    turned = " and ".join(f"{v / turn:.2f}" for turn in turns)
+    start, goal, delay = (learning[key] for key in ("start_radius", "goal_radius", "delay"))
+    noise, slip = sim["light"]["noise"], sim["vehicle"]["slip"]
+    return (
+        f"{v:.2f} m/s, turns of {turned} m, start {start:.2f} m, goal {goal:.2f} m, noise {noise:.2f}, "
+        f"slip {slip:.2f}, delay {delay:g} s"
+    )
+
+
+def losses(results: Sequence[dict[str, Any]]) -> str:
+    """The worlds in which it is not near its floor, and those that are next, the worst first."""
+    every = [suite.figures(one) | {"world": one["world"]} for one in results]
+    every.sort(key=lambda one: -float(one["to_floor"]))
+    named = [f"`{one['world']}` {one['to_floor']:.3f} (up to {one['to_floor_95'][1]:.3f})" for one in every]
+    lost = sum(one["to_floor"] > NEAR for one in every)
+    count, failed, before = (sum(one[key] for one in every) for key in ("episodes", "failures", "failures_before"))
+    return (
+        f"Above {NEAR:g} times its floor: {', '.join(named[:lost]) or 'none'}. Within that: {len(every) - lost} of "
+        f"{len(every)} worlds, the farthest of them {', '.join(named[lost : lost + SHOWN])}. Of all {count} episodes "
+        f"after the {suite.LEARNED}th {failed} failed, of those before {before}.\n"
+    )
+
+
+def worlds(results: Sequence[dict[str, Any]]) -> str:
+    """The table of all worlds."""
+    lines = [
+        "| world | pilot: success, to the floor (95 %), to the optimum |",
+        "|---|---|",
+        *(f"| `{one['world']}`: {about(one)} | {suite.cell(suite.figures(one))} |" for one in results),
+        "",
+        f"{source(results)}.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def thesis(result: dict[str, Any]) -> str:
+    """What many trials in the thesis's world came to."""
+    one = suite.figures(result)
+    return (
+        f"After the {suite.LEARNED}th episode {one['failures']} of {one['episodes']} failed, before it "
+        f"{one['failures_before']} of {suite.LEARNED * result['trials']}; {one['to_floor']:.4f} times the floor "
+        f"({one['to_floor_95'][0]:.4f} to {one['to_floor_95'][1]:.4f}), {one['to_optimum']:.3f} times the optimum; "
+        f"at the second repetition {one['to_optimum_at_2']:.3f} times the optimum. {source([result])}.\n"
+    )
+
+
+def changes(results: Sequence[dict[str, Any]]) -> str:
+    """The ratio to the floor about a change, by episode."""
+    changed = [one for one in results if one["config"]["learning"]["changes"]]
+    first = changed[0]["config"]["learning"]["changes"][0]["episode"]
+    shown = range(first - 1, first + 5)
+    lines = [
+        "| change | " + " | ".join(map(str, shown)) + f" | back within {suite.BACK:g} after |",
+        "|---" * (len(shown) + 2) + "|",
+    ]
+    for one in changed:
+        found = suite.figures(one)
+        curve = " | ".join(f"{found['to_floor_at_episode'][k - 1]:.2f}" for k in shown)
+        back = "never" if found["back_after"] is None else f"{found['back_after']} episodes"
+        lines.append(f"| `{one['world']}` | {curve} | {back} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Have the pilot learn, and write the page."""
+    parser = argparse.ArgumentParser(prog="docs.worlds", description=__doc__)
+    parser.add_argument("--trials", default="10", metavar="N", help="in each world; 10")
+    parser.add_argument("--thesis", default="1000", metavar="N", help="in the thesis's world; 1000")
+    parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
+    given = parser.parse_args()
+    if not given.report:
+        common = ["learn", "--worlds", str(WORLDS), "--agent", "pilot", "--seed", SEED, "--resume"]
+        execute([*common, "--trials", given.trials, "--out", str(EVERY)])
+        execute([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
+    every, page = read(EVERY), PAGE.read_text(encoding="utf-8")
+    texts = {
+        "losses": losses(every), "worlds": worlds(every), "changes": changes(every),
+        "thesis": "".join(map(thesis, read(THESIS))),
+    }  # fmt: skip
+    for name, text in texts.items():
+        page = between(page, f"pilot-{name}", text, "docs.worlds")
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
