@@ -291,6 +291,8 @@ def cell(one: dict[str, Any]) -> str:
     """A learner in a world, in a few words."""
     if "refused" in one:
         return "refuses the sensors"
+    if not one["success"]:
+        return f"0.00 % of {one['episodes']}"
     low, high = one["to_floor_95"] or (float("nan"),) * 2
     text = f"{100.0 * one['success']:.2f} %, {one['to_floor']:.3f} ({low:.3f} to {high:.3f}), {one['to_optimum']:.3f}"
     if "back_after" in one:
