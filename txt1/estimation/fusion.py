@@ -169,7 +169,7 @@ class Fusion:
         self._now = now
         if self._base_time < 0.0:  # nothing is known of how it moved before
             self._base_time = max(0.0, now - FIRST)
-        self._alone = sum(judge.believed for judge in self._judges.values()) < 2
+        self._alone = [judge.believed for judge in self._judges.values()].count(True) < 2
         first = len(self._entries)
         for measurement in self._arrived:
             first = min(first, self._insert(measurement))
@@ -469,10 +469,13 @@ class Fusion:
     def _estimate(self, belief: Belief) -> Estimate:
         x, y, theta, _, omega, bias, slip = belief.mean
         v, told = outside(belief)
-        covariance = list(told)
-        for place, doubt in enumerate(self._doubts()):
-            covariance[6 * place] += doubt
-        return Estimate(x, y, wrap_angle(theta), v, omega, tuple(covariance), bias, slip, self._located)
+        doubts = self._doubts()
+        if any(doubts):
+            covariance = list(told)
+            for place, doubt in enumerate(doubts):
+                covariance[6 * place] += doubt
+            told = tuple(covariance)
+        return Estimate(x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located)
 
 
 def wider(rows: Sequence[int], offset: Sequence[float], slip: float = 0.0) -> Array:
