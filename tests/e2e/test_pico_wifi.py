@@ -56,6 +56,7 @@ def doctor(port: int, secret: str, folder: Path) -> subprocess.CompletedProcess[
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_host_with_the_secret_has_a_line_and_one_with_another_secret_has_none(port: int, tmp_path: Path) -> None:
     wrong = doctor(port, "another secret", tmp_path)
     assert wrong.returncode == 1 and "odometry" not in wrong.stdout

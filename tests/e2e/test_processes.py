@@ -183,6 +183,7 @@ def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -
     run(body())
 
 
+@pytest.mark.long
 def test_a_host_does_not_open_what_a_killed_board_has_left_behind(tmp_path: Path) -> None:
     """The pseudo-terminal's name may belong to somebody else's terminal by now."""
     path = tmp_path / "board"

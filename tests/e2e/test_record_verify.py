@@ -204,6 +204,7 @@ def test_a_program_that_does_everything_on_the_real_clock_replays_exactly(tmp_pa
     assert verdict.compared > 1800
 
 
+@pytest.mark.long
 def test_a_late_run_on_the_real_clock_replays_exactly(tmp_path: Path) -> None:
     async def program(robot: Robot) -> None:
         async def stall(ticks: Ticks) -> None:
@@ -220,6 +221,7 @@ def test_a_late_run_on_the_real_clock_replays_exactly(tmp_path: Path) -> None:
     assert verify(path).difference is None
 
 
+@pytest.mark.long
 def test_a_recording_on_the_real_clock_that_breaks_off_replays_as_far_as_it_goes(tmp_path: Path) -> None:
     async def program(robot: Robot) -> None:
         await robot.drive(0.4, 0.4, 3.0)

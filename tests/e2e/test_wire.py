@@ -188,18 +188,15 @@ LATE = 0.03
 """s that a busy machine may be late with what this asserts of real time."""
 
 
-SHORT = ("pty-one byte at a time",)
-"""Of the lines in real time: the others take long."""
-
-
 @pytest.mark.parametrize(
     ("transport", "settings"),
     [
-        pytest.param(transport, settings, id=name, marks=[] if short else pytest.mark.long)
+        # in real time they take long
+        pytest.param(
+            transport, settings, id=f"{transport}-{line}", marks=[] if transport == "memory" else pytest.mark.long
+        )
         for transport in ("memory", "pty", "tcp")
         for line, settings in LINES.items()
-        for name in [f"{transport}-{line}"]
-        for short in [transport == "memory" or name in SHORT]
     ],
 )
 def test_the_robot_drives_over_any_line(

@@ -136,6 +136,7 @@ def test_beyond_loopback_a_key_is_asked_for(tmp_path: Path) -> None:
     assert configuration("eth0", key) is not None
 
 
+@pytest.mark.long
 def test_a_page_of_the_fleet_shows_all_stops_all_though_messages_are_lost_and_drives_one(team: Team) -> None:
     console, one, two = team.join("console1", 0.3), team.join("net01", 0.3), team.join("net02", 0.3)
     page = Network(console)

@@ -70,6 +70,7 @@ def test_and_so_it_does_without_numba() -> None:
     assert float(shown.stdout) < 1e-9
 
 
+@pytest.mark.long
 def test_its_readings_are_the_lights_through_the_filter() -> None:
     many = robots(2)
     poses = np.array([[1.25, 0.0, 3.0], [0.0, -2.0, 1.0]])

@@ -10,6 +10,7 @@ from txt1.config import load
 CONFIG = load().config
 
 
+@pytest.mark.long
 def test_who_is_watched_does_what_he_does_unwatched_and_all_of_his_time_is_accounted_for() -> None:
     episodes, decisions = watched(1, CONFIG, 1, 12)
     assert episodes == trial(1, "thesis", CONFIG, 1, 12, permute=False)
