@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("old", type=Path, metavar="OLD")
     parser.add_argument("new", type=Path, metavar="NEW", nargs="?", default=Path(__file__).parents[1])
     parser.add_argument("--rounds", type=int, default=15, metavar="N")
-    parser.add_argument("--duration", type=float, default=60.0, metavar="S", help="simulated seconds in a run")
+    parser.add_argument("--duration", type=float, default=300.0, metavar="S", help="simulated seconds in a run")
     parser.add_argument("--cases", default=",".join(CASES), metavar="NAMES", help="default %(default)s")
     given = parser.parse_args()
     print(f"{given.rounds} interleaved rounds of {given.duration:.0f} simulated s, load {os.getloadavg()[0]:.2f}")
