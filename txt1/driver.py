@@ -26,8 +26,8 @@ class Wheel:
         self.commander = Commander(runtime.gate.limits.command_timeout)
         self._message = Velocity(0.0, 0.0)
         self._sent = False  # since the driver's last tick
-        commander, scheduler = self.commander, runtime.scheduler
-        runtime.bus.offer(DRIVER, lambda: commander.told or commander.driver(scheduler.now))
+        scheduler, driver = runtime.scheduler, self.commander.driver
+        runtime.bus.offer(DRIVER, lambda: driver(scheduler.now))
 
     @property
     def driver(self) -> Driver:

@@ -154,7 +154,7 @@ class Runtime:
         for topic in battery.BATTERIES:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(battery.RANGE, self._range_left)
-        bus.offer(FAULTS, self._counted_faults)
+        bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
         bus.offer(TASKS, self._task_counts)
         bus.offer(SNAPSHOT, self._recorded_snapshot)
         tap_line = getattr(hal, "tap_line", None)
@@ -521,13 +521,6 @@ class Runtime:
         """Everything that was refused, clipped or lost so far, by name."""
         counted = {fault.value: count for fault, count in self.gate.counts.items()} | self.state.line_faults
         return counted if self.state.board is None else counted | self.state.board.faults
-
-    def _counted_faults(self) -> dict[str, int]:
-        """Those that there were; an Enum's value takes its time, so it is looked up for these only."""
-        state, counts = self.state, {fault.value: count for fault, count in self.gate.counts.items() if count}
-        for more in (state.line_faults, {} if state.board is None else state.board.faults):
-            counts.update({name: count for name, count in more.items() if count})
-        return counts
 
     def statistics(self) -> dict[str, TaskStatistics]:
         """What every task has done so far, by name."""

@@ -72,8 +72,7 @@ class Commander:
         self._since = 0.0
         self._refused: Counter[str] = Counter()
         self._setpoint = SetPoint()
-        self.told: Driver | None = None
-        """Who was told to drive, until it is another: whose command has gone stale shows with the next look."""
+        self._told: Driver | None = None  # until it is another
 
     def add(self, name: str, priority: int | None = None, timeout: float | None = None) -> None:
         """Make a source known, its priority by `PRIORITIES` if None; its commands are stale after `timeout` s.
@@ -156,9 +155,9 @@ class Commander:
     def driver(self, now: float) -> Driver:
         """Who drives at `now`."""
         driver = self._driver_at(now)
-        if self.told is None:
-            self.told = Driver("" if driver is None else driver.name, self._since, dict(self._refused))
-        return self.told
+        if self._told is None:
+            self._told = Driver("" if driver is None else driver.name, self._since, dict(self._refused))
+        return self._told
 
     def overruled(self, name: str) -> str:
         """Who has overruled this source; "" when it may drive, unless another that outranks it does."""
@@ -179,16 +178,16 @@ class Commander:
         if driver is not source:
             if driver is not None:
                 driver.overruled = source.name
-            self._driver, self._since, self.told = source, time, None
+            self._driver, self._since, self._told = source, time, None
         source.held = max(source.held, time)
         return True
 
     def _refuse(self, name: str) -> None:
         self._refused[name] += 1
-        self.told = None
+        self._told = None
 
     def _free(self, time: float) -> None:
-        self._driver, self._since, self.told = None, time, None
+        self._driver, self._since, self._told = None, time, None
         self._setpoint = SetPoint(time=self._setpoint.time)
 
 

@@ -146,7 +146,8 @@ class Estimator:
         self._give(Measurement(middle - settings.delay, ENCODERS, Kind.ENCODERS, rows, told, its))
         if wheels.motor is not None:
             doubt = self._witness.doubt(wheels.setpoint, wheels.motor, dt)
-            self.fusion.doubt_speed(doubt if self.fusion.believes(ENCODERS) else 0.0, dt)
+            if self.fusion.believes(ENCODERS):
+                self.fusion.doubt_speed(doubt, dt)
         self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
         if self._still >= REST:
             self.fusion.rest(middle)
