@@ -358,6 +358,7 @@ def report(file: Path) -> None:
 
 
 COLOURS: Final = ("#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#E69F00", "#000000", "#999999")  # Okabe, Ito
+MARKERS: Final = "os^vDPXp"  # as colours alone tell no line
 
 
 def draw(picture: Path, lines: Sequence[Line]) -> None:
@@ -370,11 +371,14 @@ def draw(picture: Path, lines: Sequence[Line]) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
     order = [name for name in ALL if any(line["contender"] == name for line in lines)]
     for name, one in sorted(curves(lines).items(), key=lambda pair: order.index(pair[0]) if pair[0] in order else 99):
-        colour = COLOURS[ALL.index(name)] if name in ALL else "0.4"
+        colour, marker = (COLOURS[ALL.index(name)], MARKERS[ALL.index(name)]) if name in ALL else ("0.4", ".")
         n = sum(line["contender"] == name for line in lines)
-        style = {"color": colour, "ls": "--" if name in TRAINED else "-", "marker": "o" if name in TRAINED else "."}
+        style = {
+            "color": colour, "marker": marker, "ms": 6.0, "mec": "white", "mew": 0.5,
+            "ls": "--" if name in TRAINED else "-", "markevery": 1 if name in TRAINED else 3,
+        }  # fmt: skip
         for axes, what, factor in ((upper, "success", 100.0), (lower, "ratio", 1.0)):
-            axes.plot(one["driven"], factor * one[what], ms=4, label=f"{name}, {n} trials", **style)
+            axes.plot(one["driven"], factor * one[what], label=f"{name}, {n} trials", **style)
             axes.fill_between(one["driven"], *(factor * one[f"{what}_95"]), color=colour, alpha=0.2, lw=0.0)
     upper.set(ylabel="episodes that reach the light, %", ylim=(-3.0, 103.0), xscale="log")
     lower.set(ylabel="time of successes / floor", yscale="log", xlabel="seconds driven, median of trials")

@@ -15,6 +15,7 @@ from txt1.model.light import MOUNT, SENSORS
 
 DPI: Final = 120
 LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
+PATH: Final = 3.2  # in, one path across: letters can be read where three beside one another are 600 pixels wide
 RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
 COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
@@ -38,7 +39,7 @@ def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: 
         parts.append(lambda figure, left: _floor(figure, left, table, task))
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
         ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes, ticker, LineCollection)),
-        ("paths.png", (4.5 * max(1, len(chosen.paths)), 4.8), lambda figure: _paths(figure, chosen, task)),
+        ("paths.png", (PATH * max(1, len(chosen.paths)), 3.6), lambda figure: _paths(figure, chosen, task)),
         ("qtable.png", (6.0 * len(parts), 4.5), lambda figure: _learned(figure, parts)),
     )
     pictures = []
@@ -113,11 +114,11 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
     if not numbers:
         return
     for k, number in enumerate(numbers):
-        axes = _panel(figure, 4.5 * k + 0.66, 0.5, 3.8, 3.8)
+        axes = _panel(figure, PATH * k + 0.66, 0.45, 2.5, 2.5)
         x, y = np.array(chosen.paths[number]).T
         axes.plot(x, y, color=BLUE)
         axes.plot(x[0], y[0], "o", color=RED)
-        title = f"best trial ({chosen.trial}), episode {number}"
+        title = f"episode {number}"
         if len(chosen.episodes) >= number:  # else it was broken off
             one = chosen.episodes[number - 1]
             tip = x[0] + 0.4 * cos(one.start.heading), y[0] + 0.4 * sin(one.start.heading)
@@ -132,6 +133,7 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
         axes.plot(*corners.T, "--", color=GREY, lw=1.0)
         reach = max(1.6, float(np.abs(np.concatenate([x, y])).max()) + 0.2)
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x, m", ylabel="y, m", title=title)
+    figure.suptitle(f"best trial ({chosen.trial})", y=0.985, fontsize=10)
 
 
 def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None:
