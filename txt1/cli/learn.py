@@ -20,7 +20,7 @@ from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.learning import compare, experiment, plots, suite
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.experiment import Plan
-from txt1.learning.floor import floor_of
+from txt1.learning.floor import floor_of, known_floor
 from txt1.learning.suite import Each
 from txt1.learning.trial import Episode, starts, task_of
 
@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         _tell(experiment.write(plan, out, results))
         if any(one.episodes for one in results) and not arguments.no_pictures:
             try:
-                plots.draw(out, results, experiment.best(results), task_of(config))
+                plots.draw(out, results, experiment.best(results), task_of(config), known_floor(config))
             except MissingExtra as error:
                 say(f"no pictures: {error}")
     if ended is not None and (results or not isinstance(ended, Txt1Error)):

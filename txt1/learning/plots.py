@@ -9,13 +9,15 @@ import numpy as np
 
 from txt1.errors import MissingExtra
 from txt1.learning import pilot, sweeps, thesis
+from txt1.learning.floor import Floor
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
 from txt1.model.light import MOUNT, SENSORS
 
 DPI: Final = 120
 LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
-PATH: Final = 3.2  # in, one path across: letters can be read where three beside one another are 600 pixels wide
+PATH, PART = 3.2, 4.8  # in, one path and one part of a table across: of all beside one another, shown 600 pixels wide,
+# letters can be read
 RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
 COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
@@ -23,8 +25,13 @@ COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
 }  # of learners whose tables tell how sharply they turn, left positive, by where the light is  # fmt: skip
 
 
-def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task) -> list[Path]:
-    """The pictures that were written: learning_curve.png, paths.png, qtable.png; raises MissingExtra."""
+def draw(
+    out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: Task, floor: Floor | None = None
+) -> list[Path]:
+    """The pictures that were written: learning_curve.png, paths.png, qtable.png; raises MissingExtra.
+
+    With a floor (`txt1.learning.floor`) the curve has the ratio to it, too.
+    """
     try:
         from matplotlib import colormaps, ticker
         from matplotlib.collections import LineCollection
@@ -38,9 +45,9 @@ def draw(out: Path, outcomes: Sequence[TrialResult], chosen: TrialResult, task: 
     if table.about.get("agent") in COURSES:
         parts.append(lambda figure, left: _floor(figure, left, table, task))
     paintings: tuple[tuple[str, tuple[float, float], Callable[[Any], None]], ...] = (
-        ("learning_curve.png", (8.0, 4.5), lambda figure: _curve(figure, outcomes, ticker, LineCollection)),
+        ("learning_curve.png", (8.0, 4.7), lambda figure: _curve(figure, outcomes, floor, ticker, LineCollection)),
         ("paths.png", (PATH * max(1, len(chosen.paths)), 3.6), lambda figure: _paths(figure, chosen, task)),
-        ("qtable.png", (6.0 * len(parts), 4.5), lambda figure: _learned(figure, parts)),
+        ("qtable.png", (PART * len(parts), 4.5), lambda figure: _learned(figure, parts)),
     )
     pictures = []
     for name, size, paint in paintings:
@@ -62,10 +69,13 @@ def _panel(figure: Any, left: float, bottom: float, width: float, height: float)
     return axes
 
 
-def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_collection: Any) -> None:
+def _curve(
+    figure: Any, outcomes: Sequence[TrialResult], floor: Floor | None, ticker: Any, line_collection: Any
+) -> None:
     """Ratio of each episode's time to its optimum, so that no luck of the starts is in it (cf. figure 5.10).
 
-    Every trial, the mean of the successes with an interval of 95 % over trials, and how many failed.
+    Every trial, the mean of the successes with an interval of 95 % over trials, the same mean to the floor, and how
+    many failed.
     """
     axes = _panel(figure, 0.65, 0.475, 7.2, 3.5)
     length = max((len(one.episodes) for one in outcomes), default=0)
@@ -73,12 +83,13 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_colle
     alpha = max(0.05, min(0.6, 4.0 / len(outcomes)))
     shown = [line for line in lines if line]
     axes.add_collection(line_collection(shown, colors=BLUE, alpha=alpha, linewidths=0.8, label="each trial"))
-    numbers, means, low, high, failed = [], [], [], [], []
+    numbers, means, to_floor, low, high, failed = [], [], [], [], [], []
     rng = np.random.default_rng(0)
     for k in range(length):
         row = [one.episodes[k] for one in outcomes if len(one.episodes) > k]
         failed.append(sum(not one.success for one in row))
-        pairs = np.array([(one.time, one.optimal_time) for one in row if one.success])
+        won = [one for one in row if one.success]
+        pairs = np.array([(one.time, one.optimal_time) for one in won])
         if not len(pairs):
             continue
         drawn = pairs[rng.integers(0, len(pairs), (RESAMPLES, len(pairs)))].sum(axis=1)
@@ -87,15 +98,19 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_colle
         means.append(pairs[:, 0].sum() / pairs[:, 1].sum())
         low.append(band[0])
         high.append(band[1])
-    axes.fill_between(numbers, low, high, color=RED, alpha=0.25, lw=0.0, label="its interval of 95 %")
+        if floor is not None:
+            to_floor.append(pairs[:, 0].sum() / sum(floor.time(one.start) for one in won))
     axes.plot(numbers, means, color=RED, lw=2.5, label="mean of successes")
+    axes.fill_between(numbers, low, high, color=RED, alpha=0.25, lw=0.0, label="its interval of 95 %")
+    if floor is not None:
+        axes.plot(numbers, to_floor, color="black", lw=1.2, ls=":", label="mean, time / floor")
     axes.axhline(1.0, color=GREEN, lw=2.0, ls="--", label="optimum")
     lost = [(k, count) for k, count in enumerate(failed, 1) if count]
     top = max([2.0, *(ratio for line in shown for _, ratio in line)]) * 1.3
     if lost:
         axes.plot([k for k, _ in lost], [top] * len(lost), "x", color="black", label="failures, and how many")
         for k, count in lost:
-            axes.annotate(str(count), (k, top), (0, 4), textcoords="offset points", ha="center", fontsize=7)
+            axes.annotate(str(count), (k, top), (0, 4), textcoords="offset points", ha="center", fontsize=8)
     agents = " and ".join(sorted({str(one.table.about.get("agent")) for one in outcomes}))
     title = f"{agents}, {len(outcomes)} trial{'s' if len(outcomes) > 1 else ''}"
     axes.set(xlabel="episode", ylabel="time / optimum", yscale="log", xlim=(0.5, length + 0.5), ylim=(0.9, 1.25 * top))
@@ -105,7 +120,7 @@ def _curve(figure: Any, outcomes: Sequence[TrialResult], ticker: Any, line_colle
     axes.xaxis.set_major_locator(ticker.MaxNLocator(integer=True))
     axes.grid(alpha=0.3)
     figure.suptitle(title, y=0.985, fontsize=10)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=8, frameon=False)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
 
 
 def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
@@ -139,12 +154,12 @@ def _paths(figure: Any, chosen: TrialResult, task: Task) -> None:
 def _learned(figure: Any, parts: Sequence[Callable[[Any, float], None]]) -> None:
     """The table, and beside it where it drives, as far as there are such."""
     for k, part in enumerate(parts):
-        part(figure, 6.0 * k)
+        part(figure, PART * k)
 
 
 def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
     """Which way it drives for each place of the light on the floor, and where it takes its sensors to be."""
-    axes = _panel(figure, edge + 1.0, 0.475, 3.775, 3.775)
+    axes = _panel(figure, edge + 0.9, 0.475, 3.7, 3.7)
     reach = 4.0 * task.goal_radius
     ahead, left = (each.ravel() for each in np.meshgrid(*[np.linspace(-reach, reach, 15)] * 2, indexing="ij"))
     outside = np.hypot(ahead, left) > task.goal_radius
@@ -155,11 +170,11 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
     axes.quiver(-left, ahead, np.cos(turned), np.sin(turned), color=colours, pivot="mid", scale=26.0, width=0.005)
     for name, (x, y) in zip(SENSORS, table.about.get("sensors", MOUNT), strict=True):
         axes.plot(-y, x, "ks", markersize=4)
-        axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=7)
+        axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=9)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
     axes.plot(task.goal_radius * np.cos(angle), task.goal_radius * np.sin(angle), color=GREY)
     axes.set(xlabel="light to the right, m", ylabel="light ahead, m", aspect="equal",
-             title="drives left, straight or right, by where the light is")  # fmt: skip
+             title="which way it drives, by where the light is")  # fmt: skip
 
 
 def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:
@@ -167,7 +182,7 @@ def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None
     if "axes" in table.about:
         (across, columns, *x), (up, rows, *y) = table.about["axes"]
         best = np.asarray(table.values).reshape(columns, rows, -1).argmax(axis=2).T
-        axes, scale = _panel(figure, edge + 0.7, 0.475, 4.2, 3.775), _panel(figure, edge + 5.1, 0.475, 0.2, 3.775)
+        axes, scale = _panel(figure, edge + 0.7, 0.475, 3.1, 3.7), _panel(figure, edge + 3.95, 0.475, 0.15, 3.7)
         colours = colormaps["viridis"].resampled(len(ACTIONS))
         image = axes.imshow(
             best, aspect="auto", origin="lower", extent=(*x, *y), cmap=colours, vmin=-0.5, vmax=len(ACTIONS) - 0.5
@@ -175,7 +190,7 @@ def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None
         axes.set(xlabel=across, ylabel=up, title="best action")
         figure.colorbar(image, scale, ticks=range(len(ACTIONS))).set_ticklabels(ACTIONS)
         return
-    axes, scale = _panel(figure, edge + 0.97, 0.28, 4.04, 3.97), _panel(figure, edge + 5.2, 0.28, 0.2, 3.97)
+    axes, scale = _panel(figure, edge + 1.0, 0.28, 3.0, 3.9), _panel(figure, edge + 4.12, 0.28, 0.15, 3.9)
     most = float(np.abs(table.values).max())
     image = axes.imshow(table.values, aspect="auto", cmap="PuOr", vmin=-most, vmax=most)
     actions = table.about.get("actions", ACTIONS)
@@ -183,6 +198,7 @@ def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None
         axes.set_xticks(range(len(actions)), actions)
     axes.set_yticks(range(len(table.values)), list(table.about.get("states", range(len(table.values)))))
     for (row, column), value in np.ndenumerate(table.values) if table.values.size <= LEGIBLE else ():
-        axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
+        ink = "white" if abs(value) > 0.6 * most else "black"
+        axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=ink)
     axes.set_title("Q(s, a)")
     figure.colorbar(image, scale)
