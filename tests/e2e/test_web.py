@@ -18,7 +18,8 @@ import pytest
 
 from tests.browser.live import Live, live
 from txt1.bridges.web.door import Door, visitors_token
-from txt1.bridges.web.server import CONNECTIONS_MAX, MESSAGE_MAX, STRANGER
+from txt1.bridges.web.routes import MESSAGE_MAX, STRANGER
+from txt1.bridges.web.server import CONNECTIONS_MAX
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 

@@ -27,7 +27,7 @@ HELD: Final = 0.5  # s after a command in which the wheel of a robot that "fleet
 
 
 class Network:
-    """All robots of a fleet on a network, as `txt1.bridges.web.server.Server` sees robots."""
+    """All robots of a fleet on a network, as the page's server sees robots (`txt1.bridges.web.pages.Robots`)."""
 
     def __init__(self, peer: Peer) -> None:
         self._peer = peer

@@ -19,12 +19,13 @@ PERIOD: Final = 0.1  # s between two snapshots
 SIZE_MAX: Final = 200 << 20  # bytes of a recording that is shown: it is held in memory
 SPEED_MAX: Final = 16.0
 LISTED_MAX: Final = 200
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")  # of a recording
 
 
-def recordings(folder: Path, name: re.Pattern[str]) -> list[dict[str, object]]:
+def recordings(folder: Path) -> list[dict[str, object]]:
     """Name, size in bytes and time (s since 1970) of the recordings in a folder, the newest first."""
     try:
-        found = [(each.stat(), each.name) for each in folder.iterdir() if name.fullmatch(each.name) and each.is_file()]
+        found = [(each.stat(), each.name) for each in folder.iterdir() if NAME.fullmatch(each.name) and each.is_file()]
     except OSError:
         return []
     found.sort(key=lambda each: -each[0].st_mtime)
