@@ -22,8 +22,9 @@ from txt1.config.sources import with_values
 from txt1.devices.car import DevicePort
 from txt1.devices.vesc import Vesc
 from txt1.errors import NotArmed
-from txt1.experiments.calibration import STEPS, Bench, calibrate, steps
-from txt1.experiments.practice import Onlooker, judge, passes, unknown_car
+from txt1.experiments.calibration.bench import Bench
+from txt1.experiments.calibration.practice import Onlooker, judge, passes, unknown_car
+from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal

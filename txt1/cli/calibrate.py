@@ -18,8 +18,10 @@ from txt1.cli.options import ROBOT, add, count, flag, loaded, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
-from txt1.experiments import practice, run_folder
-from txt1.experiments.calibration import STEPS, Bench, Operator, calibrate, steps
+from txt1.experiments import run_folder
+from txt1.experiments.calibration import practice
+from txt1.experiments.calibration.bench import Bench, Operator
+from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.base import Hal
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create

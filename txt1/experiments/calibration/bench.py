@@ -1,0 +1,158 @@
+"""The vehicle that is calibrated, the operator beside it, and the hands that drive it."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any, Final, Protocol
+
+from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.errors import NotArmed
+from txt1.hal.base import Hal
+from txt1.hal.channels import Rewired
+from txt1.kernel.ticks import Ticks
+from txt1.robot import Robot
+
+PERIOD: Final = 0.05  # s between two PWM commands by hand
+STAND: Final = 2.5  # s after which a vehicle whose motor is in neutral stands
+SETTLE: Final = 0.6  # s that the steering gets to arrive
+CRUISE: Final = 1200  # counts beyond the dead band at which distances are driven
+PATIENCE: Final = 60.0  # s after which a drive ends whatever the operator sees
+
+
+class Operator(Protocol):
+    """A person beside the vehicle, or something that answers as one would: by a question's key, its text for people."""
+
+    def tell(self, text: str) -> None:
+        """Say something."""
+
+    async def ready(self, key: str, text: str) -> None:
+        """Ask for something to be done, and return when it is: nothing moves before."""
+
+    async def seen(self, key: str, text: str) -> None:
+        """Return as soon as the operator says that he sees this, while the vehicle moves."""
+
+    async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
+        """The option that is the operator's answer."""
+
+    async def number(self, key: str, text: str, unit: str) -> float:
+        """The number that the operator has measured."""
+
+
+class Hands:
+    """A robot driven by hand: its PWM as they hold it."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.outputs = (0.0, 0.0, 0.0)
+        """Motor, front and rear steering, counts."""
+
+    def steer(self, motor: float, steering: float = 0.0) -> None:
+        """Hold these counts, steering left positive."""
+        self.outputs = (motor, -steering, steering)
+
+    async def hold(self, ticks: Ticks) -> None:
+        """Give the outputs again and again."""
+        async for _ in ticks:
+            motor, front, rear = self.outputs
+            self.robot.pwm_test(round(motor), round(front), round(rear))
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass; raises NotArmed when the safety gate has closed."""
+        await asyncio.sleep(seconds)
+        if not self.robot.armed:
+            raise NotArmed(self.robot.reason)
+
+    async def until(self, seen: Coroutine[Any, Any, None], limit: float = PATIENCE) -> bool:
+        """Go on until the operator sees it, or for `limit` s; whether he did. Raises NotArmed as `wait`."""
+        seeing, ends = asyncio.ensure_future(seen), self.robot.now + limit
+        try:
+            while not seeing.done() and self.robot.now < ends:
+                await self.wait(0.02)
+            if seeing.done():
+                seeing.result()
+            return seeing.done()
+        finally:
+            seeing.cancel()
+
+    @property
+    def counts(self) -> tuple[int, int] | None:
+        """Counts of the right and left encoder now, where there are some."""
+        ticks = self.robot.runtime.look().ticks
+        hal: Any = self.robot.hal
+        return hal.counts if ticks is None and isinstance(hal, Rewired) else ticks
+
+
+class Bench:
+    """A vehicle being calibrated.
+
+    Args:
+        config: of the vehicle as far as it is known.
+        operator: beside it.
+        opened: makes a running robot of a configuration, whose motion the tasks do not see if that is asked for.
+        keep: told the values that were found, by dotted key, as soon as they are.
+        own_loops: whether its hardware closes the velocity loops, so that nobody drives it by hand.
+
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        operator: Operator,
+        opened: Callable[[Config, bool], AbstractAsyncContextManager[Robot]],
+        keep: Callable[[Mapping[str, Any]], None],
+        own_loops: bool = False,
+    ) -> None:
+        self.config, self.operator, self.own_loops = config, operator, own_loops
+        self.driving = 0.0
+        """Time for which it was ready to move, s."""
+        self._opened, self._keep = opened, keep
+
+    @property
+    def skids(self) -> bool:
+        """Whether its sides run at two speeds."""
+        return self.config.geometry.steering == "skid"
+
+    @property
+    def cruise(self) -> float:
+        """Motor counts at which distances are driven."""
+        return min(self.config.car.dead_band + CRUISE, float(self.config.safety.motor_max))
+
+    @property
+    def speed(self) -> float:
+        """Speed at which distances are driven by set-points, m/s."""
+        return min(0.5 * self.config.safety.v_max, 0.75)
+
+    def found(self, values: Mapping[str, Any]) -> None:
+        """Keep values that were found, by dotted key, and use them from now on."""
+        simulated = {f"sim.{key}": value for key, value in values.items() if key.startswith("channels.")}
+        values = {**values, **simulated}  # so that the same vehicle is simulated from its file
+        self.config = with_values(self.config, values)
+        self._keep(values)
+
+    @asynccontextmanager
+    async def robot(self, changes: Mapping[str, Any] | None = None, unseen: bool = False) -> AsyncIterator[Robot]:
+        """Return the running robot, armed, with some values changed; on leaving it stands."""
+        async with self._opened(with_values(self.config, changes or {}), unseen) as robot:
+            begin = robot.now
+            try:
+                yield robot
+            finally:
+                self.driving += robot.now - begin
+
+    @asynccontextmanager
+    async def by_hand(self, changes: Mapping[str, Any] | None = None, unseen: bool = False) -> AsyncIterator[Hands]:
+        """Return the robot in somebody's hands; when they let go, it comes to rest."""
+        async with self.robot(changes, unseen) as robot:
+            hands = Hands(robot)
+            await robot.set_manual(True)
+            robot.add_task("hands", PERIOD, hands.hold)
+            yield hands
+            hands.steer(0.0)
+            await hands.wait(STAND)
+
+
+def own_settings(hal: Hal) -> Any:
+    """The settings of a hardware layer that has its own for motor and servo in place of channels; else None."""
+    options = getattr(hal, "options", None)
+    return options if hasattr(options, "servo_centre") else None

@@ -1,0 +1,168 @@
+"""Steps on blocks, no wheel on the floor: which way motor, steering and encoders go, and where they are neutral."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Any, Final
+
+from txt1.errors import HalError
+from txt1.experiments.calibration.bench import PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
+from txt1.model.channels import SIDES
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+
+RAMP: Final = 200.0  # counts a second by which the motor's output is raised until encoders count
+SLOW_RAMP: Final = 100.0  # likewise, until a person sees something turn
+TURNED: Final = 4  # encoder counts that are no noise
+BEYOND: Final = 400  # counts beyond those at which it begins to turn: it turns surely
+WELL_TURNED: Final = 20  # encoder counts that a wheel makes in the second after that, at least
+SWEEP: Final = 1500.0  # counts a second by which the steering is turned to its stop
+SWEEP_FROM: Final = 3000.0  # counts from which it is
+REACTION: Final = 0.5  # s by which an operator is late to say that wheels have stopped turning
+WIDEST: Final = PWM_MAX / STEERING_MAX  # scale of a steering that may use the whole range of pulses
+
+MOTORS: Final = ("motor",)
+OUTPUTS: Final = ("right", "left")
+AS_IT_IS: Final = {"direction": 1, "trim": 0.0, "scale": 1.0}  # of a channel whose counts go to the wire unchanged
+
+
+async def motor(bench: Bench) -> None:
+    """Find direction, neutral and dead band of the motor, or of both sides, and which way the encoders count."""
+    ask = bench.operator
+    await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
+    names = OUTPUTS if bench.skids else MOTORS
+    as_they_are = {f"channels.{name}.{key}": value for name in names for key, value in AS_IT_IS.items()}
+    encoders = {"right_encoder": 1, "left_encoder": 1, "encoders_swapped": False}
+    as_they_are |= {f"channels.{key}": value for key, value in encoders.items()}
+    bands, turned = [], []
+    for name in names:
+        side = "wheels" if name == "motor" else f"{name} wheels"
+        await ask.ready("watch", f"Watch the {side}: they are about to turn slowly, one way and then the other.")
+        async with bench.by_hand(as_they_are, unseen=True) as hands:
+            begins = await _until_it_turns(hands, ask, name, 1, side)
+            before = hands.counts
+            _give(hands, name, begins + BEYOND)
+            await hands.wait(1.0)
+            after = hands.counts
+            hands.steer(0.0)
+            await hands.wait(STAND)
+            way = await ask.choose("turned", f"Which way did the {side} turn?", ("forward", "backward"))
+            ends = await _until_it_turns(hands, ask, name, -1, side)
+        direction = 1 if way == "forward" else -1
+        bands.append(0.5 * (begins - ends))
+        trim = round(0.5 * (begins + ends))
+        bench.found({f"channels.{name}.direction": direction, f"channels.{name}.trim": float(trim)})
+        if before is not None and after is not None:
+            turned.append((direction * (after[0] - before[0]), direction * (after[1] - before[1])))
+    band = round(sum(bands) / len(bands))
+    bench.found({"car.dead_band": float(band), "sim.vehicle.dead_band": float(band)})
+    if turned:
+        bench.found(_encoders(turned))
+
+
+def _give(hands: Hands, name: str, counts: float) -> None:
+    """Put counts on the motor, or on one side alone."""
+    if name == "motor":
+        hands.steer(counts)
+    else:
+        hands.steer(0.5 * counts, (0.5 if name == "right" else -0.5) * SIDES * counts)
+
+
+async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, side: str) -> float:
+    """Raise the output until something turns; the counts at which it does."""
+    limit, counts = hands.robot.config.safety.motor_max, 0.0
+    before = hands.counts
+    seeing = None
+    if before is None:
+        seeing = asyncio.ensure_future(ask.seen("turning", f"Press Enter as soon as the {side} turn."))
+    try:
+        while counts < limit:
+            counts += PERIOD * (SLOW_RAMP if before is None else RAMP)
+            _give(hands, name, sign * counts)
+            await hands.wait(PERIOD)
+            now = hands.counts
+            if before is not None and now is not None:
+                if max(abs(now[0] - before[0]), abs(now[1] - before[1])) >= TURNED:
+                    return sign * counts
+            elif seeing is not None and seeing.done():
+                return sign * counts
+    finally:
+        if seeing is not None:
+            seeing.cancel()
+    raise HalError(
+        f"the {side} do not turn at {limit} counts, the most that safety.motor_max allows: is the motor's power on? "
+        "Does its controller want neutral first?"
+    )
+
+
+def _encoders(turned: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Encoders' directions by what they counted while the wheels turned forward: all of them, or one side at a time."""
+    right, left = turned[0][0], turned[0][1]
+    swapped = False
+    if len(turned) == 2:  # the right side alone, the left side alone
+        swapped = abs(turned[0][1]) > abs(turned[0][0])
+        right, left = (turned[0][1], turned[1][0]) if swapped else (turned[0][0], turned[1][1])
+    for name, counted in (("right", right), ("left", left)):
+        if abs(counted) < WELL_TURNED:
+            raise HalError(f"the {name} encoder does not count, though its wheel turns: check its supply and its wires")
+    return {
+        "channels.right_encoder": 1 if right > 0 else -1,
+        "channels.left_encoder": 1 if left > 0 else -1,
+        "channels.encoders_swapped": swapped,
+    }
+
+
+async def steering(bench: Bench) -> None:
+    """Find direction and range of the steering, and about where straight is."""
+    ask = bench.operator
+    axles = ("front", "rear") if bench.config.geometry.steering == "both" else ("front",)
+    await ask.ready("blocks", "Put the vehicle on blocks, or hold it up: its wheels are about to steer.")
+    changes = {f"channels.{axle}.{key}": value for axle in axles for key, value in AS_IT_IS.items()}
+    changes |= {f"channels.{axle}.scale": WIDEST for axle in axles}
+    for axle in axles:
+
+        def turn(hands: Hands, wire: float, place: int = 1 if axle == "front" else 2) -> None:
+            outputs = [0.0, 0.0, 0.0]
+            outputs[place] = wire / WIDEST
+            hands.outputs = (outputs[0], outputs[1], outputs[2])
+
+        await ask.ready("watch", f"Watch the {axle} wheels: they are about to steer.")
+        async with bench.by_hand(changes) as hands:
+            turn(hands, 2.0 * SWEEP_FROM)
+            await hands.wait(SETTLE)
+            way = await ask.choose(axle, f"Which way do the {axle} wheels point, seen from above?", ("left", "right"))
+            stops = []
+            for sign in (1, -1):
+                turn(hands, sign * SWEEP_FROM)
+                await hands.wait(SETTLE)
+                seeing = asyncio.ensure_future(
+                    ask.seen(f"{axle}_stop", f"Press Enter as soon as the {axle} wheels turn no further.")
+                )
+                wire = SWEEP_FROM
+                while wire < PWM_MAX and not seeing.done():
+                    wire += SWEEP * PERIOD
+                    turn(hands, sign * wire)
+                    await hands.wait(PERIOD)
+                stops.append(sign * (wire - SWEEP * REACTION if seeing.done() else float(PWM_MAX)))
+                seeing.cancel()
+        bench.found({
+            f"channels.{axle}.direction": 1 if way == "right" else -1,  # positive counts point either axle to the right
+            f"channels.{axle}.trim": float(round(0.5 * (stops[0] + stops[1]))),
+            f"channels.{axle}.scale": round(0.5 * (stops[0] - stops[1]) / STEERING_MAX, 4),
+        })  # fmt: skip
+
+
+async def servo(bench: Bench) -> None:
+    """Find which way motor and steering go, where hardware closes the loops and has settings of its own for that."""
+    ask, v = bench.operator, bench.speed
+    await ask.ready("blocks", "Put the vehicle on blocks: no wheel may touch the floor.")
+    await ask.ready("watch", f"Watch the wheels: they are about to steer, and to turn at {v:g} m/s for six seconds.")
+    async with bench.robot() as robot:
+        options = own_settings(robot.hal)
+        driving = asyncio.ensure_future(robot.drive(v, v / bench.config.geometry.radius_min, 6.0))
+        await asyncio.sleep(1.5)
+        steered = await ask.choose("front", "Which way do the front wheels point, seen from above?", ("left", "right"))
+        turned = await ask.choose("turned", "Which way do the wheels turn?", ("forward", "backward"))
+        await driving
+    bench.found({
+        "hal_options.backwards": options.backwards is not (turned == "backward"),
+        "hal_options.servo_range": options.servo_range * (1.0 if steered == "left" else -1.0),
+    })  # fmt: skip

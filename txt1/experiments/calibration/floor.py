@@ -1,0 +1,219 @@
+"""Steps on the floor: how far it goes, where straight ahead is, and how tightly it turns."""
+
+import asyncio
+from math import asin, atan, cos, hypot, radians, sin, tan
+from typing import Final
+
+from txt1.control.limits import clip
+from txt1.errors import HalError
+from txt1.experiments.calibration.bench import PATIENCE, SETTLE, STAND, Bench, own_settings
+from txt1.model.odometry import Odometry
+from txt1.model.vehicle import STEERING_MAX
+
+TURNING: Final = 16.0  # s of turning in place: a guess of the angle is wrong by degrees, however long it takes
+DISTANCE: Final = 3.0  # m that are driven straight
+DRIFT: Final = radians(0.3)  # rad of heading lost in a metre that are straight enough
+TRIES: Final = 4  # drives at most until it is
+LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
+OFF: Final = "How far left of the line is it (right: negative)?"
+
+Counts = tuple[int, int] | None  # of the right and left encoder, where there are some
+
+
+async def straight(bench: Bench) -> None:
+    """Find the trim with which it goes straight, and with encoders the metres of a count."""
+    ask, geometry = bench.operator, bench.config.geometry
+    if bench.skids and not geometry.counts_per_rev:
+        await _even_sides(bench)
+        return
+    for number in range(TRIES):
+        await ask.ready("line", LINE)
+        shown = await _go_straight(bench)
+        ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+        if geometry.steering == "both":
+            front = await ask.number("front_off", "How far left of the line is the middle of its front axle?", "m")
+            rear = await ask.number("rear_off", "... and of its rear axle?", "m")
+            bend = (front - rear) / geometry.wheelbase / ahead
+            crab = 0.5 * (front + rear) / ahead - 0.5 * bend * ahead
+            off = 0.5 * bend * ahead * ahead
+            angles = {"front": atan(crab + bend * geometry.lever), "rear": atan(crab - bend * geometry.lever)}
+        else:
+            off = await ask.number("off", OFF, "m")
+            bend = _arc(ahead, off)[0]
+            angles = {"front": atan(bend * geometry.lever)}
+        if shown is not None:
+            if shown < 0.1 * ahead:
+                raise HalError(f"its odometry shows {shown:.2f} m for {ahead:.2f} m: look after the encoder's wires")
+            circumference = bench.config.geometry.circumference * hypot(ahead, off) / shown
+            bench.found({"geometry.circumference": round(circumference, 5)})
+        if bench.skids:
+            return  # the loops see to it
+        if max(abs(tan(angle)) for angle in angles.values()) < DRIFT * geometry.lever:
+            return
+        # a tape tells a heading over a short wheelbase badly: what two axles lack is averaged over the drives
+        weight = 1.0 / (1 + number) if geometry.steering == "both" else 1.0
+        for axle, angle in angles.items():
+            channel = getattr(bench.config.channels, axle)
+            too_far = -STEERING_MAX * weight * angle / geometry.steering_max
+            trim = channel.trim - channel.direction * channel.scale * too_far
+            bench.found({f"channels.{axle}.trim": float(round(trim))})
+
+
+async def _even_sides(bench: Bench) -> None:
+    """Find scales and trims with which both sides run at one speed: forward and backward, as they are two unknowns."""
+    ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
+    for _ in range(TRIES):
+        bends, more = [], []
+        for sign, where in ((1.0, ""), (-1.0, " It drives backward.")):
+            await ask.ready("line", LINE + where)
+            await _go_straight(bench, sign * bench.cruise)
+            ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+            bends.append(_arc(ahead, await ask.number("off", OFF, "m"))[0])
+            # the counts by which the right side has more than the left one
+            more.append(bends[-1] * sign * (bench.cruise - band) * geometry.track_width)
+        if max(map(abs, bends)) < DRIFT:
+            return
+        scale = clip(0.5 * (more[0] - more[1]) / bench.cruise, 0.3)
+        trim = clip(0.5 * (more[0] + more[1]), 0.5 * band)
+        for name, half in (("right", -0.5), ("left", 0.5)):
+            channel = getattr(bench.config.channels, name)
+            bench.found({
+                f"channels.{name}.scale": round(channel.scale * (1.0 + half * scale), 4),
+                f"channels.{name}.trim": round(channel.trim + half * channel.direction * channel.scale * trim, 1),
+            })  # fmt: skip
+
+
+async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | None:
+    """Drive straight by hand, or where that takes the loops by these; the way that the odometry shows ahead, m."""
+    if bench.skids and bench.config.geometry.counts_per_rev:
+        v = bench.speed
+        async with bench.robot() as robot:
+            begin = robot.odometry
+            await robot.drive(v, 0.0, DISTANCE / v)
+            await asyncio.sleep(STAND)
+            return _shown(begin, robot.odometry)
+    async with bench.by_hand() as hands:
+        await hands.wait(SETTLE)
+        begin = hands.robot.odometry
+        hands.steer(bench.cruise if by_hand is None else by_hand)
+        seen = bench.operator.seen(
+            "gone", f"Press Enter when it has gone about {DISTANCE:g} m, or has turned a good way."
+        )
+        await hands.until(seen)
+        hands.steer(0.0)
+        await hands.wait(STAND)
+        return None if hands.robot.hal.capabilities.blind else _shown(begin, hands.robot.odometry)
+
+
+def _shown(begin: Odometry, end: Odometry) -> float:
+    """The way from one pose to another, m; less than 0 when it is backward."""
+    x, y = end.x - begin.x, end.y - begin.y
+    return hypot(x, y) * (1.0 if x * cos(begin.theta) + y * sin(begin.theta) > 0.0 else -1.0)
+
+
+async def scale(bench: Bench) -> None:
+    """Find how far it goes, where hardware closes the loops, and where a servo of its own points straight ahead."""
+    ask, v, geometry = bench.operator, bench.speed, bench.config.geometry
+    for _ in range(TRIES):
+        await ask.ready("line", LINE)
+        async with bench.robot() as robot:
+            options = own_settings(robot.hal)
+            x, y = robot.odometry[:2]
+            await robot.drive(v, 0.0, DISTANCE / v)
+            await asyncio.sleep(STAND)
+            shown = hypot(robot.odometry.x - x, robot.odometry.y - y)
+        ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+        off = 0.0 if options is None else await ask.number("off", OFF, "m")
+        if shown < 0.1 * DISTANCE:
+            raise HalError(f"its odometry shows {shown:.2f} m: no scale corrects that; 'txt1 doctor' looks closer")
+        bend, path = _arc(ahead, off)
+        if bench.config.hal == "serial":
+            bench.found({"odometry.scale": round(bench.config.odometry.scale * path / shown, 4)})
+        else:
+            bench.found({"geometry.circumference": round(bench.config.geometry.circumference * path / shown, 5)})
+        if options is None or abs(bend) < DRIFT:
+            return
+        share = atan(bend * geometry.lever) / geometry.steering_max
+        bench.found({"hal_options.servo_centre": round(options.servo_centre - options.servo_range * share, 4)})
+
+
+def _arc(ahead: float, off: float) -> tuple[float, float]:
+    """The curvature, 1/m, and the length, m, of an arc that begins along the line and ends so far ahead and left."""
+    chord = hypot(ahead, off)
+    bend = 2.0 * off / (chord * chord)
+    return bend, chord if abs(bend) < 1e-6 else 2.0 / bend * asin(max(-1.0, min(1.0, 0.5 * bend * chord)))
+
+
+async def circle(bench: Bench) -> None:
+    """Find the turning radius at full lock, and with encoders the track width and which of them is which."""
+    ask, geometry = bench.operator, bench.config.geometry
+    bends, shares = [], []
+    for sign, way in ((1, "left"), (-1, "right")):
+        await ask.ready("circle", f"Put the vehicle where it has room for a circle to the {way}.")
+        before, after = await _go_round(bench, sign)
+        diameter = await ask.number("diameter", "How wide is the circle of that point, across?", "m")
+        bends.append(2.0 / diameter)
+        if before is not None and after is not None:
+            right, left = after[0] - before[0], after[1] - before[1]
+            shares.append(sign * (right - left) / (right + left))
+    bend = 0.5 * (bends[0] + bends[1])
+    bench.found({"geometry.radius_min": round(1.0 / bend, 4)})
+    if shares:
+        channels, share = bench.config.channels, 0.5 * (shares[0] + shares[1])
+        if share < 0.0:  # the outer wheel seems to go the shorter way
+            bench.found({
+                "channels.encoders_swapped": not channels.encoders_swapped,
+                "channels.right_encoder": channels.left_encoder, "channels.left_encoder": channels.right_encoder,
+            })  # fmt: skip
+        steered = 0.5 * bend * bend * geometry.wheelbase * geometry.lever if geometry.steering == "both" else 0.0
+        bench.found({"geometry.track_width": round(2.0 * abs(share) / bend * (1.0 + steered), 4)})
+
+
+async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
+    """Drive a circle at full lock, by hand or where that takes the hardware's loops by these; `sign`: 1 is left."""
+    what = "axles" if bench.config.geometry.steering == "both" else "rear wheels"
+    about = f"Mark where the point midway between the {what} goes; Enter: once round."
+    if bench.own_loops:
+        async with bench.robot() as robot:
+            v = bench.speed
+            driving = asyncio.ensure_future(robot.drive(v, sign * v / bench.config.geometry.radius_min, PATIENCE))
+            seeing = asyncio.ensure_future(bench.operator.seen("round", about))
+            try:
+                await asyncio.wait((driving, seeing), return_when=asyncio.FIRST_COMPLETED)
+                if driving.done():
+                    driving.result()
+            finally:
+                driving.cancel()
+                seeing.cancel()
+                robot.program.release()
+            await asyncio.sleep(STAND)
+        return None, None
+    async with bench.by_hand() as hands:
+        hands.steer(0.0, sign * STEERING_MAX)
+        await hands.wait(SETTLE)
+        before = hands.counts
+        hands.steer(bench.cruise, sign * STEERING_MAX)
+        await hands.until(bench.operator.seen("round", about))
+        return before, hands.counts
+
+
+async def turn(bench: Bench) -> None:
+    """Find the track width by which a vehicle that turns in place turns."""
+    ask, geometry = bench.operator, bench.config.geometry
+    omega = min(1.5, bench.config.safety.omega_max)
+    turned = []
+    for seconds in (0.5 * TURNING, TURNING):
+        await ask.ready("circle", "Put the vehicle on free floor, and mark which way it points: it turns in place.")
+        async with bench.robot() as robot:
+            before = robot.runtime.look().ticks
+            await robot.drive(0.0, omega, seconds)
+            await asyncio.sleep(STAND)
+            after = robot.runtime.look().ticks
+        degrees = "How far has it turned to the left, whole turns included (360 each)?"
+        turned.append(radians(await ask.number("turned", degrees, "degrees")))
+    if before is not None and after is not None:
+        apart = ((after[0] - before[0]) - (after[1] - before[1])) * geometry.count_length
+        bench.found({"geometry.track_width": round(apart / turned[1], 4)})
+    else:  # by what half of the time adds, as starting and stopping are the same in both
+        rate = (turned[1] - turned[0]) / (0.5 * TURNING)
+        bench.found({"geometry.track_width": round(geometry.track_width * omega / rate, 4)})

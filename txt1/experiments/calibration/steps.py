@@ -1,0 +1,67 @@
+"""The steps of the calibration, in order, and the way through them.
+
+A step asks the operator to put the vehicle somewhere, drives it a little by hand, asks for what was to be seen or
+measured, and keeps what follows from it at once, so that whoever breaks it off goes on from there.
+"""
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Final, NamedTuple
+
+from txt1.config import Config
+from txt1.experiments.calibration.bench import Bench, own_settings
+from txt1.experiments.calibration.blocks import motor, servo, steering
+from txt1.experiments.calibration.floor import circle, scale, straight, turn
+from txt1.experiments.calibration.model import speeds, tune
+from txt1.hal.base import Hal
+
+
+class Step(NamedTuple):
+    """A step of the calibration."""
+
+    does: Callable[[Bench], Awaitable[None]]
+    applies: Callable[[Config, Hal], bool]
+
+    @property
+    def about(self) -> str:
+        """What it finds, in words."""
+        return (self.does.__doc__ or "").rstrip(".")
+
+
+def _by_pwm(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm
+
+
+def _steers(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm and config.geometry.steering != "skid"
+
+
+def _counts(config: Config, hal: Hal) -> bool:
+    return hal.capabilities.pwm and hal.capabilities.ticks
+
+
+STEPS: Final[dict[str, Step]] = {
+    "motor": Step(motor, _by_pwm),
+    "steering": Step(steering, _steers),
+    "servo": Step(servo, lambda config, hal: own_settings(hal) is not None),
+    "straight": Step(straight, _by_pwm),
+    "scale": Step(scale, lambda config, hal: not hal.capabilities.pwm),
+    "circle": Step(circle, lambda config, hal: _steers(config, hal) or own_settings(hal) is not None),
+    "speeds": Step(speeds, lambda config, hal: hal.capabilities.blind),
+    "turn": Step(turn, lambda config, hal: hal.capabilities.pwm and config.geometry.steering == "skid"),
+    "tune": Step(tune, lambda config, hal: _counts(config, hal) and config.geometry.steering != "skid"),
+}
+"""The steps by name, in order."""
+
+
+def steps(config: Config, hal: Hal) -> list[str]:
+    """The names of the steps that a vehicle's calibration has, in order."""
+    return [name for name, step in STEPS.items() if step.applies(config, hal)]
+
+
+async def calibrate(bench: Bench, names: Sequence[str]) -> None:
+    """Go through these steps, each marked as done when it is."""
+    for number, name in enumerate(names, 1):
+        bench.operator.tell(f"-- {number} of {len(names)}, {name}: {STEPS[name].about}")
+        await STEPS[name].does(bench)
+        done = [each for each in bench.config.calibrated if each != name]
+        bench.found({"calibrated": [*done, name]})
