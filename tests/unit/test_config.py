@@ -282,6 +282,7 @@ def test_of_several_mistakes_the_first_is_told() -> None:
         ("seed: 1: 2\n", 1, "mapping values are not allowed here"),
         ("a: 1\nb: &x 1\nc: *y\n", 3, "found undefined alias 'y'"),
         ("seed: !!python/name:os.system\n", 1, "could not determine a constructor"),
+        ("safety: {v_max: 0.5}\nseed: 1\nsafety: {stop_ramp: 1.0}\n", 3, "'safety' is there twice"),
     ],
 )
 def test_a_yaml_mistake_names_file_and_line(write: Write, text: str, line: int, problem: str) -> None:

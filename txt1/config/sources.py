@@ -30,6 +30,27 @@ NEARLY: Final = 0.7  # likeness from which an environment variable's name is a k
 DEPTH_MAX: Final = 20  # levels of lists and mappings in a value
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML as far as it is safe, and no key twice: the first one's values would be lost without a word."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        assert isinstance(node, yaml.MappingNode)
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    problem = f"'{key.value}' is there twice: put both in one, or take one out"
+                    raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+                seen.add(key.value)
+        return node
+
+
+def read_yaml(text: str) -> Any:
+    """The value that a text is, by YAML's rules; raises yaml.YAMLError, also for a key that is there twice."""
+    return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
+
+
 class Setting(NamedTuple):
     """One value that somebody set: its path, the value as given, and where it came from."""
 
@@ -189,7 +210,7 @@ def _from_override(text: str) -> Iterator[Setting]:
 def _parse(text: str, origin: str, problem: str = "not a valid value") -> Any:
     """A value from text, by YAML's rules: numbers, true/false, null, [lists]."""
     try:
-        value = yaml.safe_load(text)
+        value = read_yaml(text)
         if _depth(value) > DEPTH_MAX:
             raise RecursionError
     except yaml.YAMLError as error:

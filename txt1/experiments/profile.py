@@ -12,6 +12,7 @@ import yaml
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from txt1.config.schema import Section
+from txt1.config.sources import read_yaml
 from txt1.errors import ConfigError
 from txt1.units import Positive
 
@@ -86,7 +87,7 @@ def load_profile(name: str) -> Profile:
     """The profile of that name, or in that file; raises ConfigError: there is none, or it is not valid."""
     file = PROFILES / f"{name}.yaml" if "/" not in name and not name.endswith((".yaml", ".yml")) else Path(name)
     try:
-        tree = yaml.safe_load(file.read_text())
+        tree = read_yaml(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         near = difflib.get_close_matches(name, names(), n=1)
         hint = f"did you mean '{near[0]}'?" if near else "give a YAML file of your own"

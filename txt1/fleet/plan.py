@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError
 
 from txt1.config import Config
 from txt1.config.schema import Section
-from txt1.config.sources import with_values
+from txt1.config.sources import read_yaml, with_values
 from txt1.errors import ConfigError
 
 APART: Final = 1.5  # m between two robots that nobody gave a start
@@ -99,7 +99,7 @@ def plan_of(fleet: FleetPlan | str | os.PathLike[str] | int) -> FleetPlan:
         return FleetPlan(robots={name: MemberPlan() for name in names(fleet)})
     path = Path(fleet)
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        tree = read_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the fleet: {error.strerror}; check the name") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
