@@ -237,6 +237,26 @@ def test_a_motor_that_does_not_turn_is_a_fault_with_a_remedy(
     assert "is the motor's power on?" in capsys.readouterr().err
 
 
+class Slip(Onlooker):
+    """An operator who types 0 before the right answer."""
+
+    told = 0
+
+    async def number(self, key: str, text: str, unit: str) -> float:
+        self.told += 1
+        return 0.0 if self.told % 2 else await super().number(key, text, unit)
+
+
+def test_a_length_of_nothing_is_asked_for_again_and_the_drive_still_counts() -> None:
+    config = load(None, ENDLESS, {}, {"vehicle": "f1tenth", "seed": 1}).config
+    hal = create(config)
+    assert isinstance(hal, SimHal)
+    bench = Bench(config, slip := Slip(hal, 1), opener(hal), lambda values: None)
+    run(calibrate(bench, ["circle"]), speed="max")
+    assert slip.told == 4  # of a circle to the left and one to the right
+    assert abs(bench.config.geometry.radius_min - config.geometry.radius_min) < 0.02
+
+
 def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -> None:
     """A car wired at random and put right drives as one that is wired as it should be, to an encoder count or two."""
     truth = unknown_car(load(None, ENDLESS, {}, {"vehicle": "txt1"}).config, 5).sim.channels

@@ -5,8 +5,9 @@ import asyncio
 import os
 import sys
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,10 +86,10 @@ def main(arguments: argparse.Namespace) -> int:
     found: dict[str, Any] = {}
 
     def keep(values: Mapping[str, Any]) -> None:
-        found.update(values)
         for key, value in values.items():
             _set(tree, key, value)
         _write(file, tree)
+        found.update(values)
 
     app = App(speed)
     bench = Bench(config, operator, _opener(app, hal), keep, own_loops=not hal.capabilities.pwm)
@@ -218,10 +219,10 @@ class Person:
         """Ask until the answer is a number."""
         while True:
             answer = await self._answer(f"{text} [{unit}] ")
-            try:
-                return float(answer.replace(",", "."))
-            except ValueError:
-                print(f"'{answer}' is no number, such as 2.95")
+            with suppress(ValueError):
+                if isfinite(number := float(answer.replace(",", "."))):
+                    return number
+            print(f"'{answer}' is no number, such as 2.95")
 
     async def _answer(self, prompt: str) -> str:
         print(prompt, end="", flush=True)

@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import clip
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import PATIENCE, SETTLE, STAND, Bench, own_settings
+from txt1.experiments.calibration.bench import PATIENCE, SETTLE, STAND, Bench, Operator, own_settings
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
@@ -29,7 +29,7 @@ async def straight(bench: Bench) -> None:
     for number in range(TRIES):
         await ask.ready("line", LINE)
         shown = await _go_straight(bench)
-        ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+        ahead = await _length(ask, "ahead", "How far did it come along the line?")
         if geometry.steering == "both":
             front = await ask.number("front_off", "How far left of the line is the middle of its front axle?", "m")
             rear = await ask.number("rear_off", "... and of its rear axle?", "m")
@@ -59,6 +59,16 @@ async def straight(bench: Bench) -> None:
             bench.found({f"channels.{axle}.trim": float(round(trim))})
 
 
+async def _length(ask: Operator, key: str, text: str) -> float:
+    """Return a length in m that is more than 0, asking again for one that is not; raises HalError: there is none."""
+    for _ in range(TRIES):
+        length = await ask.number(key, text, "m")
+        if length > 0.0:
+            return length
+        ask.tell(f"{length:g} m tells nothing: measure it in metres, more than 0, such as 2.95.")
+    raise HalError("it went nowhere, so there is nothing to measure by: look after the motor and its direction")
+
+
 async def _even_sides(bench: Bench) -> None:
     """Find scales and trims with which both sides run at one speed: forward and backward, as they are two unknowns."""
     ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
@@ -67,7 +77,7 @@ async def _even_sides(bench: Bench) -> None:
         for sign, where in ((1.0, ""), (-1.0, " It drives backward.")):
             await ask.ready("line", LINE + where)
             await _go_straight(bench, sign * bench.cruise)
-            ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+            ahead = await _length(ask, "ahead", "How far did it come along the line?")
             bends.append(_arc(ahead, await ask.number("off", OFF, "m"))[0])
             # the counts by which the right side has more than the left one
             more.append(bends[-1] * sign * (bench.cruise - band) * geometry.track_width)
@@ -122,7 +132,7 @@ async def scale(bench: Bench) -> None:
             await robot.drive(v, 0.0, DISTANCE / v)
             await asyncio.sleep(STAND)
             shown = hypot(robot.odometry.x - x, robot.odometry.y - y)
-        ahead = await ask.number("ahead", "How far did it come along the line?", "m")
+        ahead = await _length(ask, "ahead", "How far did it come along the line?")
         off = 0.0 if options is None else await ask.number("off", OFF, "m")
         if shown < 0.1 * DISTANCE:
             raise HalError(f"its odometry shows {shown:.2f} m: no scale corrects that; 'txt1 doctor' looks closer")
@@ -151,7 +161,7 @@ async def circle(bench: Bench) -> None:
     for sign, way in ((1, "left"), (-1, "right")):
         await ask.ready("circle", f"Put the vehicle where it has room for a circle to the {way}.")
         before, after = await _go_round(bench, sign)
-        diameter = await ask.number("diameter", "How wide is the circle of that point, across?", "m")
+        diameter = await _length(ask, "diameter", "How wide is the circle of that point, across?")
         bends.append(2.0 / diameter)
         if before is not None and after is not None:
             right, left = after[0] - before[0], after[1] - before[1]
