@@ -21,6 +21,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from docs import parts
 from txt1.config import load
 from txt1.devices.i2c import pulse_of
 from txt1.devices.vesc import Vesc
@@ -31,7 +32,6 @@ from txt1.link.pty import listen_pty
 SPEED: Final = 0.8  # m/s
 LOOK: Final = 0.002  # s between two looks at the outputs
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
-BEGIN, END = "<!-- what stands between these two is printed by benchmarks.dead_hosts -->\n", "<!-- its end -->\n"
 DOCS: Final = Path(__file__).parents[1] / "docs"
 
 Device = Callable[[Any], Any]
@@ -144,10 +144,7 @@ def main() -> None:
         )
         print(page, told[page][-1], flush=True)
     for page, lines in told.items():
-        text = (DOCS / page).read_text(encoding="utf-8")
-        before, _, rest = text.partition(BEGIN)
-        block = "\n".join(lines)
-        (DOCS / page).write_text(f"{before}{BEGIN}\n{block}\n\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+        parts.write(DOCS / page, "dead_hosts", "\n".join(lines), "benchmarks.dead_hosts")
 
 
 if __name__ == "__main__":

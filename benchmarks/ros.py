@@ -23,6 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+from docs import parts
 from txt1.bridges.ros.python import RosPython, ros2
 from txt1.record.reading import Decoding, Reading
 
@@ -212,11 +213,8 @@ def main() -> None:
     )
     print(f"{where}\n\n{latency}\n\n{rates}")
     if arguments.page:
-        text = PAGE.read_text(encoding="utf-8")
-        for mark, body in (("latency", f"{where}\n\n{latency}"), ("rates", rates)):
-            begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
-            text = f"{text[: text.index(begin)]}{begin}\n{body}\n{text[text.index(end) :]}"
-        PAGE.write_text(text, encoding="utf-8")
+        parts.write(PAGE, "latency", f"{where}\n\n{latency}", "benchmarks.ros")
+        parts.write(PAGE, "rates", rates, "benchmarks.ros")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ from pathlib import Path
 from statistics import median
 from typing import TypeVar
 
+from docs import parts
+
 T = TypeVar("T")
 
 
@@ -44,10 +46,6 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> N
 
 def write(page: Path, name: str, header: Sequence[str], rows: Sequence[Sequence[str]], text: str) -> None:
     """Put a table and a text into a page, between the marks that it has for this benchmark."""
-    begins, ends = f"<!-- {name}: written by python -m benchmarks.{name} --page -->", f"<!-- end of {name} -->"
-    before, mark, rest = page.read_text().partition(begins)
-    if not mark:
-        raise ValueError(f"{page} has no place for '{name}': it needs the line {begins}")
     lines = [header, ["---", *("--:" for _ in header[1:])], *rows]
     drawn = "\n".join(f"| {' | '.join(each)} |" for each in lines)
-    page.write_text(f"{before}{begins}\n\n{drawn}\n\n{text}\n\n{ends}{rest.partition(ends)[2]}")
+    parts.write(page, name, f"{drawn}\n\n{text}", f"benchmarks.{name}")

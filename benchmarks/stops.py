@@ -21,6 +21,7 @@ from unittest import mock
 
 import numpy as np
 
+from docs import parts
 from txt1 import run
 from txt1.board import Board, BoardEvent
 from txt1.config import load
@@ -585,13 +586,10 @@ def main(quick: bool = False, seeds: int = 100, names: Collection[str] = ()) -> 
 def write(known: dict[str, dict[str, Any]]) -> None:
     """Put the tables between the marks of docs/stops.md, and the times into that of docs/safety.md."""
     page = ROOT / "docs" / "stops.md"
-    text = page.read_text()
-    for mark, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
+    for part, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
         rows = [known[case.key]["row"] for case in cases if case.key in known]
         table = "\n".join((_line(*titles), "|---" * len(titles) + "|", *rows))
-        begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
-        text = text[: text.index(begin)] + f"{begin}\n{table}\n" + text[text.index(end) :]
-    page.write_text(text)
+        parts.write(page, part, table, "benchmarks.stops")
     safety = ROOT / "docs" / "safety.md"
     lines = safety.read_text().splitlines()
     measured = of_processes()

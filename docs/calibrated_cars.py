@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from docs import parts
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.config.sources import vehicles
@@ -17,7 +18,6 @@ from txt1.experiments.calibration.practice import Practised, read_practised
 
 HERE: Final = Path(__file__).parent
 TABLES: Final = HERE.parent / "out" / "calibration"
-BEGIN, END = "<!-- what stands between these two is printed by docs.calibrated_cars -->\n", "<!-- its end -->\n"
 BLIND: Final = ("--set", "geometry.counts_per_rev=0", "--set", "safety.v_dead_band=0.1")
 
 
@@ -68,9 +68,7 @@ def main() -> None:
             "calibrate", "--vehicle", vehicle, *settings, "--practice", str(count), "--seed", "1", "--write", str(file)
         ])  # fmt: skip
         done[kind] = [car for car in read_practised(file, vehicle) if car.seed <= count]
-    page = HERE / "calibrate.md"
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    page.write_text(f"{before}{BEGIN}\n{table(done)}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+    parts.write(HERE / "calibrate.md", "calibrated_cars", table(done), "docs.calibrated_cars")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Final
 
+from docs import parts
 from txt1.cli import execute
 from txt1.learning import compare, suite
 
@@ -22,13 +23,6 @@ WORLDS: Final = HERE.parent / "out" / "compared-worlds"
 PAGE: Final = HERE / "compared-learners.md"
 LEARNERS: Final = "thesis,sweeps,taxis,pilot,neural"
 SEED: Final = "1"
-
-
-def between(page: str, name: str, text: str, by: str = "docs.compared_learners") -> str:
-    """The page with another text between the marks of this name, which the command `by` prints."""
-    begin, end = f"<!-- {name}: printed by {by} -->\n", f"<!-- the end of {name} -->"
-    before, _, rest = page.partition(begin)
-    return f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
 
 
 def main() -> None:
@@ -46,13 +40,12 @@ def main() -> None:
         copyfile(OUT, RAW)
         execute(["learn", "--worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
                  "--trials", given.worlds, "--episodes", "12", "--out", str(WORLDS), "--resume"])  # fmt: skip
-    page = PAGE.read_text(encoding="utf-8")
-    page = between(page, "contenders", compare.table(*compare.read(RAW)))
+    parts.write(PAGE, "contenders", compare.table(*compare.read(RAW)), "docs.compared_learners")
     compare.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]
     if files:
-        page = between(page, "worlds", suite.table([json.loads(path.read_text(encoding="utf-8")) for path in files]))
-    PAGE.write_text(page, encoding="utf-8")
+        results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
+        parts.write(PAGE, "worlds", suite.table(results), "docs.compared_learners")
 
 
 if __name__ == "__main__":

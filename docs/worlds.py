@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from docs.compared_learners import between
+from docs import parts
 from txt1.cli import execute
 from txt1.learning import suite
 
@@ -120,14 +120,13 @@ def main() -> None:
         common = ["learn", "--worlds", str(WORLDS), "--agent", "pilot", "--seed", SEED, "--resume"]
         execute([*common, "--trials", given.trials, "--out", str(EVERY)])
         execute([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
-    every, page = read(EVERY), PAGE.read_text(encoding="utf-8")
+    every = read(EVERY)
     texts = {
         "losses": losses(every), "worlds": worlds(every), "changes": changes(every),
         "thesis": "".join(map(thesis, read(THESIS))),
     }  # fmt: skip
     for name, text in texts.items():
-        page = between(page, f"pilot-{name}", text, "docs.worlds")
-    PAGE.write_text(page, encoding="utf-8")
+        parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
 
 
 if __name__ == "__main__":
