@@ -287,6 +287,16 @@ def test_of_a_recording_in_parts_the_first_is_verified(tmp_path: Path, capsys: A
     assert "a later part of a recording; only the first begins where the run does" in capsys.readouterr().err
 
 
+def test_a_recording_of_which_nothing_is_left_is_not_called_the_same(tmp_path: Path, capsys: Any) -> None:
+    whole, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    assert execute([*RUN, "--duration", "3", "--drive", "0.4,0.4", "--log", str(whole)]) == 0
+    cut.write_bytes(whole.read_bytes()[:20_000])  # the head, and a part of the first chunk
+    assert execute(["replay", "--verify", str(cut)]) == 1
+    out, err = capsys.readouterr()
+    assert "no difference" not in out
+    assert "nothing can be compared" in err
+
+
 def test_a_recording_with_a_gap_is_not_verified(tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "run.mcap"
     assert execute([*RUN, "--duration", "20", "--log", str(path)]) == 0

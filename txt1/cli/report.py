@@ -12,8 +12,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and the names of what is drawn."""
     add(
         parser,
-        RECORDING | ONE_ROBOT | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", Path)},
+        RECORDING | ONE_ROBOT | {"-o --output": takes("STEM", "STEM.png and STEM.html; FILE without .mcap", _stem)},
     )
+
+
+def _stem(text: str) -> Path:
+    """Return the name that both files begin with: `text`, without the ending of either; raises ArgumentTypeError."""
+    path = Path(text)
+    if path.name in ("", ".."):
+        raise argparse.ArgumentTypeError(f"'{text}' names no file; give a name such as first")
+    return path.with_suffix("") if path.suffix in (".png", ".html") else path
 
 
 def main(arguments: argparse.Namespace) -> int:

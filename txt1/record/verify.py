@@ -134,6 +134,8 @@ def _recorded(path: Path, robot: str) -> _Recorded:
             f"{path}: on the real clock only a simulation without a line can be repeated, as hardware and lines have "
             "a time of their own; a line repeats in virtual time: 'txt1 run --hal serial --port virtual --speed max'"
         )
+    if not cycles:
+        raise RecordingError(f"{path}: no whole cycle in it, so nothing can be compared; see 'txt1 log info'")
     return _Recorded(path, config, inputs, None if virtual else steps, last)
 
 
