@@ -1,6 +1,7 @@
 """The command line: one module a command, imported when it is used. Nothing else in the package ends the process."""
 
 import argparse
+import errno
 import os
 import re
 import signal
@@ -112,14 +113,22 @@ def _perform(words: Sequence[str]) -> int:
     except (Txt1Error, OSError) as error:
         first = error.__cause__ if isinstance(error, StopNotVerified) else None
         if isinstance(first, Txt1Error | OSError):
-            print(f"txt1: {first}", file=sys.stderr)
+            print(f"txt1: {_told(first)}", file=sys.stderr)
         elif isinstance(first, Exception):
             traceback.print_exception(first)
-        print(f"txt1: {error}", file=sys.stderr)
+        print(f"txt1: {_told(error)}", file=sys.stderr)
         codes = {StopNotVerified: UNSTOPPED, NotArmed: DISARMED, ConfigError: USAGE}
         return next((code for kind, code in codes.items() if isinstance(error, kind)), FAULT)
     except KeyboardInterrupt:  # a second Ctrl-C while the first one's stop was under way
         return 128 + signal.SIGINT
+
+
+def _told(error: Txt1Error | OSError) -> str:
+    """Return an error in words: one of the operating system's by its file, without its number."""
+    if isinstance(error, Txt1Error) or not error.strerror:
+        return str(error)
+    remedy = "; make room on the disk" if error.errno == errno.ENOSPC else ""
+    return f"{error.filename}: {error.strerror}{remedy}" if error.filename else f"{error.strerror}{remedy}"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -156,7 +165,10 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     whole = parser({named})
     arguments, unknown = whole.parse_known_args(words)
     if unknown:
-        whole.get_default("parsers").get(named, whole).error(f"unrecognized arguments: {' '.join(unknown)}")
+        command = whole.get_default("parsers").get(named, whole)
+        actions = command.get_default("parsers") or {}
+        asked = next((actions[word] for word in words if word in actions), command)
+        asked.error(f"unrecognized arguments: {' '.join(unknown)}")
     return arguments
 
 

@@ -5,18 +5,19 @@ import json
 import os
 
 from txt1.cli import OK
-from txt1.cli.options import CONFIGURATION, add_actions, takes
+from txt1.cli.options import CONFIGURATION, VEHICLE, add_actions, takes
 from txt1.config import flatten, load, origin_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    add_actions(parser, {"show": (show, CONFIGURATION), "check": (check, {"file": takes("FILE")})})
+    add_actions(parser, {"show": (show, CONFIGURATION | VEHICLE), "check": (check, {"file": takes("FILE")})})
 
 
 def show(arguments: argparse.Namespace) -> int:
     """Print every value in force and where it came from."""
-    loaded = load(arguments.config, arguments.set, os.environ)
+    given = {"vehicle": arguments.vehicle} if arguments.vehicle else {}
+    loaded = load(arguments.config, arguments.set, os.environ, given)
     rows = [(f"{key}:", json.dumps(value), origin_of(key, loaded.origins)) for key, value in flatten(loaded.config)]
     key_width = max(len(key) for key, _, _ in rows)
     value_width = max((len(value) for _, value, _ in rows if len(value) <= 24), default=0)

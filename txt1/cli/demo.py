@@ -9,6 +9,7 @@ from pathlib import Path
 from txt1.cli import OK, execute
 from txt1.cli.options import SEED, add, takes, unused
 from txt1.errors import installs
+from txt1.experiments import run_folder
 from txt1.record.session import MODULES
 from txt1.ui import tty
 
@@ -39,7 +40,7 @@ def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]
     def log(name: str) -> list[str]:
         return ["--log", str(out / name)] if recorded else []
 
-    out.mkdir(parents=True, exist_ok=True)
+    run_folder.make(out)
     yield (
         "1. It drives: half a metre and 0.4 radians a second (on the screens: arrow keys, ? for help, q goes on).",
         [

@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 from string import Template
 from typing import Final
@@ -63,10 +65,13 @@ def check_hal(arguments: argparse.Namespace) -> int:
 def new_hal(arguments: argparse.Namespace) -> int:
     """Write a package with a hardware layer to begin with, and its test (docs/your-own-hal.md)."""
     name: str = arguments.name
-    if not (name.isidentifier() and name.islower() and name.isascii()):
+    if not (name.isidentifier() and name.islower() and name.isascii()) or iskeyword(name):
         raise ConfigError(f"'{name}' cannot be the name of a HAL: it is {NAME}")
     if name in HALS.ours:
         raise ConfigError(f"'{name}' is one of txt1's own HALs: choose another name")
+    known = find_spec(name)
+    if known is not None and known.origin is not None:  # a mere folder of that name has none
+        raise ConfigError(f"'{name}' is a Python module that is there already: choose another name")
     folder = (arguments.to or Path()) / name
     if folder.exists():
         raise ConfigError(f"{folder} is there already: remove it or choose another name")

@@ -16,6 +16,7 @@ from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of, progress
 from txt1.cli.options import flag, takes
 from txt1.errors import ConfigError
+from txt1.experiments import run_folder
 from txt1.kernel.clock import stopwatch_ns
 from txt1.learning.provenance import provenance
 
@@ -122,7 +123,7 @@ def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, di
             raise ConfigError(f"{folder}: there is a sweep in it; --resume carries it on, --out names another folder")
         if json.loads(file.read_text(encoding="utf-8")) != json.loads(json.dumps(about)):
             raise ConfigError(f"{folder}: another sweep, or one of other code; choose another folder with --out")
-    folder.mkdir(parents=True, exist_ok=True)
+    run_folder.make(folder)
     file.write_text(json.dumps(about, indent=1), encoding="utf-8")
     done: dict[int, dict[str, Any]] = {}
     if (folder / ROWS).exists():

@@ -43,6 +43,8 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         return None
     if arguments.speed == "max":
         raise ConfigError("--web: at full speed (--speed max) nobody could watch; leave one of them out")
+    if arguments.web_folder.exists() and not arguments.web_folder.is_dir():
+        raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
     need("--web", "web", "aiohttp", "cryptography", "segno")
     from txt1.bridges.web.certificate import addresses, fingerprint, own_certificate, tls
     from txt1.bridges.web.door import is_loopback
