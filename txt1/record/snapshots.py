@@ -116,11 +116,6 @@ def _values(latest: dict[str, Any], events: tuple[Event, ...]) -> Values:
     return values
 
 
-def _pose_at(passed: list[tuple[float, tuple[float, float, float]]], time: float) -> tuple[float, float, float]:
-    """The last pose up to a time, s of the run, or the first there is."""
-    return passed[max(0, bisect_right(passed, time, key=lambda each: each[0]) - 1)][1]
-
-
 def _place(pose: Any) -> tuple[float, float, float]:
     """(x, y, theta) of a pose in the plane, m and rad."""
     return pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)
