@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import DISARMED, FAULT, OK, options
@@ -73,11 +73,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     })  # fmt: skip
 
 
+class Asked(NamedTuple):
+    """Everything that was asked for along with the robot."""
+
+    agent: Agent | None  # that learns, or follows its policy
+    steer: Steer | None  # a source of commands by --source
+    page: WebPage | None
+    nodes: Sequence[RosNode]
+    fleet: dict[str, object] | None  # options of the bridge to the fleet's network
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run the robot until the duration is over, the operator quits or a signal comes."""
     config = options.loaded(arguments).config
     if arguments.name is not None:
         config = with_values(config, {"name": arguments.name})
+    asked = _asked(arguments, config)
+    app = App(arguments.speed)
+    app.run(_operate(app, arguments, config, asked))
+    return conclude(app, arguments.json)
+
+
+def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
+    """Find everything that was asked for; what there is not is refused before the robot is brought up."""
     fleet = fleet_bridge(arguments, config)
     agent: Agent | None = None
     if arguments.learn is not None or arguments.policy is not None:
@@ -89,31 +107,21 @@ def main(arguments: argparse.Namespace) -> int:
 
         if arguments.learn is None:
             raise ConfigError("--share: this robot does not learn; add --learn")
-        sharer(arguments.learn, agent)  # refused before the robot is brought up
+        sharer(arguments.learn, agent)
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
-        BRIDGES.place("bridge", name)  # refused before the robot is brought up
+        BRIDGES.place("bridge", name)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     page = web_page(arguments)
     if arguments.gamepad:
         need("--gamepad", "gamepad", "pygame")
     nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
-    app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, agent, steer, page, nodes, fleet))
-    return conclude(app, arguments.json)
+    return Asked(agent, steer, page, nodes, fleet)
 
 
-async def _operate(
-    app: App,
-    arguments: argparse.Namespace,
-    config: Config,
-    agent: Agent | None,
-    steer: Steer | None,
-    page: WebPage | None,
-    nodes: Sequence[RosNode],
-    fleet: dict[str, object] | None,
-) -> None:
+async def _operate(app: App, arguments: argparse.Namespace, config: Config, asked: Asked) -> None:
+    """Bring the robot up with all that was asked for, and watch it to the end."""
     view = await live_view(arguments, control=arguments.view_control)
     told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn", "share")}
     told["policy"] = None if arguments.policy is None else str(arguments.policy)
@@ -128,29 +136,18 @@ async def _operate(
             view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        link = None if fleet is None else Link(robot)
-        pads = [("gamepad", asdict(config.gamepad) | {"radius_min": radius_min})] if arguments.gamepad else []
-        if wanted := [*([] if page is None else [page.bridge()]), *pads, *arguments.bridge]:
-            errands = Errands(robot, config, arguments.speed, arguments.web_folder)
-            bridges.push_async_callback(errands.close)
-            for name, given in wanted:
-                requests = dict(errands.requests)
-                if link is not None and name == "web":
-                    requests["stop"] = link.stop_all
-                await bridges.enter_async_context(bridge(robot, name, given, requests))
-        for node in nodes:
-            await bridges.enter_async_context(node(robot))
+        link = None if asked.fleet is None else Link(robot)
+        await _open_bridges(bridges, robot, arguments, config, asked, link)
         alongside: list[asyncio.Future[Any]] = []
         more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
         shown = None if link is None else {"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING
         if link is not None:
-            await bridges.enter_async_context(bridge(robot, "fleet", fleet, link.requests))
             if arguments.cooperate is not None:
                 link.cooperate(arguments.cooperate, arguments.team)
             alongside.append(link.refused)
             more["x"] = link.stop_all
-        sharing = None if link is None or arguments.share is None else _sharing(robot, link, arguments, agent)
-        start = Start(robot, arguments.arm, arguments.drive, agent, steer, sharing)
+        sharing = None if link is None or arguments.share is None else _sharing(robot, link, arguments, asked.agent)
+        start = Start(robot, arguments.arm, arguments.drive, asked.agent, asked.steer, sharing)
 
         async def prepare() -> None:
             await start.get_ready()
@@ -167,6 +164,31 @@ async def _operate(
             app.code, app.reason = start.verdict(arguments.duration)
             if app.code == FAULT:
                 say(app.reason)
+
+
+async def _open_bridges(
+    bridges: AsyncExitStack,
+    robot: Robot,
+    arguments: argparse.Namespace,
+    config: Config,
+    asked: Asked,
+    link: Link | None,
+) -> None:
+    """Open the way to the web page, gamepads, ROS and the fleet, and the bridges asked for by name."""
+    page = [] if asked.page is None else [asked.page.bridge()]
+    pad = asdict(config.gamepad) | {"radius_min": config.geometry.radius_min}
+    if wanted := [*page, *([("gamepad", pad)] if arguments.gamepad else []), *arguments.bridge]:
+        errands = Errands(robot, config, arguments.speed, arguments.web_folder)
+        bridges.push_async_callback(errands.close)
+        for name, given in wanted:
+            requests = dict(errands.requests)
+            if link is not None and name == "web":
+                requests["stop"] = link.stop_all
+            await bridges.enter_async_context(bridge(robot, name, given, requests))
+    for node in asked.nodes:
+        await bridges.enter_async_context(node(robot))
+    if link is not None:
+        await bridges.enter_async_context(bridge(robot, "fleet", asked.fleet, link.requests))
 
 
 def _sharing(robot: Robot, link: Link, arguments: argparse.Namespace, agent: Agent | None) -> Sharing:
