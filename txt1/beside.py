@@ -56,7 +56,7 @@ _clock: Final = RealClock()
 
 
 class Request(NamedTuple):
-    """What the process asks for: a name, further fields, and its age in s of real time when it was read."""
+    """A request of the process: its name, further fields, and its age in s of real time when it was read."""
 
     name: str
     fields: Mapping[str, Any]

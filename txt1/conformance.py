@@ -25,7 +25,7 @@ BROKEN: Final = "BROKEN"  # how the verdict on a promise that is not kept begins
 
 
 class Part(Protocol):
-    """What a suite opens and closes."""
+    """A part that a suite opens and closes."""
 
     async def open(self) -> None:
         """Make the hardware ready."""
@@ -123,7 +123,7 @@ class Conformance(Generic[P]):
         await value
 
     def called(self, method: str, *arguments: Any) -> Any:
-        """What a method of the part returns, which must not be something to wait for."""
+        """Call a method of the part and return its result, which must not be awaitable."""
         value = getattr(self.part, method)(*arguments)
         if inspect.isawaitable(value):
             if inspect.iscoroutine(value):

@@ -62,7 +62,7 @@ class CommandSource:
 
     @property
     def overruled(self) -> str:
-        """Who overruled it; "" once it has commanded zero, or asked anew, after that one has let go."""
+        """The source that overruled it; "" once that has let go, and this one then commanded zero or asked anew."""
         return self._wheel.commander.overruled(self.name)
 
     def command(self, v: float, omega: float, time: float | None = None) -> bool:

@@ -323,7 +323,7 @@ class Robot:
 
     @property
     def driver(self) -> Driver:
-        """Who drives, since when, and who was refused how often."""
+        """The source that drives, since when, and how often each source was refused."""
         return self._wheel.driver
 
     def command(self, v: float, omega: float) -> bool:

@@ -122,7 +122,7 @@ class Runtime:
         serial.switch_power(self.state, self.hal, switch, on, now)
 
     def _offer(self) -> None:
-        """Offer what there is to be seen: causes before effects, as the first difference of a replay is named."""
+        """Offer the topics: causes before effects, as a replay names the first difference."""
         state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
         can = hal.capabilities
         gains, told = (state.gains.linear, state.control.gains), mode.Mode()
@@ -462,7 +462,7 @@ class Runtime:
             self.estimator.fusion.lifted()
 
     def look(self) -> Inputs:
-        """What the hardware reports now, for a task of the user's: a simulation is moved on by being looked at."""
+        """The hardware's report now, for a task of the user's: a simulation is moved on by being looked at."""
         return self.hal.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
@@ -470,7 +470,7 @@ class Runtime:
         self.state.tell(self._begin("tell", text), text)
 
     def _begin(self, kind: str, text: str = "", values: tuple[float, ...] = (), given: float | None = None) -> float:
-        """The time at which something is done from outside; who listens is told of it before it takes effect."""
+        """The time at which something is done from outside; listeners are told of it before it takes effect."""
         now = self.now
         if self.bus.wanted(inputs.INPUT):
             given = now if given is None else given
@@ -523,7 +523,7 @@ class Runtime:
         return counted if self.state.board is None else counted | self.state.board.faults
 
     def statistics(self) -> dict[str, TaskStatistics]:
-        """What every task has done so far, by name."""
+        """The statistics of every task so far, by name."""
         return self.scheduler.statistics()
 
     def _begin_sampling(self) -> None:

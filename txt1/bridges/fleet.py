@@ -82,7 +82,7 @@ def _obey(robot: Connection, order: str, fields: dict[str, Any]) -> None:
 
 
 def _state(topics: dict[str, Any]) -> dict[str, Any]:
-    """What the others are told, of the robot's topics."""
+    """The part of the robot's telemetry that the others are told."""
     said, member = topics.get("/said") or {}, topics.get("/member") or {}
     told = ("armed", "reason", "driver", "battery", "silent")
     return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

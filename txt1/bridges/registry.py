@@ -223,7 +223,7 @@ class Desks:
         self._desks = desks
 
     def telemetry(self) -> bytes | None:
-        """A list of what there is of each robot; None until something is due."""
+        """The telemetry of all robots as a JSON list; None until something is due."""
         lines = [line[:-1] for desk in self._desks.values() if (line := desk.telemetry()) is not None]
         return b"[%b]\n" % b",".join(lines) if lines else None
 

@@ -263,7 +263,7 @@ def view_of(arguments: argparse.Namespace) -> View:
 
 
 def report(runtime: Runtime) -> dict[str, Any]:
-    """What `--json` prints. Of it, `wall_time_s` and `run_time_s` are measured on the wall clock."""
+    """The report that `--json` prints; `wall_time_s` and `run_time_s` in it are measured on the wall clock."""
     battery = runtime.state.battery
     return {
         "sim_time_s": round(runtime.now, 9),

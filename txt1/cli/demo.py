@@ -33,7 +33,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def steps(out: Path, seed: str, screens: bool) -> Iterator[tuple[str, list[str]]]:
-    """What each command is to show, and its words; without screens all of it runs in virtual time."""
+    """Yield each command's words, and a sentence on what to see; without screens all of it runs in virtual time."""
     recorded = all(find_spec(module) for module in MODULES)
     watched = ["--seed", seed] if screens else ["--seed", seed, "--headless", "--speed", "max"]
 

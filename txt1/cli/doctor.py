@@ -112,7 +112,7 @@ async def examine(port: Port, gains: PidSet, duration: float) -> Findings:
 
 
 def remarks(f: Findings, baud: int) -> Iterator[Remark]:
-    """What the findings mean."""
+    """Remarks on the findings: each as it should be, or a fault with its likely cause."""
     if f.gone:
         yield Remark("link", f"lost: {f.gone}", False)
     if not f.octets:

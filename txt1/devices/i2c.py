@@ -68,7 +68,7 @@ class Pca9685Chip:
         return list(self.registers[register : register + count])
 
     def pulse(self, channel: int) -> float:
-        """What comes out there, us; 0 while nothing does."""
+        """The pulse at an output, us; 0 while nothing comes out."""
         return pulse_of(self.registers, channel)
 
 

@@ -14,7 +14,7 @@ SAME: Final = 0.02  # m/s by which the set-point may change and be the same
 
 
 class MotorWitness:
-    """What the motor of one robot usually needs for the set-point in force."""
+    """Compares the motor's counts with those that the set-point in force usually needs."""
 
     def __init__(self) -> None:
         self._setpoint = 0.0

@@ -201,7 +201,7 @@ def identify(holds: Sequence[Hold], period: float = PERIOD) -> Plant:
 
 
 def _without_feedback(lag: float, loop_gain: float) -> float:
-    """The lag T of which feedback of gain g, D late, makes (T - g D) / (1 + g), all in s."""
+    """The lag T of the plant alone, s: in a loop of gain g and delay D it was seen as (T - g D) / (1 + g)."""
     return lag * (1.0 + loop_gain) + loop_gain * LOOP_DELAY
 
 

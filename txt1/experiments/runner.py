@@ -44,12 +44,12 @@ class Outcome(NamedTuple):
     pose_source: str  # what the robot went by; "" without waypoints
 
     def json(self) -> list[Any]:
-        """What `outcome_of` makes it of again, of values that JSON has."""
+        """The outcome as values that JSON has; `outcome_of` is the way back."""
         return [self.recording.columns.T.tolist(), *self[1:]]
 
 
 def outcome_of(values: Sequence[Any]) -> Outcome:
-    """An outcome of what its `json` was."""
+    """The outcome that `json` made these values of."""
     samples, legs, *rest = values
     recording = Recording(Measurement(*sample) for sample in samples)
     return Outcome(recording, tuple(Leg(time, tuple(start), tuple(end)) for time, start, end in legs), *rest)

@@ -108,7 +108,7 @@ class Outcome(NamedTuple):
     trace: Array  # time (s), distance (m), three times its standard deviation (m), shape (samples, 3)
 
     def row(self) -> dict[str, object]:
-        """What goes into the table."""
+        """The outcome's row of the table, by column."""
         found = self._asdict()
         del found["trace"]
         return {key: None if value == inf else value for key, value in found.items()}

@@ -108,7 +108,7 @@ def _best(
     no_overshoot: float,
     tried: Callable[[], None],
 ) -> Gains:
-    """The best of the candidates, and of what lies between them, by their responses to the steps."""
+    """The best of the candidates and of gains between them, by their responses to the steps."""
 
     def qualities(gains: Gains) -> list[Quality]:
         return [_quality(respond(gains, step), *step) for step in steps]

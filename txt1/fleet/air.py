@@ -42,7 +42,7 @@ class Medium(Protocol):
 
 
 class Air:
-    """Who tells what in one process.
+    """Carries the words of robots of one process to one another.
 
     Args:
         reach: distance beyond which nobody is heard, m.

@@ -78,7 +78,7 @@ class Follower:
 
     @property
     def error(self) -> float | None:
-        """What the spacing is more than the one at rest, m."""
+        """The spacing less the spacing at rest, m."""
         return None if self.spacing is None else self.spacing - GAP
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:

@@ -28,7 +28,7 @@ class Law(Protocol):
 
     @property
     def data(self) -> tuple[float, ...]:
-        """What the others have to know besides where it is."""
+        """Numbers that the others have to know besides its pose and velocities."""
 
 
 def convoy(name: str, team: list[str], room: Rooms, **settings: Any) -> Law:

@@ -74,7 +74,7 @@ class Link:
         self._learned = learned
 
     def taught(self) -> Mapping[str, Learned]:
-        """What each of the others has learned, of those who were heard a moment ago."""
+        """The learned rows of each robot that was heard a moment ago, by name."""
         since = asyncio.get_running_loop().time() - FORGET
         return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
 
@@ -88,7 +88,7 @@ class Link:
     # -- what the bridge asks for ------------------------------------------------------------------------------
 
     def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]]) -> None:
-        """Take note of the others; the time of what was heard is its age, s."""
+        """Take note of the others and of their words, whose times are given as ages, s."""
         self._joined.set()
         now = asyncio.get_running_loop().time()
         for name, said in heard.items():
@@ -98,7 +98,7 @@ class Link:
         self._members = tuple(one._replace(pose=None if pose is None else tuple(pose)) for one, pose in placed)
 
     def _hear(self, who: str, learned: Mapping[str, Any] | None, age: float = 0.0, why: str = "") -> None:
-        """Take note of what another has learned, some s ago; None: it is refused, and why is told once."""
+        """Take note of the rows that another learned `age` s ago; None: they are refused, and `why` is told once."""
         if learned is not None:
             self._taught[who] = learned_of(learned), asyncio.get_running_loop().time() - age
             return

@@ -38,7 +38,7 @@ FLEET: Final[Topic[tuple[Member, ...]]] = declare(
 
 
 def member_of(robot: Robot, silent: str = "") -> Member:
-    """A robot's own line, as it is now; `silent` is whom it waits for."""
+    """A robot's own line, as it is now; `silent` names the robot that it waits for."""
     odometry = robot.odometry
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(

@@ -48,7 +48,7 @@ FIELDS: Final = ("x", "y", "theta", "v", "omega")
 
 @dataclass
 class _Other:
-    """What is known of another peer; times are s of our clock."""
+    """Another peer as it is known here; times are s of our clock."""
 
     ids: set[str] = field(default_factory=set)  # of its liveliness tokens
     heard: float = 0.0
@@ -63,7 +63,7 @@ class _Other:
 
 @dataclass
 class Hooks:
-    """What a peer is told by the others, in a thread of Zenoh's."""
+    """Called with the messages of other peers, in a thread of Zenoh's."""
 
     stop: Callable[[str], None] = lambda who: None
     drive: Callable[[str, float, float], None] = lambda who, v, omega: None
@@ -221,7 +221,7 @@ class Peer:
         }
 
     def taught(self) -> Mapping[str, tuple[Mapping[str, Any], float]]:
-        """What those who are there have learned, as they told it, and when, by this computer's clock; not checked."""
+        """The learned rows of each robot that is there, not checked, and when they were told by our clock."""
         with self._lock:
             return {name: one.learned for name, one in self._others.items() if one.alive and one.learned is not None}
 
@@ -232,7 +232,7 @@ class Peer:
             return tuple(_member(name, other, now) for name, other in sorted(self._others.items()) if other.heard)
 
     def answered(self) -> set[str]:
-        """Who has answered the last stop."""
+        """Names of the robots that have answered the last stop."""
         with self._lock:
             return set(self._answered)
 

@@ -55,7 +55,7 @@ class FleetPlan(Section):
 
     @property
     def overrides(self) -> list[str]:
-        """What is set for all of them, as for ``--set``."""
+        """The settings for all of them, as for ``--set``."""
         return list(_dotted(self.all))
 
     def configs(self, base: Config) -> dict[str, Config]:

@@ -136,7 +136,7 @@ class Helmsman:
 
 
 def _bounded(low: float, high: float, share: float, limit: float) -> tuple[float, float]:
-    """The interval of v with ``share * v <= limit``, of which rest is always a part."""
+    """The interval of v with ``share * v <= limit``; it always has v = 0 in it."""
     limit = max(limit, 0.0)
     if share > 1e-9:
         return low, min(high, limit / share)

@@ -38,7 +38,7 @@ class Button(IntFlag):
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a HAL can do; what it cannot, the screens show as a dash and the API refuses by name."""
+    """The abilities of a HAL; those it lacks are a dash on the screens and refused by name in the API."""
 
     ticks: bool = False
     """Reports encoder counts."""
@@ -90,7 +90,7 @@ class BoardLink(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """What the hardware reports, at one instant; None where it has no such sensor."""
+    """The hardware's report of one instant; None where it has no such sensor."""
 
     ticks: tuple[int, int] | None = None
     """Encoder counts (right, left) since the start, forward positive."""
@@ -143,7 +143,7 @@ class Hal(Protocol):
         """Leave the outputs neutral and let go of the hardware; harmless when closed already."""
 
     def read(self, now: float) -> Inputs:
-        """What the sensors report at `now`."""
+        """The sensors' report at `now`."""
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Hold these outputs from `now` on."""

@@ -32,7 +32,7 @@ class Rewired:
         return getattr(self._hal, name)
 
     def read(self, now: float) -> Inputs:
-        """What the sensors report, the encoders put right."""
+        """The sensors' report, the encoders put right."""
         inputs = self._hal.read(now)
         if inputs.ticks is None:
             return inputs

@@ -82,7 +82,7 @@ class HalConformance(Conformance[Hal]):
     """
 
     def held(self, hal: Hal) -> Outputs | None:
-        """What the actuators do now; override this where it can be told. None skips what needs it."""
+        """The outputs that the actuators have now; override this where they can be told. None skips their tests."""
         return None
 
     def over(self, faults: LineFaults) -> Hal | None:
@@ -345,7 +345,7 @@ class HalConformance(Conformance[Hal]):
 
     @property
     def can(self) -> Capabilities:
-        """What the HAL can do."""
+        """The HAL's capabilities."""
         return self.part.capabilities
 
     async def ready(self) -> None:
@@ -466,7 +466,7 @@ def _rolled(before: Inputs, after: Inputs) -> tuple[int, int] | None:
 
 
 def _leap(before: Inputs, after: Inputs) -> float:
-    """Metres or radians, whichever is more, between two readings, by what it tells the tasks."""
+    """Metres or radians between two readings, whichever is more; 0 where the tasks get neither odometry nor ticks."""
     turned = 0.0
     if before.odometry is not None and after.odometry is not None:
         turned = abs(wrap_angle(after.odometry.theta - before.odometry.theta))

@@ -88,7 +88,7 @@ class Options:
 
 
 class Answer(NamedTuple):
-    """What the guard tells."""
+    """An answer of the guard."""
 
     done: bool  # the pulses were put out
     voltage: float | None  # V
@@ -338,7 +338,7 @@ def neutral(options: Options, geometry: Geometry, channels: Channels = STRAIGHT)
 
 
 def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> Setup:
-    """What the guard has to know; raises ConfigError when the channels are not those that such a vehicle has."""
+    """The guard's setup; raises ConfigError when the channels are not those that such a vehicle has."""
     wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
     motors, servos = wanted
     car = f"a car with geometry.steering '{geometry.steering}'"

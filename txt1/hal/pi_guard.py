@@ -45,7 +45,7 @@ class Bus(Protocol):
 
 
 class Setup(NamedTuple):
-    """What the guard has to know, as the host sends it."""
+    """The guard's setup, as the host sends it."""
 
     bus: int | str  # number of the I2C bus, or the file of a bus on the desk
     output: str  # "pca9685" or "gpio"

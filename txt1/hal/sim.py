@@ -127,7 +127,7 @@ class SimHal:
         self.indicators = indicators
 
     def blocked_by(self) -> str | None:
-        """What the robot has run into, in words; None when it has room."""
+        """The wall, obstacle or vehicle that the robot has run into, in words; None when it has room."""
         return self.world.in_the_way(self.vehicle, *self.vehicle.pose, TOUCH)
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:

@@ -141,7 +141,7 @@ class Unpacker:
 
 
 class Values(NamedTuple):
-    """What the controller reports, of its answer to GET_VALUES."""
+    """The controller's report, as in its answer to GET_VALUES."""
 
     transistors: float  # their temperature, degrees Celsius
     motor: float  # its temperature, degrees Celsius
@@ -244,7 +244,7 @@ class VescHal(PlainHal):
         await self._line.close(self._at_rest() + self._steered())
 
     def _greet(self) -> None:
-        """Nothing of what an earlier line said counts, but where the car is."""
+        """Forget all that an earlier line said but the car's pose."""
         self._skipped += self._unpacker.faults
         self._unpacker = Unpacker()
         self._values = self._firmware = self._timeout = None

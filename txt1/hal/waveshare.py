@@ -93,7 +93,7 @@ def number(value: Any) -> float | None:
 
 
 class Report(NamedTuple):
-    """What the board reports itself; None where it does not."""
+    """The board's report; None where it has no such value."""
 
     left: float | None  # speed of that side, m/s
     right: float | None

@@ -110,7 +110,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:
-        """What is to be called later: a heap."""
+        """The timers that are still to be called, as a heap."""
         return self._scheduled
 
     def time(self) -> float:

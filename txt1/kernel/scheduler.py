@@ -163,7 +163,7 @@ class Scheduler:
         self._waiting[:] = [place + 1 if place & INDEX >= index else place for place in self._waiting]  # order stays
 
     def statistics(self) -> dict[str, TaskStatistics]:
-        """What every task has done so far, by name, in the order they were added."""
+        """The statistics of every task so far, by name, in the order they were added."""
         return {entry.name: entry.statistics for entry in self._entries}
 
     # -- the run -----------------------------------------------------------------------------------------------

@@ -83,7 +83,7 @@ def _upper_bound_ns(index: int) -> int:
 
 
 class TaskStatistics:
-    """What one task has done so far: cycles run, cycles missed, start lateness and run time.
+    """One task's statistics so far: cycles run, cycles missed, start lateness and run time.
 
     Where virtual time jumps, the run time of one cycle in eight is measured, in real time that of each.
     """

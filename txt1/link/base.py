@@ -72,7 +72,7 @@ class Link:
 
 
 class End(Protocol):
-    """Who uses a link; called by the event loop."""
+    """The user of a link; called by the event loop."""
 
     def connected(self, link: Link) -> None:
         """Take the link, which is up."""

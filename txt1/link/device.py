@@ -140,7 +140,7 @@ def _close_port(opening: asyncio.Future[_Opened]) -> None:
 
 
 def _why_not_open(address: str, error: OSError, behind: str) -> str:
-    """What is wrong with a device that cannot be opened, and what to do."""
+    """The reason that a device cannot be opened, and the remedy, for people."""
     match error.errno:
         case errno.ENOENT | errno.ENOTDIR | errno.ELOOP:
             if address.startswith("/dev/") and not address.startswith("/dev/pts/"):

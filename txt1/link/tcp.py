@@ -103,7 +103,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 
 def broken_off(address: str, exc: Exception | None) -> str:
-    """What ended a connection, for people."""
+    """The end of a connection in words, for people."""
     if exc is None:
         return f"{address} was closed by the other side"
     if isinstance(exc, TimeoutError):

@@ -275,7 +275,7 @@ def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
 
 
 def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
-    """What makes records of fields; those of plain fields are laid out once for the same texts and lengths."""
+    """A maker of records of fields; those of plain fields are laid out once for the same texts and lengths."""
     head, *rest = fields(topic.message)
     stamped = head.type in _STAMPED
     kinds = {*CODES, "string"} if stamped and not topic.constants else set()

@@ -214,7 +214,7 @@ def _write(
 
 
 def _stats(values: Array) -> dict[str, list[float]]:
-    """What policies are normalised by: least, most, mean and standard deviation of each number, and how many."""
+    """Statistics that policies are normalised by: min, max, mean and deviation of each number, and the count."""
     rows = values.reshape(len(values), -1).astype(float)
     found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     return {name: each.tolist() for name, each in found.items()} | {"count": [len(rows)]}

@@ -133,7 +133,7 @@ class Recorder:
         return lambda: self._taps.remove(take)
 
     def make(self) -> None:
-        """Make messages of what has been told up to now, if anybody wants them."""
+        """Make messages of all telemetry up to now, if anybody wants them."""
         if self._taps:
             self._make()
 

@@ -12,7 +12,7 @@ from txt1.record.reading import Reading
 
 
 class Recovered(NamedTuple):
-    """What was saved: messages; and what was not: damaged chunks, and bytes at the end."""
+    """The count of messages that were saved, and of damaged chunks and bytes at the end that were not."""
 
     messages: int
     damaged: int
@@ -21,7 +21,7 @@ class Recovered(NamedTuple):
 
 
 def recover(source: Path, target: Path) -> Recovered:
-    """What of a recording could be saved, written to a new file.
+    """Write the sound part of a recording to a new file, and return how much that was.
 
     Raises RecordingError: the source cannot be read or is no MCAP file, or the target exists or cannot be written.
     """

@@ -40,7 +40,7 @@ def need(feature: str, extra: str, *modules: str) -> None:
 
 
 def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[str, str]:
-    """What a recording says about its run: configuration, versions, seed, clock, the command's options, wall start."""
+    """A recording's metadata: configuration, versions, seed, clock, the command's options, wall start."""
     return {
         "txt1": __version__,
         "python": platform.python_version(),
@@ -73,7 +73,7 @@ async def recording(
     told: Callable[[str], None],
     view: LiveView | None = None,
 ) -> AsyncIterator[Attach]:
-    """What to attach to a runtime before it starts; the file is complete when the block is left.
+    """Yield the function that attaches a recorder to a runtime before it starts; on leaving the file is complete.
 
     `plan` is what else the run was told, for the metadata; `view` shows it live at the same time and is closed at the
     end; `told` is called then with a sentence about what was lost, if anything was. Without a file nothing is recorded.
@@ -150,7 +150,7 @@ async def recording_together(
 
 
 def _differences(first: Config, other: Config) -> dict[str, Any]:
-    """What another configuration has otherwise, by dotted key."""
+    """The values in which another configuration differs, by dotted key."""
     before = dict(flatten(first))
     return {key: value for key, value in flatten(other) if key not in before or before[key] != value}
 

@@ -20,7 +20,7 @@ SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")  # of the metadata
 
 @dataclass
 class TopicSummary:
-    """What a topic holds: its message type, how many, first and last time in ns, longest gap in ns, how many lost."""
+    """A topic's message type, number of messages, first and last time and longest gap in ns, and number lost."""
 
     schema: str
     count: int = 0

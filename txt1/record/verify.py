@@ -68,7 +68,7 @@ class Difference(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What a replay found: how many messages were compared, and the first difference, None if there is none."""
+    """The result of a replay: how many messages were compared, and the first difference, None if there is none."""
 
     compared: int
     difference: Difference | None
@@ -171,7 +171,7 @@ class _Comparison:
         return 0
 
     def close(self, dropped: int) -> None:
-        """What is left of the recording was not said again."""
+        """Take the rest of the recording for a difference, as it was not said again."""
         del dropped
         if self.difference is None and (item := next(self._recorded, None)) is not None:
             self.difference = Difference(self._reading.run_time(item), item.name, "", "a message", "none")
@@ -289,7 +289,7 @@ class _StepByStep(Scheduler):
 
 
 class _Failure(Exception):
-    """What a task of the user's raised then."""
+    """Stands for an error that a task of the user's raised when it was recorded."""
 
 
 class _Script:

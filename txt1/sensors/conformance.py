@@ -122,7 +122,7 @@ class SensorConformance(Conformance[Sensor[Any]]):
     # -- for the tests -----------------------------------------------------------------------------------------
 
     def read(self) -> Reading[Any] | None:
-        """What there is to be read now."""
+        """The reading that is there now; None when there is none."""
         with kept("Sensor.read", "reads sound hardware"):
             reading = self.called("read", self.now)
         if reading is not None and not isinstance(reading, Reading):

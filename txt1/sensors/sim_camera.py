@@ -47,7 +47,7 @@ class CameraOptions:
 
 
 class SimulatedCamera(Generic[T]):
-    """A camera on a vehicle whose true pose is `pose`; `take` makes its readings of what is seen."""
+    """A camera on a vehicle whose true pose is `pose`; `take` makes a reading of colours and depths."""
 
     simulated = True
 
@@ -72,7 +72,7 @@ class SimulatedCamera(Generic[T]):
         """Nothing to let go of."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """What is seen at `now`."""
+        """The reading at `now`; None: there is none later than the last."""
         pose = self._pose()
         if pose is None or now <= self._last:
             return None

@@ -124,7 +124,7 @@ class SimulatedImu:
         return Reading(t1, self._measured(force, rates, (roll1, pitch1, theta1), speed, second))
 
     def _measured(self, force: Vector, rates: Sequence[float], angles: Vector, speed: float, dt: float) -> ImuReading:
-        """What the device makes of the truth."""
+        """The device's reading of the true forces, rates and angles."""
         errors, draws = self._errors, self._draws
         if len(draws) < 12:
             draws = self._draws = self._rng.standard_normal(1200).tolist()

@@ -38,10 +38,10 @@ class Codec(Protocol[T]):
         """Take bytes as they arrived; a HalError when the device says that it cannot go on, or is another one."""
 
     def to_send(self) -> bytes:
-        """What is to be sent now, also before the first byte has come."""
+        """Bytes to send now, also before the first byte has come."""
 
     def farewell(self) -> bytes:
-        """What is to be sent before the link is closed."""
+        """Bytes to send before the link is closed."""
 
 
 class DeviceClock:

@@ -175,7 +175,7 @@ class LightSensors:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        """What is broken, sensor by sensor, in the order FL FR RL RR."""
+        """The faults, sensor by sensor, in the order FL FR RL RR."""
         return self._faults
 
     @faults.setter

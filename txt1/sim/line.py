@@ -87,7 +87,7 @@ class Line:
         self._stall_starts = start + rng.exponential(faults.stall_every) if faults.stall else float("inf")
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
-        """What arrives of a piece given at `now`; the instants never fall behind those of earlier calls."""
+        """The pieces that arrive of one given at `now`; their instants never fall behind those of earlier calls."""
         faults, arrival = self.faults, data
         if faults.drop and self._rng.random() < faults.drop:
             self._report("drop", data)

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 class Shapes(NamedTuple):
-    """The outlines of what stands on a floor."""
+    """The outlines of all that stands on a floor."""
 
     edges: Floats  # (n, 4): from x, y to x, y; m
     posts: Floats  # (m, 3): x, y and radius; m

@@ -209,7 +209,7 @@ class Vehicle:
             supply.drawn += dt * (supply.batteries.idle_load if self.atx_on else supply.batteries.standby_load)
 
     def _load(self, motion: Motion) -> float:
-        """What driving draws, as a share of the full load."""
+        """The load of driving on the battery, as a share of the full load."""
         body = self.body
         bend = (tan(motion[4]) - tan(motion[5])) * body.radius_min / body.wheelbase
         return load(self.supply.batteries, motion[3], bend)

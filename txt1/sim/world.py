@@ -87,7 +87,7 @@ class World:
         self.look_round(vehicle)
 
     def in_the_way(self, vehicle: Vehicle, x: float, y: float, theta: float, margin: float = 0.0) -> str | None:
-        """What a vehicle at (x, y, theta) would stick into, in words; None when there are `margin` m of room for it."""
+        """The thing that a vehicle at (x, y, theta) would stick into, in words; None when it has `margin` m of room."""
         room, body = self.room, vehicle.outline((x, y, theta))
         if clearance(x, y, theta, room, vehicle.body) < margin:
             return f"a wall of the {room.length:g} x {room.width:g} m room"

@@ -115,7 +115,7 @@ class Bus:
         return tuple(self._offers)
 
     def read(self, topic: Topic[T]) -> T | None:
-        """What a sampled topic is now; None where nobody offers it."""
+        """The value of a sampled topic now; None where nobody offers it."""
         offer = self._offers.get(topic)
         return None if offer is None else offer.read()
 

@@ -42,7 +42,7 @@ class Snapshot:
         topics: Iterable[str] | None = None,
         without: Collection[Topic[Any]] = (),
     ) -> Snapshot:
-        """What a bus has to tell now, of all its sampled topics or of those of these names, `without` some."""
+        """A snapshot of a bus now: of all its sampled topics, or of those of these names, `without` some."""
         chosen = None if topics is None else frozenset(topics)
         values = {}
         for topic in bus.offered:

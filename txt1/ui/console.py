@@ -66,7 +66,7 @@ class Console:
         """Nobody arms a robot from afar."""
 
     def disarm(self, reason: str) -> None:
-        """What it drives stops by itself."""
+        """Let go of the wheel: the robot that it drove stops by itself."""
         self.release()
 
     def press(self, button: Button) -> None:

@@ -28,7 +28,7 @@ class Helm:
 
     @property
     def snapshot(self) -> Snapshot:
-        """What the robot at hand tells, with a line for each of the fleet."""
+        """The snapshot of the robot at hand, with a line for each of the fleet."""
         waits = {name: each.silent for name, each in self._fleet.cooperations.items()}
         members = tuple(member_of(robot, waits.get(robot.config.name, "")) for robot in self._robots)
         return self._robots[self._at].snapshot.replaced({FLEET: members})

@@ -58,7 +58,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> RenderableType:
-    """What to print on a window of width x height cells; None: the robot has not reported yet."""
+    """The screen for a window of width x height cells; without a snapshot the robot has not reported yet."""
     if snapshot is None:
         waiting = Text("TXT-1: waiting for the robot", style="bold", justify="center")
         return Align.center(waiting, vertical="middle", height=height)

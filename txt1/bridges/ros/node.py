@@ -19,7 +19,7 @@ class NodeDesk(Protocol):
     """The near end of a node."""
 
     def telemetry(self) -> bytes | None:
-        """What is to be sent now."""
+        """A line to send to the node now; None: there is none."""
 
     def request(self, request: Request) -> None:
         """Do what is asked for."""

@@ -49,7 +49,7 @@ class Ros1Desk:
         }  # fmt: skip
 
     def telemetry(self) -> bytes | None:
-        """What is due, and answers; None when there is nothing."""
+        """A line of the values that are due, and of answers; None when there is nothing."""
         robot, now = self._robot, self._robot.now
         told: dict[str, object] = {}
         if now >= self._odometry_due:

@@ -96,7 +96,7 @@ class Playback:
         return self._places[item.channel.id]
 
     def telemetry(self) -> bytes | None:
-        """What is due now."""
+        """A line of the messages that are due now; None when there are none."""
         if self._began is None or self._clock.now_ns() < self._due_ns:
             return None
         self._due_ns = self._clock.now_ns() + nanoseconds(BEAT)

@@ -53,7 +53,7 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, Path]:
 
 
 def tls(certificate: Path, key: Path | None) -> ssl.SSLContext:
-    """What a server needs of them; ConfigError: they cannot be read, or do not belong together."""
+    """A server's TLS context; raises ConfigError: certificate or key cannot be read, or they do not belong together."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:

@@ -153,7 +153,7 @@ class Onlooker:
 
 
 class Verdict(NamedTuple):
-    """How a calibrated car drives, by what it truly does; None where it has no such thing."""
+    """How a calibrated car drives, by its true motion; None for figures that a car of its kind does not have."""
 
     speed: float  # largest error of the speed at the set-points tried, as a share of it
     drift: float  # degrees of heading lost in a metre of driving straight, the most
