@@ -1,4 +1,4 @@
-"""The least time to the light: what a car that turns and drives optimally needs (spec 9).
+"""The least time to the light: what a car that turns and drives optimally needs.
 
 The car drives forward at a constant speed v and turns by at most v / R. It has arrived when its centre is on the goal
 circle, of radius g around the light, whatever its heading. The time is the length of the shortest such path over v.

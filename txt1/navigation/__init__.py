@@ -1,4 +1,4 @@
-"""Driving to places: waypoints by look-ahead, and to a pose, in both gears, all through the Robot API (spec 10).
+"""Driving to places: waypoints by look-ahead, and to a pose, in both gears, all through the Robot API.
 
 ::
 

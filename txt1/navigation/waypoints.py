@@ -1,4 +1,4 @@
-"""Following waypoints by a look-ahead point on the current leg (spec 10)."""
+"""Following waypoints by a look-ahead point on the current leg."""
 
 import asyncio
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""The decoder: what is delivered, what is a fault, and that nothing upsets it (spec.md 3)."""
+"""The decoder: what is delivered, what is a fault, and that nothing upsets it (thesis 3.5)."""
 
 from __future__ import annotations
 

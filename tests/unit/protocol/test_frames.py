@@ -1,4 +1,4 @@
-"""Frames: golden ones worked out by hand, rounding, ranges (spec.md 3, thesis 3.5)."""
+"""Frames: golden ones worked out by hand, rounding, ranges (thesis 3.5)."""
 
 from __future__ import annotations
 

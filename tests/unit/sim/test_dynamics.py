@@ -1,4 +1,4 @@
-"""The vehicle's dynamics (spec 1, 2): motor, steering, scrub, wheels, slip."""
+"""The vehicle's dynamics: motor, steering, scrub, wheels, slip."""
 
 from __future__ import annotations
 
