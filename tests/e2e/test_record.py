@@ -21,8 +21,7 @@ from rosbags.highlevel import AnyReader
 from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.errors import MissingExtra
-from txt1.record import file as record_file
-from txt1.record import recorder
+from txt1.record import mcap_file, recorder
 from txt1.record.reading import Reading
 from txt1.record.recover import recover
 from txt1.record.session import need
@@ -232,7 +231,7 @@ def fill_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
         def __getattr__(self, name: str) -> Any:
             return write if name == "write" else getattr(os, name)
 
-    monkeypatch.setattr(record_file, "os", Os())
+    monkeypatch.setattr(mcap_file, "os", Os())
 
 
 # -- what is left of a file that breaks off --------------------------------------------------------------------

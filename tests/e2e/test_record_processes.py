@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 
 from txt1.config import load
 from txt1.kernel.loop import run
-from txt1.record import file as record_file
+from txt1.record import mcap_file
 from txt1.record import recorder as record_recorder
 from txt1.record.reading import Reading
 from txt1.record.recover import recover
@@ -104,7 +104,7 @@ def test_on_the_real_clock_a_full_disk_costs_messages_and_no_cycle(
             left -= len(data)
             return os.write(file, data)
 
-    monkeypatch.setattr(record_file, "os", Os())
+    monkeypatch.setattr(mcap_file, "os", Os())
     with pytest.raises(Exception, match=r"No space left on device; 'txt1 log recover' saves what is in it"):
         run(at_work(tmp_path / "run.mcap", lambda _: full))
     monkeypatch.undo()
@@ -117,7 +117,7 @@ def test_a_slow_disk_costs_messages_that_are_counted_and_no_cycle(
 ) -> None:
     monkeypatch.setattr(record_recorder, "BATCH", 0.02)
     monkeypatch.setattr(record_recorder, "BACKLOG", 3)
-    monkeypatch.setattr(record_file.McapFile, "add", slow(record_file.McapFile.add))
+    monkeypatch.setattr(mcap_file.McapFile, "add", slow(mcap_file.McapFile.add))
     robot, said = run(at_work(tmp_path / "run.mcap", lambda robot: robot.now > 2.0))
     (sentence,) = said
     dropped = int(sentence.split(": ")[1].split()[0])

@@ -165,7 +165,7 @@ def _prepare(
 ) -> tuple[Sequence[Sink], type[Recorder]]:
     """The sinks, with one for the file, and what makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
-    from txt1.record.files import FileSink, Rotation
+    from txt1.record.disk import FileSink, Rotation
     from txt1.record.recorder import Recorder
 
     record = config.record
@@ -178,7 +178,7 @@ def _prepare(
 
 def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
     """Whether a file is the recording of this very run, made before; if so it is deleted, later parts and all."""
-    from txt1.record.files import parts
+    from txt1.record.disk import parts
     from txt1.record.reading import metadata_of
 
     told, found = metadata(config, None, plan), list(parts(file))
