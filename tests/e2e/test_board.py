@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.board import Board
 from txt1.config import load
 from txt1.config.schema import ControlConfig
@@ -170,9 +170,7 @@ def kind(request: pytest.FixtureRequest, blocking_calls_fail: BlockBuster) -> st
             interpreter()
         except MissingExtra:
             pytest.skip("MicroPython's unix port is not installed")
-        for function in blocking_calls_fail.functions.values():
-            function.can_block_in("txt1/devices/pico.py", {"_exchange", "_read"})
-            function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+        may_block(blocking_calls_fail, "txt1/devices/pico.py", "_exchange", "_read")
     return str(request.param)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.cli import FAULT, OK, USAGE, execute
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
@@ -38,9 +38,8 @@ KINDS = ("txt1", "f1tenth", "donkeycar", "rover")
 @pytest.fixture(autouse=True)
 def files_may_be_read_and_written(blocking_calls_fail: BlockBuster) -> None:
     """Before anything runs, and while nothing moves."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/config/sources.py", {"load"})
-        function.can_block_in("txt1/cli/calibrate.py", {"keep"})
+    may_block(blocking_calls_fail, "txt1/config/sources.py", "load")
+    may_block(blocking_calls_fail, "txt1/cli/calibrate.py", "keep")
 
 
 def opener(hal: SimHal) -> Callable[..., Any]:

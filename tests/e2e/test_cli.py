@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster
 
+from tests.e2e.conftest import may_block
 from txt1.board import Board
 from txt1.cli import COMMANDS, execute
 from txt1.config import Config
@@ -39,16 +40,9 @@ def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """A hardware layer is looked up on the disk before the first tick, and threads are waited for after the last.
-
-    A status line is written only where it fits.
-    """
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/cli/app.py", {"_status_lines"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+def a_status_line_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """It is written only where it fits."""
+    may_block(blocking_calls_fail, "txt1/cli/app.py", "_status_lines")
 
 
 def report(capsys: Capture, *words: str, code: int = 0) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from benchmarks.dead_hosts import device_without_host, guard_without_host
+from tests.e2e.conftest import may_block
 from txt1.kernel.loop import run
 
 LATE = 0.15  # s that a busy machine may be late by
@@ -17,9 +18,8 @@ LATE = 0.15  # s that a busy machine may be late by
 
 @pytest.fixture(autouse=True)
 def made_before_anything_runs(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("benchmarks/dead_hosts.py", {"device_without_host", "motor"})
-        function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
+    may_block(blocking_calls_fail, "benchmarks/dead_hosts.py", "device_without_host", "motor")
+    may_block(blocking_calls_fail, "txt1/link/pty.py", "listen_pty", "_let_go")
 
 
 @pytest.mark.parametrize("hal", ["vesc", pytest.param("waveshare", marks=pytest.mark.long)])

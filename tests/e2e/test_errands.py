@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
-from blockbuster import BlockBuster
 
 from txt1.cli.errands import RECORDING, ROUTE, Errands
 from txt1.errors import CommandRefused, NotArmed
@@ -15,13 +14,6 @@ from txt1.record.reading import Reading
 from txt1.robot import Robot
 
 TICK = 0.02
-
-
-@pytest.fixture(autouse=True)
-def threads_may_end(blocking_calls_fail: BlockBuster) -> None:
-    """The end of the loop waits for the threads it has used."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from math import hypot
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
 from txt1.estimation.task import FILTERED, TRUSTS
@@ -23,11 +23,8 @@ SLIPPING = (*ENDLESS, "sim.vehicle.slip=0.05", "sim.vehicle.understeer=0.1")
 
 
 @pytest.fixture(autouse=True)
-def drivers_are_imported_when_they_are_asked_for(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/geodesy.py", {"__init__"})
+def the_grid_is_made_when_it_is_asked_for(blocking_calls_fail: BlockBuster) -> None:
+    may_block(blocking_calls_fail, "txt1/sensors/geodesy.py", "__init__")
 
 
 async def test_it_is_told_with_covariance_and_with_how_much_each_sensor_is_believed() -> None:

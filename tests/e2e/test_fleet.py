@@ -15,6 +15,7 @@ import pytest
 from blockbuster import BlockBuster
 from rich.console import Console
 
+from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.cli.fleet import line
 from txt1.errors import ConfigError
@@ -48,13 +49,11 @@ robots:
 
 @pytest.fixture(autouse=True)
 def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/fleet/plan.py", {"plan_of"})
-        function.can_block_in("txt1/ui/screens.py", {"installed"})
-        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_steps", "write", "close"})
-        function.can_block_in("txt1/record/recorder.py", {"_write", "_close_sinks"})
-        function.can_block_in("txt1/ui/replay.py", {"play"})
+    may_block(blocking_calls_fail, "txt1/fleet/plan.py", "plan_of")
+    may_block(blocking_calls_fail, "txt1/ui/screens.py", "installed")
+    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
+    may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
 
 
 @pytest.fixture

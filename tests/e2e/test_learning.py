@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blockbuster import BlockBuster
 
 from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
@@ -352,13 +351,8 @@ def test_without_light_sensors_it_says_what_is_missing(
 
 
 def test_phidgets_without_their_driver_name_the_extra(
-    blocking_calls_fail: BlockBuster,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     monkeypatch.setitem(__import__("sys").modules, "Phidget22.Devices.VoltageRatioInput", None)
     words = ["run", "--json", "--duration", "1", "--set", "sensors.light.driver=phidgets_light"]
     assert execute(words) == 1

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blockbuster import BlockBuster
 
 import txt1
 from tests.e2e.conftest import ENDLESS
@@ -310,10 +309,8 @@ class Channel:
 
 
 @pytest.fixture
-def kit(monkeypatch: pytest.MonkeyPatch, blocking_calls_fail: BlockBuster) -> Iterator[list[Channel]]:
+def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
     """The channels of an Interface Kit, as they are opened."""
-    for function in blocking_calls_fail.functions.values():  # the thread in which they are looked for is waited for
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
     ours = type("VoltageRatioInput", (Channel,), {"kit": []})
     contents: dict[str, dict[str, Any]] = {
         "Phidget22": {}, "Phidget22.Devices": {},

@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from blockbuster import BlockBuster
 
 from benchmarks.obstacle_stop import LATE, drive
 from txt1.errors import ConfigError
 from txt1.robot import Robot
-
-
-@pytest.fixture(autouse=True)
-def drivers_are_imported_when_they_are_asked_for(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
 
 
 async def test_no_contact_in_random_worlds() -> None:

@@ -10,7 +10,7 @@ from math import hypot
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.config import Config, load
 from txt1.control.limits import Fault
 from txt1.devices.pico import Pico, PicoPort, interpreter
@@ -37,9 +37,7 @@ SMALL_GAINS = "control.angular=[{v_max: 1.5, kp: 4, ki: 130, kd: 0.005}]"
 @pytest.fixture(autouse=True)
 def the_device_waits_for_its_firmware(blocking_calls_fail: BlockBuster) -> None:
     """It is a program of its own as a rule; here its clock is the host's, so it waits a tenth of a millisecond."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/devices/pico.py", {"_exchange", "_read"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
+    may_block(blocking_calls_fail, "txt1/devices/pico.py", "_exchange", "_read")
 
 
 @asynccontextmanager

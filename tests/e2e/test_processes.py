@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.board import Board, DevicePlace
 from txt1.config import Config, load
 from txt1.control.standstill import Stop
@@ -39,9 +39,8 @@ LATE = 0.05
 @pytest.fixture(autouse=True)
 def what_the_test_itself_does_may_block(blocking_calls_fail: BlockBuster) -> None:
     """Starting processes and looking at files; and a pseudo-terminal is made before the board has power."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("tests/e2e/test_processes.py", {"process", "until", "body", "adapter", "answers"})
-        function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
+    may_block(blocking_calls_fail, "tests/e2e/test_processes.py", "process", "until", "body", "adapter", "answers")
+    may_block(blocking_calls_fail, "txt1/link/pty.py", "listen_pty", "_let_go")
 
 
 TXT1 = (sys.executable, "-m", "txt1")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blockbuster import BlockBuster
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap_ros2.decoder import DecoderFactory
@@ -31,15 +30,6 @@ Capture = pytest.CaptureFixture[str]
 EVERY_CYCLE = ("/odom", "/setpoint", "/pwm", "/encoders", "/tf", "/pose")
 RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
 LINE = ("run", "--hal", "serial", "--port", "virtual", *RUN[1:])
-
-
-@pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """Threads are waited for after the last tick; in virtual time the run waits for its recorder's."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
 def record(path: Path, *words: str, start: tuple[str, ...] = RUN, code: int = 0) -> Path:

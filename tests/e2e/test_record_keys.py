@@ -9,21 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from blockbuster import BlockBuster
 
 from tests.unit.ui.ui_tty import Tty
 from txt1.cli import execute
 
 ROOT = Path(__file__).parents[2]
 LENGTH = 20.0
-
-
-@pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
 @pytest.fixture(scope="module")

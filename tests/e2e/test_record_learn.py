@@ -20,6 +20,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from benchmarks.table_5_3 import TABLE_5_3
+from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.cli.trials import conduct
 from txt1.config import load
@@ -50,13 +51,9 @@ def clean_processes() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """A verification reads its recording in the loop: nobody waits for a tick."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/record/verify.py", {"_replay", "write", "close"})
+def a_verification_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """It reads its recording in the loop: nobody waits for a tick."""
+    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "write", "close")
 
 
 def recorded(path: Path, *words: str) -> Path:

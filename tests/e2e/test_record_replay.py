@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster
 
+from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.errors import RecordingError
 from txt1.hal.base import Button
@@ -25,13 +26,9 @@ from txt1.ui.viewer import Viewer
 
 
 @pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
+def a_replay_may_block(blocking_calls_fail: BlockBuster) -> None:
     """Nobody waits for a tick while a recording is played as lines."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/ui/replay.py", {"play"})
+    may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,6 @@ from contextlib import AsyncExitStack
 from itertools import pairwise
 from pathlib import Path
 
-import pytest
-from blockbuster import BlockBuster
-
 from txt1.bridges.ros.feed import Feed
 from txt1.config.sources import load
 from txt1.kernel.loop import run
@@ -72,15 +69,6 @@ def recorded(file: Path) -> Messages:
     for item in Reading(file):
         messages.setdefault(item.name, []).append((item.message.log_time, item.message.data))
     return messages
-
-
-@pytest.fixture(autouse=True)
-def what_comes_before_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """The hardware layer and the twins are looked up."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
 def test_a_message_is_made_once_and_has_the_same_bytes_in_the_recording_and_in_ros(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from blockbuster import BlockBuster
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from websockets.sync.client import connect
@@ -41,13 +40,6 @@ def compass(name: str, rule: Rule) -> Topic[Compass]:
         name, Compass, "rad", MESSAGE, rule, "where the needle points", {"header": {"frame_id": "needle"}},
         ("heading", "sure"), lambda value: value,
     )  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from tests.e2e.conftest import may_block
 from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
 from txt1.config import load
@@ -35,14 +36,10 @@ RUN = ("run", "--headless", "--speed", "max", "--json", "--seed", "1")
 
 
 @pytest.fixture(autouse=True)
-def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBuster) -> None:
-    """A verification reads its recording in the loop: nobody waits for a tick."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/kernel/loop.py", {"shutdown_default_executor"})
-        function.can_block_in("txt1/record/verify.py", {"_replay", "_replay_steps", "write", "close"})
-        function.can_block_in("txt1/record/recorder.py", {"_write", "_close_sinks"})
+def a_verification_may_block(blocking_calls_fail: BlockBuster) -> None:
+    """It reads its recording in the loop: nobody waits for a tick."""
+    may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
+    may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
 
 
 def recorded(path: Path, program: Callable[[Robot], Any], *settings: str, speed: Speed = "max") -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from blockbuster import BlockBuster
 
+from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.cli.run import Start
 from txt1.robot import Robot
@@ -19,8 +20,7 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture(autouse=True)
 def a_status_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/cli/app.py", {"_put"})
+    may_block(blocking_calls_fail, "txt1/cli/app.py", "_put")
 
 
 VIRTUAL = ("serial.port=virtual",)

@@ -6,7 +6,6 @@ import asyncio
 from typing import Any
 
 import pytest
-from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS
 from txt1.config import load
@@ -22,13 +21,6 @@ from txt1.telemetry.topics import Topic
 
 INSTALLED = ", ".join(DRIVERS.names())
 LIT = (*ENDLESS, "sensors.light.driver=sim_light", "sensors.light.options.seed=[1]")
-
-
-@pytest.fixture(autouse=True)
-def drivers_are_imported_when_they_are_asked_for(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/sensors/registry.py", {"create"})
-        function.can_block_in("txt1/hal/registry.py", {"create", "names"})
 
 
 class Thermometer:

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 import pytest
 from blockbuster import BlockBuster
 
+from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.cli.notify import served, tell
 from txt1.cli.service import quoted
@@ -28,8 +29,7 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture(autouse=True)
 def a_line_is_written_only_where_it_fits(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/cli/app.py", {"_put"})
+    may_block(blocking_calls_fail, "txt1/cli/app.py", "_put")
 
 
 @pytest.fixture

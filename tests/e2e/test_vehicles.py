@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1.cli import execute
 from txt1.config import load
 from txt1.config.sources import vehicles
@@ -30,8 +30,7 @@ STILL_AIR = (*ENDLESS, "sim.noise.drag=0")
 @pytest.fixture(autouse=True)
 def a_vehicles_file_may_be_read(blocking_calls_fail: BlockBuster) -> None:
     """Before anything runs."""
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/config/sources.py", {"load"})
+    may_block(blocking_calls_fail, "txt1/config/sources.py", "load")
 
 
 def configured(vehicle: str, *settings: str) -> tuple[str, ...]:

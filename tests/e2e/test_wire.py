@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 from blockbuster import BlockBuster
 
-from tests.e2e.conftest import ENDLESS
+from tests.e2e.conftest import ENDLESS, may_block
 from txt1 import board as board_module
 from txt1.board import Board
 from txt1.config import load
@@ -132,8 +132,7 @@ async def line(transport: str, directory: Path | None, settings: tuple[str, ...]
 
 @pytest.fixture(autouse=True)
 def a_pseudo_terminal_is_made_before_the_board_has_power(blocking_calls_fail: BlockBuster) -> None:
-    for function in blocking_calls_fail.functions.values():
-        function.can_block_in("txt1/link/pty.py", {"listen_pty", "_let_go"})
+    may_block(blocking_calls_fail, "txt1/link/pty.py", "listen_pty", "_let_go")
 
 
 # -- one body over everything ----------------------------------------------------------------------------------
