@@ -74,10 +74,24 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
 
 
 @compiled
-def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]:
-    """Places of the light that one set of readings allows, with the cost of each: by Gauss-Newton from 16 bearings.
+def _likely(lights: list[tuple[Belief, float]]) -> list[tuple[Belief, float]]:
+    """The places that are likely enough, the likeliest first; with each, how much more it costs than that."""
+    best = 0
+    for i in range(len(lights)):
+        if lights[i][1] < lights[best][1]:
+            best = i
+    kept = [(lights[best][0], 0.0)]
+    for i in range(len(lights)):
+        if i != best and lights[i][1] - lights[best][1] <= UNLIKELY:
+            kept.append((lights[i][0], lights[i][1] - lights[best][1]))
+    return kept
 
-    With two sensors, or three in a line, there are two of them.
+
+@compiled
+def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]:
+    """Places of the light that one set of readings allows, the likeliest first: by Gauss-Newton from 16 bearings.
+
+    With each stands how much more it costs than the first. With two sensors, or three in a line, there are two of them.
     """
     level, weights = 0.0, 1e-12
     for k in range(SENSORS):
@@ -118,8 +132,8 @@ def sighted(survey: Array, z: Array, noise: Array) -> list[tuple[Belief, float]]
                 break
         if new:
             found.append(one)
-    best = min([cost for _, cost in found])
-    return [one for one in found if one[1] <= best + UNLIKELY]
+    kept: list[tuple[Belief, float]] = _likely(found)
+    return kept
 
 
 @compiled
@@ -131,21 +145,16 @@ def followed(
     Also the squared misfit of the likeliest, in deviations, and how many readings it is the sum over. Readings are
     those of the middle of the way; `turn` is true to scale.
     """
-    after = [(belief, cost, 0.0, 0) for belief, cost in lights]
+    after = list(lights)
+    least, misfit, readings = inf, 0.0, 0
     for i in range(len(after)):
-        belief, cost, _, _ = after[i]
+        belief, cost = after[i]
         belief = moved(belief, 0.5 * distance, 0.5 * turn, slip)
         belief, square, count = corrected(belief, survey, z, noise)
-        after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip), cost + square, square, count
-    best = 0
-    for i in range(len(after)):
-        if after[i][1] < after[best][1]:
-            best = i
-    kept = [(after[best][0], 0.0)]
-    for i in range(len(after)):
-        if i != best and after[i][1] - after[best][1] <= UNLIKELY:
-            kept.append((after[i][0], after[i][1] - after[best][1]))
-    return kept, after[best][2], after[best][3]
+        after[i] = moved(belief, 0.5 * distance, 0.5 * turn, slip), cost + square
+        if cost + square < least:
+            least, misfit, readings = cost + square, square, count
+    return _likely(after), misfit, readings
 
 
 @compiled
