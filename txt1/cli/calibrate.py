@@ -65,18 +65,7 @@ def main(arguments: argparse.Namespace) -> int:
     for name in arguments.step or ():
         if name not in STEPS:
             raise ConfigError(f"--step {name}: there is none; there are: {', '.join(STEPS)}")
-    hal = create(config)
-    operator: Operator = Person()
-    speed = arguments.speed
-    if isinstance(hal, SimHal):
-        kind = loaded(argparse.Namespace(**vars(arguments) | {"vehicle": base}), ENDLESS).config
-        truth = practice.unknown_car(kind, config.seed)
-        hal = create(truth)
-        assert isinstance(hal, SimHal)
-        if not arguments.ask:
-            operator, speed = practice.Onlooker(hal, config.seed, partial(print, flush=True)), speed or "max"
-    elif not sys.stdin.isatty():
-        raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
+    hal, operator = _at_the_vehicle(arguments, base, config)
     names = arguments.step or [name for name in steps(config, hal) if name not in config.calibrated]
     if not names:
         print(f"{file}: all steps are done; --step NAME does one again: {', '.join(steps(config, hal))}")
@@ -91,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         _write(file, tree)
         found.update(values)
 
-    app = App(speed)
+    app = App(arguments.speed if isinstance(operator, Person) else arguments.speed or "max")
     bench = Bench(config, operator, _opener(app, hal), keep, own_loops=not hal.capabilities.pwm)
     try:
         return app.run(calibrate(bench, names))
@@ -102,6 +91,20 @@ def main(arguments: argparse.Namespace) -> int:
             print(f"{file}: written, after {bench.driving:.0f} s of driving; drive with --vehicle {file}")
         if left:
             print(f"still to do: {', '.join(left)}; the same command goes on there")
+
+
+def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) -> tuple[Hal, Operator]:
+    """Return the vehicle and the operator beside it; a simulated car is an unknown one of the kind `base`."""
+    hal = create(config)
+    if isinstance(hal, SimHal):
+        kind = loaded(argparse.Namespace(**vars(arguments) | {"vehicle": base}), ENDLESS).config
+        unknown = create(practice.unknown_car(kind, config.seed))
+        assert isinstance(unknown, SimHal)
+        told = partial(print, flush=True)
+        return unknown, Person() if arguments.ask else practice.Onlooker(unknown, config.seed, told)
+    if not sys.stdin.isatty():
+        raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
+    return hal, Person()
 
 
 def _practise(arguments: argparse.Namespace) -> int:

@@ -63,38 +63,51 @@ def main(arguments: argparse.Namespace) -> int:
         f"lag {plant.time_constant:.3f} s\n"
         f"steering: {1e6 * plant.steering_gain:.1f} mrad/m per 1000 counts, lag {plant.steering_lag:.3f} s"
     )
+    new = _proposed(plant, config)
+    text = gains_file(new)
+    print(text)
+    if not arguments.no_trial:
+        for test in TESTS:
+            interrupted = _compared(config, new, test, speed, arguments, machines)
+            if interrupted is not None:
+                return interrupted
+    if arguments.write is not None:
+        arguments.write.write_text(text)
+        print(f"{arguments.write}: written; use it with --config")
+    return OK
+
+
+def _proposed(plant: Plant, config: Config) -> ControlConfig:
+    """The gains that do best on the model of the vehicle, beginning with the configured ones."""
     old, motor_max = config.control, config.safety.motor_max
     with progress_bar("trying gains on its model") as bar:
         task = bar.add_task("trying gains on its model", total=CANDIDATES)
         tried = partial(bar.advance, task)
         linear = linear_gains(plant, config.geometry, old.linear.gains(), motor_max, tried)
         angular = angular_gains(plant, config.geometry, old.schedule(), tried)
-    new = ControlConfig(
+    return ControlConfig(
         linear=GainsConfig(**linear._asdict()),
         angular=tuple(GainSetConfig(v_max=each.v_max, **each.gains._asdict()) for each in angular),
     )
-    text = gains_file(new)
-    print(text)
-    if not arguments.no_trial:
-        for test in TESTS:
-            runs = []
-            for label, control in (("old gains", old), ("new gains", new)):
-                driven = _repeated(
-                    config.model_copy(update={"control": control}), test, speed, label, arguments, machines
-                )
-                if isinstance(driven, int):
-                    return driven
-                runs.append(driven)
-            report.show(runs, Console())
-            if arguments.out is not None:
-                for result in runs:
-                    run_folder.write(result, arguments.out / f"{test}-{result.label.split()[0]}")
-                figures.draw(runs, arguments.out / f"{test}.svg")
-                figures.draw(runs, arguments.out / f"{test}-steps.svg", "steps")
-    if arguments.write is not None:
-        arguments.write.write_text(text)
-        print(f"{arguments.write}: written; use it with --config")
-    return OK
+
+
+def _compared(
+    config: Config, new: ControlConfig, test: str, speed: Speed, arguments: argparse.Namespace, machines: Machines
+) -> int | None:
+    """Drive a test with the configured gains and with new ones, and show both; the exit code when interrupted."""
+    runs = []
+    for label, control in (("old gains", config.control), ("new gains", new)):
+        driven = _repeated(config.model_copy(update={"control": control}), test, speed, label, arguments, machines)
+        if isinstance(driven, int):
+            return driven
+        runs.append(driven)
+    report.show(runs, Console())
+    if arguments.out is not None:
+        for result in runs:
+            run_folder.write(result, arguments.out / f"{test}-{result.label.split()[0]}")
+        figures.draw(runs, arguments.out / f"{test}.svg")
+        figures.draw(runs, arguments.out / f"{test}-steps.svg", "steps")
+    return None
 
 
 def _repeated(
