@@ -105,9 +105,9 @@ async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen
     device: Device = EntryPoint(arguments.kind, f"txt1.devices.{where}", "").load()()
     v, omega = arguments.drive or WALK
     async with app.robot(config) as robot:
-        if arguments.duration is not None:
-            robot.runtime.scheduler.end_at(arguments.duration)
         await get_ready(robot, True)
+        if arguments.duration is not None:
+            robot.runtime.scheduler.end_at(robot.now + arguments.duration)
         listener: Listener
         if arguments.pty is not None:
             listener = listen_pty(arguments.pty, device)
