@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,6 +88,20 @@ def test_a_trial_whose_process_is_killed_is_done_again(tmp_path: Path) -> None:
     trials = {number: json.dumps(str(tmp_path / f"trial{number}")) for number in range(2)}
     results = dict(on_processes(killed_at_first, trials, 1, lambda: False))
     assert results == {0: '"trial0"', 1: '"trial1"'}
+
+
+def hours(text: str) -> str:
+    """A trial that looks at nothing while it computes: says in a file that it has begun, and goes on for an hour."""
+    Path(json.loads(text)).touch()
+    threading.Event().wait(3600.0)
+    return ""
+
+
+def test_a_trial_that_does_not_look_whether_it_is_to_end_does_not_hold_up_ctrl_c(tmp_path: Path) -> None:
+    begun = [tmp_path / str(number) for number in (1, 2, 3)]
+    trials = {number: json.dumps(str(file)) for number, file in enumerate(begun)}
+    assert list(on_processes(hours, trials, 1, begun[0].exists)) == []
+    assert not begun[2].exists()
 
 
 @pytest.fixture

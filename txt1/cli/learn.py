@@ -155,6 +155,8 @@ def _worlds(arguments: argparse.Namespace, config: Config) -> int:
     def tell(result: dict[str, Any]) -> None:
         print(f"{result['agent']:<8} {result['world']:<20} {suite.cell(suite.figures(result))}", flush=True)
 
+    lines = len(agents) * len(some)
+    say(f"a line a learner and world, {lines} in all; Ctrl-C ends it, --out {out} --resume carries on")
     with _elsewhere(arguments) as (each, came):
         suite.run_all(
             some, agents, arguments.trials, arguments.episodes, config.seed, out, each, bool(arguments.resume), tell

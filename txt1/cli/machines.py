@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -27,6 +27,7 @@ from txt1.learning.provenance import code_hash
 
 AGAIN: Final = 5  # times that a pool is made anew because one of its processes was killed
 POLL: Final = 0.1  # s of real time between two looks whether it is to end
+GRACE: Final = 2.0  # s for trials that look whether it is to end; others are killed: their results are lost
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
     "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
@@ -107,19 +108,28 @@ def _pooled(work: Work, left: dict[int, str], jobs: int, ended: Callable[[], boo
     with _deaf():  # here the process is born that tidies up after the others
         stop = context.Event()
     pool = ProcessPoolExecutor(min(jobs, max(1, len(left))), context, _enter, (stop,))
+    futures: dict[Any, int] = {}
     try:
         with _deaf():
-            futures = {pool.submit(work, text): number for number, text in left.items()}
+            futures |= {pool.submit(work, text): number for number, text in left.items()}
         for number, result in _as_they_come(futures, ended):
             del left[number]
             yield number, result
     except BrokenProcessPool:
-        for child in multiprocessing.active_children():  # the pool asks them in a way they are deaf to
-            child.kill()
+        _kill()
         raise
     finally:
         stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
+        stuck = ended() and wait([each for each in futures if each.running()], GRACE).not_done
+        if stuck:
+            _kill()
+        pool.shutdown(wait=True, cancel_futures=not stuck)
+
+
+def _kill() -> None:
+    """End the processes of a pool, which asks them in a way they are deaf to."""
+    for child in multiprocessing.active_children():
+        child.kill()
 
 
 def _as_they_come(futures: dict[Any, int], ended: Callable[[], bool]) -> Results:
