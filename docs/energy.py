@@ -140,7 +140,15 @@ def rectangle() -> None:
     one = Batteries()
     drives = [drive(said, BY_SPEED) for said in SPEEDS]
     thesis = drive(0.5)
-    head = ("model", "asked for", "m/s", "min", "m", "said at the start, m", "outside the rectangle at most, m")
+    head = (
+        "model",
+        "speed asked for",
+        "m/s",
+        "min",
+        "m",
+        "range shown at the start, m",
+        "largest distance from the rectangle, m",
+    )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     for model, each in [("full load", thesis), *(("by speed", each) for each in drives)]:
         print(f"| {model} | {each.said} | {each.speed:.2f} | {each.minutes:.1f} | {each.metres:.0f} "
