@@ -1,7 +1,7 @@
 """Makes docs/compared-learners.md: `python -m docs.compared_learners` has all contenders learn, and all worlds' tables.
 
-That takes hours of a processor. Ended and begun again, it goes on: raw results are kept in out/compared.jsonl, which is
-copied to docs/learning, and in out/compared-worlds/. `--report` does no more than write the page from them.
+That takes an hour of two processors. Ended and begun again, it goes on: raw results are kept in out/compared.jsonl,
+which is copied to docs/learning, and in out/compared-worlds/. `--report` does no more than write the page from them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> None:
     """Compare, and write the page."""
     parser = argparse.ArgumentParser(prog="docs.compared_learners", description=__doc__)
     parser.add_argument("--trials", default="100", metavar="N", help="of each contender in the thesis's world; 100")
-    parser.add_argument("--worlds", default="2", metavar="N", help="trials of each learner in each world; 2")
+    parser.add_argument("--worlds", default="4", metavar="N", help="trials of each learner in each world; 4")
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
     if not given.report:
