@@ -16,10 +16,18 @@ def leave(number: int, _: FrameType | None) -> NoReturn:
 SIGNALS = signal.SIGHUP, signal.SIGINT, signal.SIGTERM
 
 
+def open_streams() -> None:
+    """Open the null device for each standard stream that is closed: a board's line would get its number, and text."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - for as long as the process lives
+
+
 def main() -> NoReturn:
     """Run the command given on the command line and exit with its code."""
     for each in SIGNALS:  # before the imports, which take their time
         signal.signal(each, leave)
+    open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a terminal without a letter, such as LC_ALL=C's, shows ? for it
             stream.reconfigure(errors="replace")

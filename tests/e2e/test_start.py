@@ -238,6 +238,15 @@ def test_an_output_that_nobody_reads_any_more_is_a_normal_end(command: str) -> N
     assert b"Traceback" not in done.stderr
 
 
+def test_standard_streams_that_are_closed_are_no_numbers_for_files_of_the_robot(tmp_path: Path) -> None:
+    words = ["-m", "txt1", "run", "--headless", "--speed", "max", "--duration", "2"]
+    words += ["--log", str(tmp_path / "run.mcap")]
+    closed = f"import os, sys; os.close(0); os.close(1); os.execv(sys.executable, [sys.executable, *{words}])"
+    done = subprocess.run([sys.executable, "-c", closed], cwd=ROOT, stderr=subprocess.PIPE, timeout=30, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "MB, complete" in python("-m", "txt1", "log", "info", str(tmp_path / "run.mcap"))
+
+
 # -- the package -------------------------------------------------------------------------------------------------
 
 
