@@ -15,6 +15,7 @@ import yaml
 
 from txt1.cli import FAULT, OK
 from txt1.cli.app import App, get_ready
+from txt1.cli.machines import progress
 from txt1.cli.options import ROBOT, add, count, flag, loaded, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
@@ -137,6 +138,7 @@ def _practise(arguments: argparse.Namespace) -> int:
         if not verdicts:
             return code
         cars.append(car := practice.Practised(seed, verdicts[0], bench.driving))
+        progress(len(cars), len(seeds))
         if file is not None:
             practice.write_practised(file, config.vehicle, car)
     failed = [car for car in cars if not car.passes]
