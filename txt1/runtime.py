@@ -38,8 +38,8 @@ from txt1.sensors.registry import create
 from txt1.sim.battery import range_left
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
-from txt1.tasks.diagnostics import FAULTS, TASKS, TaskCounts, task_counts
-from txt1.tasks.fields import GainTable, TaskReport
+from txt1.tasks.diagnostics import FAULTS, TASKS, Reports
+from txt1.tasks.fields import GainTable
 from txt1.tasks.markers import MARKERS
 from txt1.tasks.obstacle_stop import LaserGuard
 from txt1.tasks.roll_guard import watching
@@ -104,12 +104,8 @@ class Runtime:
         """Messages for the serial task."""
         self.presses: deque[Button] = deque(maxlen=100)
         """Presses of the joystick's buttons for the button task."""
-        self._periods: dict[str, tuple[int, float | None]] = {}
-        self._reports: dict[str, TaskReport] = {}
-        self._next_report = 0
+        self._reports = Reports(self.statistics, self._virtual)
         self._notify_serial: Callable[[], None] = lambda: None
-        self._counts: TaskCounts | None = None
-        self._counted_at = 0.0
         self._open = False
         self._failed = False
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
@@ -155,7 +151,7 @@ class Runtime:
             bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
         bus.offer(battery.RANGE, self._range_left)
         bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
-        bus.offer(TASKS, self._task_counts)
+        bus.offer(TASKS, lambda: self._reports.counts(self.now, self._open))
         bus.offer(SNAPSHOT, self._recorded_snapshot)
         tap_line = getattr(hal, "tap_line", None)
         if tap_line is not None:
@@ -165,13 +161,6 @@ class Runtime:
         """How far the batteries last, m; None where that is not known."""
         remaining, config = self.state.battery.remaining, self.config
         return None if remaining is None else round(range_left(config.sim.battery, remaining, config.safety.v_max))
-
-    def _task_counts(self) -> TaskCounts | None:
-        """The statistics; in virtual time, where summing up costs more than it says, only once in ten seconds."""
-        now = self.now
-        if not (self._virtual and self._open and self._counts) or now >= self._counted_at + 10.0:
-            self._counts, self._counted_at = task_counts(self.statistics(), not self._virtual), now
-        return self._counts
 
     def _offer_to_snapshots(self) -> None:
         """Offer what snapshots tell beside that, and its surroundings to views in three dimensions."""
@@ -196,7 +185,7 @@ class Runtime:
         bus.offer(fields.BACKLIGHT, lambda: state.backlight)
         bus.offer(fields.SURROUNDINGS, lambda: surroundings)
         bus.offer(MARKERS, lambda: surroundings)
-        bus.offer(fields.TASK_REPORTS, self._task_reports)
+        bus.offer(fields.TASK_REPORTS, self._reports.newest)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
 
     def _gains(self) -> GainTable:
@@ -228,7 +217,7 @@ class Runtime:
         for name, priority, period, task in self._make_tasks(self):
             if period is None:
                 self._notify_serial = self.scheduler.add_sporadic(name, priority, self._watched(name, task))
-                self._periods[name] = (priority, None)
+                self._reports.add(name, priority, None)
             else:
                 self._add(name, priority, period, task)
         for name, sensor in made.items():
@@ -489,7 +478,7 @@ class Runtime:
 
     def _add(self, name: str, priority: int, period: float, task: PeriodicTask, named: bool = False) -> None:
         self.scheduler.add(name, priority, period, self._watched(name, task, named))
-        self._periods[name] = (priority, period)
+        self._reports.add(name, priority, period)
 
     def _watched(self, name: str, task: PeriodicTask, named: bool = False) -> PeriodicTask:
         """The task, its steps told where somebody wants to know; `named`: what comes in meanwhile comes from it."""
@@ -498,7 +487,7 @@ class Runtime:
         told = lone and self.hal.capabilities.simulated and not self._virtual and self.bus.wanted(inputs.STEP)
         if not told and not named:
             return task
-        number = len(self._periods)
+        number = len(self._reports)
 
         def watched(ticks: Ticks) -> Coroutine[Any, Any, None]:
             def begins(now: float) -> None:
@@ -533,20 +522,6 @@ class Runtime:
     async def _sample(self, ticks: Ticks) -> None:
         async for now in ticks:
             self.bus.sample(now)
-
-    def _task_reports(self) -> tuple[TaskReport, ...]:
-        """The statistics; one task's is brought up to date at a time, as summing them up costs."""
-        names = list(self._periods)
-        due = [name for name in names if name not in self._reports] or [names[self._next_report % len(names)]]
-        self._next_report += 1
-        self._reports.update((name, self._task_report(name)) for name in due)
-        return tuple(self._reports.values())
-
-    def _task_report(self, name: str) -> TaskReport:
-        priority, period = self._periods[name]
-        task = self.scheduler.statistics()[name]
-        times = task.lateness.percentiles(), task.run_time.percentiles()
-        return TaskReport(name, priority, None if period is None else 1.0 / period, task.cycles, task.misses, *times)
 
     def _gate_closed(self, reason: str) -> None:
         blocked_by = getattr(self.hal, "blocked_by", None)  # where the hardware knows, as a simulation does

@@ -1,9 +1,10 @@
 """How the tasks do and what went wrong, as ROS's diagnostics say it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
 from txt1.kernel.statistics import Histogram, TaskStatistics
+from txt1.tasks.fields import TaskReport
 from txt1.telemetry.topics import Rule, Topic, declare
 
 
@@ -25,6 +26,52 @@ def task_counts(tasks: Mapping[str, TaskStatistics], times: bool) -> TaskCounts:
         name: TaskCount(task.cycles, task.misses, *((task.lateness.copy(), task.run_time.copy()) if times else ()))
         for name, task in tasks.items()
     }
+
+
+class Reports:
+    """The tasks' statistics as they are told: brought up to date no more often than needed, as summing them up costs.
+
+    Args:
+        statistics: of every task so far, by name.
+        virtual: whether time is virtual; lateness and run time are the processor's then, and not counted.
+
+    """
+
+    def __init__(self, statistics: Callable[[], Mapping[str, TaskStatistics]], virtual: bool) -> None:
+        self._statistics, self._virtual = statistics, virtual
+        self._tasks: dict[str, tuple[int, float | None]] = {}  # priority and period (s), by name
+        self._reports: dict[str, TaskReport] = {}
+        self._next = 0
+        self._counts: TaskCounts | None = None
+        self._counted_at = 0.0
+
+    def __len__(self) -> int:
+        """The number of tasks."""
+        return len(self._tasks)
+
+    def add(self, name: str, priority: int, period: float | None) -> None:
+        """Report on another task; its period in s is None when it runs on arrival."""
+        self._tasks[name] = priority, period
+
+    def counts(self, now: float, running: bool) -> TaskCounts:
+        """The counts of all tasks; in virtual time those of a running robot are renewed only once in ten seconds."""
+        if not (self._virtual and running and self._counts) or now >= self._counted_at + 10.0:
+            self._counts, self._counted_at = task_counts(self._statistics(), not self._virtual), now
+        return self._counts
+
+    def newest(self) -> tuple[TaskReport, ...]:
+        """The reports of all tasks; one task's is renewed at a time."""
+        names = list(self._tasks)
+        due = [name for name in names if name not in self._reports] or [names[self._next % len(names)]]
+        self._next += 1
+        self._reports.update((name, self._report(name)) for name in due)
+        return tuple(self._reports.values())
+
+    def _report(self, name: str) -> TaskReport:
+        priority, period = self._tasks[name]
+        task = self._statistics()[name]
+        times = task.lateness.percentiles(), task.run_time.percentiles()
+        return TaskReport(name, priority, None if period is None else 1.0 / period, task.cycles, task.misses, *times)
 
 
 def _array(statuses: Iterable[tuple[int, str, str, Mapping[str, object]]]) -> dict[str, object]:
