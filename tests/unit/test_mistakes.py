@@ -51,6 +51,8 @@ MISTAKES = (
     Mistake(f"{RUN} --source ouija", ("'ouija'", "--source")),
     Mistake("sensor check nose", ("'nose'", "light")),
     Mistake("service install --user run --fly", ("--fly", "txt1 run --help")),
+    Mistake("sweep seed=1..3 --jobs 1 -- run --json", ("options come first", "txt1 sweep --help")),
+    Mistake("sweep seed=1..3 -- run --jsno", ("--jsno", "txt1 run --help")),
     Mistake("sweep seed=1..3", ("settings with their values", "txt1 sweep --help")),
     Mistake("calibrate", ("--write", "mycar.yaml")),
     Mistake("calibrate --write car.txt", ("car.txt", "car.yaml")),

@@ -168,7 +168,8 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         command = whole.get_default("parsers").get(named, whole)
         actions = command.get_default("parsers") or {}
         asked = next((actions[word] for word in words if word in actions), command)
-        asked.error(f"unrecognized arguments: {' '.join(unknown)}")
+        late = "; options come first" if "--" in unknown else ""
+        asked.error(f"unrecognized arguments: {' '.join(unknown)}{late}")
     return arguments
 
 

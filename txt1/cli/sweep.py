@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from txt1.cli import FAULT, OK, execute, options, signals_to
+from txt1.cli import FAULT, OK, execute, options, parsed, signals_to
 from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of, progress
 from txt1.cli.options import flag, takes
@@ -51,6 +51,7 @@ def main(arguments: argparse.Namespace) -> int:
     command = arguments.words[len(given) :]
     if not given or not command:
         raise ConfigError("sweep: give settings with their values, then --, then a command; see 'txt1 sweep --help'")
+    parsed([word.replace(OUT, "out") for word in command])  # a mistake in it is told once, and before anything is made
     trials = dict(enumerate(combinations(dict(map(_setting, given)))))
     about = {"settings": given, "command": command, **provenance()}
     done = _begun(arguments.out, about, arguments.resume)
