@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--manual": flag("start in manual mode, which obeys PWM test"),
         "--as": {
             "dest": "habits", "choices": tuple(HABITS),
-            "help": "behave as our boards do, or as the originals of 2011 were seen to",
+            "help": "behave like our boards, or like those of 2011 as they were observed",
         },
         "--event": takes(
             "T:NAME[=VALUE]", "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "

@@ -39,14 +39,14 @@ HEAD: Final = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `calibrate` takes."""
     add(parser, ROBOT | {
-        "--write": takes("FILE", "the vehicle's YAML file; gone on with where it is there; of --practice a .csv", Path),
+        "--write": takes("FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", Path),
         "--step": takes(
-            "NAME", f"do this step alone, again if need be; may be repeated: {', '.join(STEPS)}", action="append"
+            "NAME", f"do only this step, even if it was done; may be repeated: {', '.join(STEPS)}", action="append"
         ),
         "--practice": takes(
-            "N", "calibrate so many unknown simulated cars of this kind, and judge how each then drives", count
+            "N", "calibrate this number of unknown simulated cars of this kind, and judge how each drives then", count
         ),
-        "--ask": flag("ask you about a simulated car, too, in place of an operator who is simulated as well"),
+        "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
     })  # fmt: skip
 
 

@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
         "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", Path),
         "--label": takes("TEXT", "names the run in figures and tables"),
-        "--repeats": takes("N", "runs, simulated with a seed after the other, whose mean is taken", count, default=1),
-        "--no-safe-end": flag("drive on when the batteries' time is over"),
+        "--repeats": takes("N", "runs, simulated with one seed after the other; their mean is taken", count, default=1),
+        "--no-safe-end": flag("continue to drive when the batteries' safe time is over"),
         "--no-figure": flag("draw nothing; needs no matplotlib"),
         "--json": flag("print the metrics as one JSON object"),
     } | OPTIONS | ROBOT | ARM | LOG)  # fmt: skip

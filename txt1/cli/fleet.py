@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `fleet` takes."""
     options.add(parser.add_mutually_exclusive_group(required=True), {
-        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": options.existing, "help": "names, starts, tasks"},
-        "--robots": takes("N", "so many robots, txt01, txt02 and so on", options.count),
+        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": options.existing, "help": "names, starts and tasks"},
+        "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", options.count),
         "--join": takes(
             "INTERFACE", "watch, stop and drive the fleet on this network interface; left out, on loopback", nargs="?",
             const="",
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration": takes("S", "end after S seconds of the robots' time", options.positive),
         "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", options.velocity),
         "--fleet-key": options.NETWORK["--fleet-key"],
-        "--stop": flag("with --join: stop all robots, say who has answered, and end"),
+        "--stop": flag("with --join: stop all robots, say which have answered, and end"),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),

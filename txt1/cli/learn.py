@@ -28,22 +28,22 @@ from txt1.learning.trial import Episode, starts, task_of
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `learn` takes."""
     parser.epilog = (
-        "Ctrl-C keeps all that was learned; --resume carries on. What is learned, and how: learning in the "
-        "configuration, e.g. --set learning.thesis.remedy=hold. A disarm ends it, as nobody is there to arm again: "
-        f"--resume --arm carries on. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
+        "Ctrl-C keeps all that was learned; --resume continues. Settings are under learning in the "
+        "configuration, e.g. --set learning.thesis.remedy=hold. A disarm ends it, because nobody can arm again: "
+        f"--resume --arm continues. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
     add(parser, {
         "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
-        "--trials": takes("N", "each from scratch; 5 by default", count, default=5),
-        "--episodes": takes("N", "of each trial; 31 by default", count, default=31),
+        "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
+        "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
         "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
-        "--resume": flag("carry on what was begun in DIR"),
-        "--no-pictures": flag("draw none: of many trials in a sweep they would cost the most"),
-        "--worlds": takes("DIR", "learners in all worlds of DIR (config/worlds), and four drawn by --seed", Path),
+        "--resume": flag("continue the results in DIR"),
+        "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
+        "--worlds": takes("DIR", "learn in all worlds of DIR (config/worlds), and in four drawn by --seed", Path),
         "--world": takes("NAMES", "only these of them, separated by commas"),
         "--compare": takes("FILE", "contenders in one world, per seconds driven: raw results in FILE.jsonl, carried on "
                            f"when it is there; those of --agent, or {', '.join(compare.ALL)}", Path),
-        "--floor": flag("only the best time that full knowledge reaches, of every start"),
+        "--floor": flag("only compute the floor: the best time from every start with full knowledge"),
     } | OPTIONS | LOG | ROBOT | ARM)  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
 
 
 def recover_file(arguments: argparse.Namespace) -> int:
-    """Make a complete file of one that breaks off."""
+    """Make a complete file from a broken one."""
     from txt1.record.recover import recover
 
     target = arguments.output or arguments.file.with_suffix(".recovered.mcap")

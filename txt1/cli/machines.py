@@ -30,7 +30,7 @@ POLL: Final = 0.1  # s of real time between two looks whether it is to end
 GRACE: Final = 2.0  # s for trials that look whether it is to end; others are killed: their results are lost
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
-    "--jobs": takes("N", "processes; in simulation, by default one a processor", count),
+    "--jobs": takes("N", "number of processes; in simulation one for each processor by default", count),
     "--dask": takes("ADDRESS", "on a Dask cluster: tcp://127.0.0.1:8786, or tls://HOST:PORT"),
     "--dask-ca": takes("FILE", "certificate of the authority", existing),
     "--dask-cert": takes("FILE", "our certificate", existing),

@@ -131,8 +131,8 @@ Arguments = Mapping[str, dict[str, Any]]  # of a command by their names, from `t
 
 LINE: Final = {
     "--port": takes(
-        "PORT", "where the board is: a device, socket://HOST:PORT, or one in this process: virtual, with --hal vesc: "
-        "vesc, waveshare: waveshare; left out, the only device there is",
+        "PORT", "where the board is: a device, socket://HOST:PORT, or a virtual one in this process (virtual; with "
+        "--hal vesc: vesc, with --hal waveshare: waveshare); left out, the only device that is plugged in",
     ),
     "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
 }  # fmt: skip
@@ -159,7 +159,7 @@ VIEW: Final = {
         "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
     ),
     "--view-token": takes(
-        "FILE", "clients have to present the token in FILE, made if there is none: ws://HOST:PORT/?token=TOKEN", Path
+        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", Path
     ),
 }  # fmt: skip
 WEB: Final = {
@@ -167,11 +167,11 @@ WEB: Final = {
         "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
         "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
     ),
-    "--web-token": takes("FILE", "the token that pages present, made if there is no file", Path),
+    "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", Path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
     "--web-key": takes("FILE", "... and its key, if that is another file", existing),
     "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
-    "--web-folder": takes("FOLDER", "recordings that the page makes and plays", Path, default=Path("out/recordings")),
+    "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", Path, default=Path("out/recordings")),
     "--web-robot": takes(
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
@@ -188,10 +188,10 @@ NETWORK: Final = {
     "--fleet": takes(
         "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
     ),
-    "--fleet-key": takes("FILE", "the password that all of a fleet beyond loopback share", Path),
+    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", Path),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
-ONE_ROBOT: Final = {"--robot": takes("NAME", "of a recording of several robots this one")}
+ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}
 
 
 def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:

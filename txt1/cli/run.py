@@ -50,11 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--view-control": flag("let the live view's teleop panel drive"),
         "--gamepad": flag("let gamepads drive, whichever are plugged in (see txt1 gamepad)"),
     } | options.WEB | options.ROS | options.NETWORK | {
-        "--name": takes("NAME", "of the robot, before the names of its topics and in the fleet"),
+        "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
         "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
-        "--team": takes("NAME,NAME,...", "who cooperates, the leader of a convoy first", options.names),
+        "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", options.names),
         "--share": takes(
-            "EPISODES", "with --learn: every so many take over what others of the fleet have learned", options.count
+            "EPISODES", "with --learn: learn from the fleet before every so many episodes", options.count
         ),
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",

@@ -37,11 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add(parser, {
         "words": {
             "nargs": "+", "metavar": "PARAM=VALUES | COMMAND",
-            "help": "behind the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
+            "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
             f"writes metrics.json into {OUT}",
         },
         "--out": takes("DIR", "where the table goes; out/sweep when left out", Path, default=Path("out/sweep")),
-        "--resume": flag("carry on what was begun in DIR"),
+        "--resume": flag("continue the results in DIR"),
     } | OPTIONS)  # fmt: skip
 
 

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out": takes("DIR", "write tables and figures of old and new there", Path),
         "--write": takes("FILE", "write the gains to this YAML file", Path),
         "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
-        "--repeats": takes("N", "runs of a test whose mean is judged", count, default=10),
+        "--repeats": takes("N", "number of runs of each test; their mean is judged", count, default=10),
     })  # fmt: skip
 
 
