@@ -1,4 +1,4 @@
-"""Parts by name: ours from a table, other packages' through a group of entry points, imported when first asked for."""
+"""Parts by name: ours from a table, those of other packages through entry points; imported when first used."""
 
 import asyncio
 import difflib

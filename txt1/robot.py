@@ -57,10 +57,10 @@ T = TypeVar("T")
 
 
 class Robot:
-    """A running robot. Get one from `Robot.open`.
+    """A running robot; `Robot.open` starts one.
 
-    Commands are requests: they take effect through the safety gate, and a velocity or PWM command is good for
-    `safety.command_timeout` (0.25 s) only, so keep commanding, or use `drive`, which does.
+    Commands are requests: they pass the safety gate. A velocity or PWM command is valid only for
+    `safety.command_timeout` (0.25 s), so send it again and again, or use `drive`, which repeats it.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -71,12 +71,12 @@ class Robot:
         self.hal = runtime.hal
         """The hardware layer underneath."""
         self.sensors: Mapping[str, Polled[Any]] = runtime.sensors
-        """The sensors beside those of the hardware layer, by name: their last readings, and how they are."""
+        """The additional sensors, beside those of the hardware layer, by name: last reading and health of each."""
         self._wheel = Wheel(runtime)
         self.program = self.source("program")
         """The source of commands behind `command` and `drive`."""
         self.gains_rejected = False
-        """Whether the last answer to a PID set was that its gains are not acceptable."""
+        """Whether the board refused the last gains that were sent to it."""
         self.touched = False
         """Whether somebody has stopped or disarmed the robot since it started."""
         self._pid_response: asyncio.Future[bool] | None = None
@@ -96,28 +96,28 @@ class Robot:
         patience: float = 10.0,
         attach: Callable[[Runtime], None] | None = None,
     ) -> AsyncIterator[Robot]:
-        """A running robot, its link up; stopped safely when the block is left.
+        """Start a robot and wait for its link; it is stopped safely when the block is left.
 
-        The environment's ``TXT1_`` variables count, as on the command line. On a simulated HAL the robot arms by
-        itself. When a task fails the robot is stopped and the block is left with a TaskFault.
+        ``TXT1_`` variables of the environment are settings, as on the command line. On a simulated HAL the robot arms
+        by itself. When a task fails, the robot is stopped and the block is left with a TaskFault.
 
         Args:
-            hal: name of the hardware layer, or one of your own making.
+            hal: name of the hardware layer, or an object that is one.
             config: a YAML file or a ready configuration.
-            name: of one robot of several; stands before the names of its topics, and gives it random values of its own.
+            name: of one robot of several; comes before the names of its topics, and gives it its own random values.
             seed: repeats every random value of a simulation.
-            world: shared with other simulated robots on this event loop, in place of the configured room and obstacles.
+            world: shared with other simulated robots on this event loop, instead of the configured room and obstacles.
             settings: ``a.b=c`` each, as with ``--set``.
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
-            patience: s to wait for the link; 0 waits for nothing, does not arm, and leaves both to the caller.
+            patience: s to wait for the link; with 0 it neither waits nor arms, and the caller does both.
             attach: called with the runtime before it starts, such as a recorder that watches from the first tick on.
 
         Raises:
             ConfigError: a setting is wrong.
             HalError: the hardware cannot be opened, or the board does not answer.
             TaskFault: a task raised an exception; the cause is chained.
-            StopNotVerified: when the block is left, a stop took more than zeros, or the robot was not seen to stand; an
-                error that ended the block, or the TaskFault, is its cause.
+            StopNotVerified: a stop took more than zeros, or the robot was not seen to stand; raised when the block is
+                left. An error that ended the block, or the TaskFault, is its cause.
 
         """
         given = {"hal": hal if isinstance(hal, str) else None, "name": name, "seed": seed}
@@ -174,7 +174,7 @@ class Robot:
             raise StopNotVerified(robot.trouble)
 
     async def linked(self, timeout: float = inf) -> None:
-        """Wait for the link (the host is heard; behind a line, the board answers); HalError if not in `timeout` s."""
+        """Wait until host and board hear each other; raises HalError when they do not within `timeout` s."""
         ends = self.now + timeout
         while not self.runtime.linked:
             if self.now >= ends:
@@ -194,17 +194,17 @@ class Robot:
 
     @property
     def odometry(self) -> Odometry:
-        """Pose where odometry started (m, rad) and velocities (m/s, rad/s)."""
+        """Pose from where odometry started (m, rad), and velocities (m/s, rad/s)."""
         return self.runtime.state.odometry
 
     @property
     def pose(self) -> tuple[float, float, float] | None:
-        """True pose (x, y, theta) in the room, m and rad, where the HAL knows it: in simulation."""
+        """True pose (x, y, theta) in the room, m and rad; None unless the HAL knows it, as in simulation."""
         return self.runtime.state.pose
 
     @property
     def estimate(self) -> Estimate | None:
-        """Pose and velocities by all sensors together, with covariance; None where ``estimation`` is off."""
+        """Pose and velocities from all sensors together, with covariance; None while ``estimation`` is off."""
         estimator = self.runtime.estimator
         return None if estimator is None else estimator.estimate
 
@@ -215,18 +215,18 @@ class Robot:
 
     @property
     def armed(self) -> bool:
-        """Whether the safety gate is open."""
+        """Whether the robot is armed, that is, the safety gate is open."""
         return self.runtime.gate.armed
 
     @property
     def arms_by_itself(self) -> bool:
-        """Whether ``safety.auto_arm`` has it armed when it starts."""
+        """Whether the robot arms by itself at the start, by ``safety.auto_arm``."""
         auto_arm = self.config.safety.auto_arm
         return auto_arm == "always" or (auto_arm == "auto" and self.hal.capabilities.simulated)
 
     @property
     def arms_again(self) -> bool:
-        """Whether a lost link has disarmed it and ``serial.rearm`` will have it armed when the link is back."""
+        """Whether a lost link has disarmed the robot, and ``serial.rearm`` will arm it when the link is back."""
         return self.config.serial.rearm and self.runtime.gate.closed_by is Fault.LINK
 
     @property
@@ -236,22 +236,22 @@ class Robot:
 
     @property
     def stop_state(self) -> Stop | None:
-        """How the last stop is going, where it has to be verified; None for a simulation, whose outputs are obeyed."""
+        """Progress of the last stop, if stops are verified; None for a simulation, which always obeys its outputs."""
         return None if self.runtime.watch is None else self.runtime.watch.standstill.stop
 
     @property
     def trouble(self) -> str:
-        """Why a stop of this run was none, or nobody saw the robot stand; "" when zeros were enough each time."""
+        """Why a stop of this run failed, or nobody saw the robot stand; "" when zeros were enough each time."""
         return "" if self.runtime.watch is None else self.runtime.watch.trouble
 
     @property
     def faults(self) -> dict[str, int]:
-        """Everything that was refused, clipped or lost so far, by name."""
+        """Counts of everything that was refused, limited or lost so far, by name."""
         return self.runtime.faults()
 
     @property
     def snapshot(self) -> Snapshot:
-        """Everything that the robot tells, by topic, as it is now."""
+        """The present values of all topics."""
         return self.runtime.snapshot()
 
     def odometry_stream(self) -> AsyncIterator[EncoderOdometry]:
@@ -281,13 +281,13 @@ class Robot:
         return self._stream(self.sensors[name].sensor.topic)
 
     async def add_sensor(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
-        """Open a sensor of your own and read it to the end; raises HalError, or ValueError when the name is taken."""
+        """Open a sensor of your own, read until the run ends; raises HalError, or ValueError: the name is taken."""
         return await self.runtime.sensors.add(name, sensor, period)
 
     # -- arming ------------------------------------------------------------------------------------------------
 
     def arm(self) -> None:
-        """Let commands through, and release the emergency stop; raises NotArmed, which says why it may not be."""
+        """Let commands through, and release the emergency stop; raises NotArmed with the reason when it may not."""
         self._wheel.commander.clear(self.now)  # nothing from before counts
         self.runtime.arm()
 
@@ -304,11 +304,11 @@ class Robot:
     # -- driving -----------------------------------------------------------------------------------------------
 
     def source(self, name: str, priority: int | None = None, timeout: float | None = None) -> CommandSource:
-        """A source of commands of your own, beside the keys, the live view and the program.
+        """A new source of commands, beside the keys, the live view and the program.
 
-        One source at a time has the wheel (see `txt1.control.commander`); the higher priority outranks the lower. None
-        takes ``commander.priorities``, or is by name: keys 50, gamepad 40, web 30, ros 20, any other 10. Commands are
-        stale after `timeout` s; None takes ``commander.timeouts``, or the safety gate's.
+        One source at a time has the wheel (see `txt1.control.commander`); the one of higher priority wins. `priority`
+        None takes ``commander.priorities``, or goes by the name: keys 50, gamepad 40, web 30, ros 20, any other 10.
+        Commands are stale after `timeout` s; None takes ``commander.timeouts``, or the safety gate's.
 
         Raises ConfigError: the name is taken, or the time-out is longer than ``safety.command_timeout``.
         """
@@ -346,7 +346,7 @@ class Robot:
         self.program.release()
 
     def combined_odometry(self, x: float, y: float, theta: float, v: float, omega: float) -> None:
-        """Offer odometry from better sensors than the encoders; only v (m/s) and omega (rad/s) are used.
+        """Offer odometry from sensors that are better than the encoders; only v (m/s) and omega (rad/s) are used.
 
         The loops use it while more than two a second come and the last is at most 0.1 s old.
 
@@ -451,7 +451,7 @@ class Robot:
         self.switch_power(Switch.ESC, self.runtime.state.power.esc is False)
 
     async def shutdown_host(self) -> None:
-        """Power the host down for good; raises CommandRefused unless `host.allow_shutdown` is on and it is disarmed."""
+        """Power the host down; raises CommandRefused unless `host.allow_shutdown` is on and the robot is disarmed."""
         if not self.config.host.allow_shutdown:
             raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
         if self.armed:
@@ -461,7 +461,7 @@ class Robot:
             raise CommandRefused(f"'{' '.join(SHUTDOWN)}' failed with exit code {process.returncode}")
 
     def place(self, x: float, y: float, theta: float) -> None:
-        """Put a simulated robot down at a pose in the room, at rest; m and rad. Its odometry goes on.
+        """Place a simulated robot at a pose in the room, at rest; m and rad. Its odometry goes on.
 
         Raises NotCapable: it is not simulated; ValueError: it would stick into a wall.
         """
@@ -473,7 +473,7 @@ class Robot:
     def add_task(
         self, name: str, period: float, task: Callable[[Ticks], Coroutine[Any, Any, None]], priority: int = 0
     ) -> None:
-        """Run a coroutine of your own beside the robot's tasks, with a period in seconds and a priority.
+        """Run your own coroutine beside the robot's tasks, with a period in seconds and a priority.
 
         ::
 

@@ -1,7 +1,7 @@
-"""The interface between the tasks and whatever is underneath them.
+"""The interface between the tasks and the hardware, real or simulated.
 
-A HAL is a handful of methods and a statement of what it can do. The tasks ask for the capability, never for the name.
-`txt1.hal.conformance` checks any HAL against what is promised here.
+A hardware layer (HAL) has a few methods, and capabilities that say what it can do. The tasks ask for a capability,
+never for the HAL's name. `txt1.hal.conformance` checks any HAL against the rules in this module.
 """
 
 from collections.abc import Callable
@@ -38,28 +38,28 @@ class Button(IntFlag):
 
 @dataclass(frozen=True)
 class Capabilities:
-    """The abilities of a HAL; those it lacks are a dash on the screens and refused by name in the API."""
+    """The abilities of a HAL. What it lacks is a dash on the screens, and is refused with its name by the API."""
 
     ticks: bool = False
     """Reports encoder counts."""
     odometry: bool = False
-    """Reports odometry that it computes itself; what takes no PWM always does."""
+    """Reports odometry that it computes itself; a HAL without `pwm` always does."""
     pwm: bool = False
-    """Takes PWM outputs, so the velocity loops run here; otherwise it takes set-points and closes its own loops."""
+    """Takes PWM outputs, so the velocity loops run in txt1; otherwise it takes set-points and closes its own loops."""
     gains: bool = False
-    """Takes the gains of those loops of its own."""
+    """Takes gains for its own loops."""
     combined: bool = False
-    """Takes combined odometry for them."""
+    """Takes combined odometry for its own loops."""
     battery: bool = False
     """Reports battery voltages."""
     smoothed: bool = False
-    """The voltages it reports are smoothed already."""
+    """Reports voltages that are already smoothed."""
     power: bool = False
     """Has the switches for the ATX supply and the ESC."""
     power_known: bool = False
-    """Knows how they stand, both on at first; otherwise they are asked for, and nobody confirms it."""
+    """Knows the state of the switches, both on at first; otherwise a state is asked for, and never confirmed."""
     halt: bool = False
-    """Is at the far end of something that may not obey a stop, and can be told more firmly: stops are verified."""
+    """May disobey a stop, and has `halt` as a stronger means: stops are verified."""
     servos: bool = False
     """Has the two free servo channels."""
     buttons: bool = False
@@ -69,16 +69,16 @@ class Capabilities:
     pose: bool = False
     """Knows the robot's true pose in the room: a simulator."""
     simulated: bool = False
-    """Nothing real moves, so the robot arms by itself."""
+    """Moves nothing real, so the robot arms by itself."""
 
     @property
     def blind(self) -> bool:
-        """Whether it takes PWM and knows no motion: it is driven by a speed map, and its odometry is dead reckoning."""
+        """Whether it takes PWM but measures no motion: a speed map drives it, and its odometry is dead reckoning."""
         return self.pwm and not (self.ticks or self.odometry)
 
 
 class BoardLink(NamedTuple):
-    """How the link to a board is."""
+    """The state of the link to a board."""
 
     ready: bool  # the board has been heard for long enough to be sent a set-point
     losses: int  # how often the board was lost so far; each time disarms
@@ -90,12 +90,12 @@ class BoardLink(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """The hardware's report of one instant; None where it has no such sensor."""
+    """The hardware's report of one instant; None for a value that it has no sensor for."""
 
     ticks: tuple[int, int] | None = None
     """Encoder counts (right, left) since the start, forward positive."""
     odometry: Odometry | None = None
-    """What the hardware itself computed."""
+    """Odometry that the hardware computed itself."""
     odometry_time: float = 0.0
     """When it arrived, s of the run."""
     batteries: tuple[float, float] | None = None
@@ -103,7 +103,7 @@ class Inputs(NamedTuple):
     cut_off: bool = False
     """The battery cut-off circuit has opened."""
     buttons: Button = Button.NONE
-    """Those that are held down."""
+    """The buttons that are held down."""
     backlight: float | None = None
     """Position of the display's potentiometer, 0 to 1."""
     pose: tuple[float, float, float] | None = None
@@ -130,17 +130,17 @@ class Hal(Protocol):
 
     @property
     def name(self) -> str:
-        """The name it is registered by."""
+        """The name by which it is registered."""
 
     @property
     def capabilities(self) -> Capabilities:
-        """What it can do; constant."""
+        """The abilities of this HAL; constant."""
 
     async def open(self) -> None:
-        """Make the hardware ready, outputs neutral. A HalError when it cannot be opened says what to do."""
+        """Make the hardware ready, with neutral outputs; raises HalError with the cause and the remedy."""
 
     async def close(self) -> None:
-        """Leave the outputs neutral and let go of the hardware; harmless when closed already."""
+        """Set the outputs to neutral and release the hardware; harmless when it is already closed."""
 
     def read(self, now: float) -> Inputs:
         """The sensors' report at `now`."""
@@ -149,22 +149,22 @@ class Hal(Protocol):
         """Hold these outputs from `now` on."""
 
     def halt(self, outputs: Outputs, now: float) -> None:
-        """Put these neutral outputs straight on the actuators, past loops and modes that do not obey `write`."""
+        """Set these neutral outputs directly, past loops and modes that do not obey `write`."""
 
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn a power supply on or off."""
 
     def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
-        """Have the hardware's own loops use these gains, also after it has been away.
+        """Send these gains to the hardware's own loops, and again when the hardware was away.
 
-        `answered` is told whether they were accepted, later and as often as the hardware answers.
+        `answered` is called with True or False, accepted or not, each time that the hardware answers.
         """
 
     def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
         """Hand combined odometry to the hardware's own loops."""
 
     def indicate(self, indicators: Indicators) -> None:
-        """Set buzzer and LEDs; nothing where there are none."""
+        """Set buzzer and LEDs; does nothing when there are none."""
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
-        """Put the robot down at a pose in the room, at rest; m and rad. A ValueError when it cannot stand there."""
+        """Place the robot at a pose in the room, at rest; m and rad. Raises ValueError when it cannot stand there."""

@@ -166,7 +166,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 
 def run(main: Coroutine[Any, Any, T], *, speed: Speed = None) -> T:
-    """Run a coroutine to its end, like ``asyncio.run`` but on one of our loops, and return its result.
+    """Run a coroutine to its end, like ``asyncio.run``, and return its result.
+
+    `speed` None runs in real time. A number runs in virtual time, so many times as fast as real time; "max" as fast as
+    the processor. Virtual time is for simulations only.
 
     Raises ValueError: the speed is neither None, "max" nor a positive number.
     """

@@ -1,7 +1,7 @@
 """The interface between the robot and a sensor that is not part of its hardware layer.
 
-A driver is one module with a class that has `open`, `close` and `read`, a topic, and a function that makes it of a
-`Setup`. `txt1.sensors.conformance` checks any sensor against the promises that stand here; docs/sensors.md shows one.
+A driver is one module: a class with `open`, `close`, `read` and a topic, and a function that makes the sensor from a
+`Setup`. `txt1.sensors.conformance` checks any sensor against the rules in this module; docs/sensors.md has an example.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Reading(NamedTuple, Generic[T]):
 
 
 class Sensor(Protocol[T]):
-    """A sensor. Times are seconds since the run started; readings' times neither go backwards nor lie in the future.
+    """A sensor. Times are seconds since the run started; the times of readings rise, and are never in the future.
 
-    HalError and OSError say that the hardware fails: the sensor is marked unhealthy, asked again at each period, and
-    the robot goes on. Every other exception is a mistake in the program and stops the robot.
+    When the hardware fails, it raises HalError or OSError: the sensor is marked unhealthy and read again at each
+    period, and the robot goes on. Every other exception is a mistake in the program and stops the robot.
     """
 
     @property
@@ -47,20 +47,20 @@ class Sensor(Protocol[T]):
 
     @property
     def simulated(self) -> bool:
-        """Whether nothing real is read, so that it works in virtual time; constant."""
+        """Whether it reads nothing real, so that it works in virtual time; constant."""
 
     async def open(self) -> None:
-        """Make the hardware ready. May wait. A HalError when it cannot be opened says in one line what to do."""
+        """Make the hardware ready; may wait. Raises HalError with the cause and the remedy in one line."""
 
     async def close(self) -> None:
-        """Let go of the hardware; harmless when closed already. It can be opened again."""
+        """Release the hardware; harmless when it is already closed. The sensor can be opened again."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading at `now`; None when there is none since the last one. Never waits."""
+        """The newest reading at `now`, or None when there is no new one; never waits."""
 
 
 class Setup(NamedTuple):
-    """All that a driver is told when it makes a sensor."""
+    """The arguments with which a driver makes a sensor."""
 
     name: str
     options: Mapping[str, Any]
@@ -73,7 +73,7 @@ class Setup(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """How a sensor is."""
+    """The health of a sensor, and its last values."""
 
     name: str
     units: str
