@@ -6,6 +6,8 @@ Every page has a socket. What it sends is bounded in size and number (`requests`
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -78,9 +80,14 @@ async def serve(
 
     loop = asyncio.get_running_loop()
     patience = None if context is None else STRANGER
-    listener = await loop.create_server(
-        connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
-    )
+    try:
+        listener = await loop.create_server(
+            connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
+        )
+    except OSError as error:  # another program has taken it since it was found to be free
+        await runner.cleanup()
+        why = os.strerror(error.errno or 0)
+        sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")
     beating = asyncio.create_task(_beat(pages, routes))
     loop.add_reader(robot.fileno(), pages.hear)
     try:
