@@ -50,6 +50,7 @@ MISTAKES = (
     Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed:")),
     Mistake(f"{RUN} --source ouija", ("'ouija'", "--source")),
     Mistake("sensor check nose", ("'nose'", "light")),
+    Mistake("service install --user run --set safety.vmax=1", ("safety.vmax", "did you mean 'safety.v_max'")),
     Mistake("service install --user run --fly", ("--fly", "txt1 run --help")),
     Mistake("sweep seed=1..3 --jobs 1 -- run --json", ("options come first", "txt1 sweep --help")),
     Mistake("sweep seed=1..3 -- run --jsno", ("--jsno", "txt1 run --help")),

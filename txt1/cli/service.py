@@ -119,9 +119,10 @@ def unit_path(name: str, *, system: bool) -> Path:
 
 
 def run_options(words: Sequence[str]) -> list[str]:
-    """Return the options of `run` for a service, without screens and never armed; ConfigError for those that arm."""
+    """Return the options of `run` for a service, without screens and never armed; ConfigError for wrong ones."""
     given = list(words[1:] if words[:1] in (["run"], ["--"]) else words)
     told = parsed(["run", *given])
+    options.loaded(told)  # a setting that is wrong is told now, and not in a journal after the next boot
     if told.arm:
         raise ConfigError(
             "--arm: a service comes up by itself, so it never arms; leave it out, and arm when you see it"
