@@ -41,9 +41,9 @@ def unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_unit_is_written_and_taken_away(unit: Path, capsys: Capture) -> None:
-    assert execute(["service", "install", "--user", "run", "--hal", "sim", "--set", "name=big robot"]) == 0
+    assert execute(["service", "install", "--user", "run", "--hal", "sim", "--set", "hal_options.note=big robot"]) == 0
     lines = unit.read_text().splitlines()
-    command = f'ExecStart={sys.executable} -m txt1 run --hal sim --set "name=big robot" --headless --no-arm'
+    command = f'ExecStart={sys.executable} -m txt1 run --hal sim --set "hal_options.note=big robot" --headless --no-arm'
     assert command in lines
     assert {"Type=notify", "WatchdogSec=2", "Restart=on-failure", "StandardOutput=journal"} <= set(lines)
     assert "systemctl --user daemon-reload && systemctl --user enable --now txt1" in capsys.readouterr().err
@@ -53,7 +53,7 @@ def test_a_unit_is_written_and_taken_away(unit: Path, capsys: Capture) -> None:
 
 
 def test_systemd_finds_nothing_wrong_with_the_unit(unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert execute(["service", "install", "--user", "run", "--realtime", "--set", 'name=a "b" $c 100%']) == 0
+    assert execute(["service", "install", "--user", "run", "--realtime", "--set", 'hal_options.x=a "b" $c 100%']) == 0
     monkeypatch.undo()
     analyze = shutil.which("systemd-analyze")
     if analyze is None:
