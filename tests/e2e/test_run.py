@@ -75,3 +75,13 @@ def test_real_time_and_virtual_time_exclude_each_other(capsys: Capture) -> None:
 def test_a_bridge_that_is_not_there_or_an_option_without_a_value_is_a_mistake(words: str, capsys: Capture) -> None:
     assert execute(["run", "--json", "--duration", "1", "--bridge", words]) == 2
     assert words.split(":")[-1] in capsys.readouterr().err
+
+
+def test_a_drive_beyond_the_car_is_told_with_the_nearest_that_it_can(capsys: pytest.CaptureFixture[str]) -> None:
+    run = ["run", "--headless", "--duration", "1", "--speed", "max", "--drive"]
+    assert execute([*run, "0,1"]) == 0
+    assert "--drive 0,1: it will be 0,0, as this car turns with a radius of at least 0.56 m" in capsys.readouterr().err
+    assert execute([*run, "0.5,0.3"]) == 0
+    assert "--drive" not in capsys.readouterr().err
+    assert execute([*run, "0,1", "--vehicle", "rover"]) == 0
+    assert "--drive" not in capsys.readouterr().err

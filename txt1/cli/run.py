@@ -21,7 +21,7 @@ from txt1.cli.ros import RosNode, ros1_node, ros2_node
 from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.config.sources import with_values
-from txt1.control.limits import Fault
+from txt1.control.limits import Fault, SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.fleet.link import Link
@@ -111,6 +111,8 @@ def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)
+    if arguments.drive is not None:
+        _tell_limits(arguments.drive, config)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     page = web_page(arguments)
@@ -118,6 +120,18 @@ def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
         need("--gamepad", "gamepad", "pygame")
     nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
     return Asked(agent, steer, page, nodes, fleet)
+
+
+def _tell_limits(drive: tuple[float, float], config: Config) -> None:
+    """Say which set-point the safety gate will make of this one, m/s and rad/s, where the car cannot do it."""
+    nearest = SetpointBounds(config.limits()).nearest(*drive)
+    if nearest != drive:
+        radius, limits = config.geometry.radius_min, config.safety
+        say(
+            "--drive {:g},{:g}: it will be {:.3g},{:.3g}".format(*drive, *nearest)
+            + f", as this car turns with a radius of at least {radius:g} m, at {limits.v_max:g} m/s and "
+            f"{limits.omega_max:g} rad/s at most"
+        )
 
 
 async def _operate(app: App, arguments: argparse.Namespace, config: Config, asked: Asked) -> None:
