@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import copyfile
-from typing import Final
+from typing import Any, Final
 
 from docs import parts
 from txt1.cli import execute
@@ -23,6 +24,21 @@ WORLDS: Final = HERE.parent / "out" / "compared-worlds"
 PAGE: Final = HERE / "compared-learners.md"
 LEARNERS: Final = "thesis,sweeps,taxis,pilot,neural"
 SEED: Final = "1"
+
+
+def losses(results: Sequence[dict[str, Any]]) -> str:
+    """The worlds in which each learner does not always arrive, or refuses to try; who has most of them first."""
+    found: dict[str, list[tuple[float, str]]] = {}
+    for one in results:
+        shown = suite.figures(one)
+        if "refused" in shown or shown["success"] < 1.0:
+            share = shown.get("success", 0.0)
+            told = "refuses the sensors" if "refused" in shown else f"{100.0 * share:.0f} %"
+            found.setdefault(one["agent"], []).append((share, f"`{one['world']}` {told}"))
+    worst = sorted(found.items(), key=lambda pair: -len(pair[1]))
+    lines = [f"- `{name}`, in {len(own)} worlds: {', '.join(text for _, text in sorted(own))}." for name, own in worst]
+    lines += [f"- `{name}`: in none." for name in LEARNERS.split(",") if name not in found]
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -45,6 +61,7 @@ def main() -> None:
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]
     if files:
         results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
+        parts.write(PAGE, "losses", losses(results), "docs.compared_learners")
         parts.write(PAGE, "worlds", suite.table(results), "docs.compared_learners")
 
 

@@ -104,7 +104,7 @@ def changes(results: Sequence[dict[str, Any]]) -> str:
     for one in changed:
         found = suite.figures(one)
         curve = " | ".join(f"{found['to_floor_at_episode'][k - 1]:.2f}" for k in shown)
-        back = "never" if found["back_after"] is None else f"{found['back_after']} episodes"
+        back = "never" if found["back_after"] is None else f"{(n := found['back_after'])} episode{'s' * (n != 1)}"
         lines.append(f"| `{one['world']}` | {curve} | {back} |")
     return "\n".join([*lines, ""])
 

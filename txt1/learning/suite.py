@@ -10,6 +10,7 @@ A world is a configuration file, config/worlds/*.yaml; four more are drawn from 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -244,8 +245,8 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
     for name, column in (("to_floor", 5), ("to_optimum", 4)):
         found[name] = _ratio(late, won, column)
         again = [rng.integers(0, len(late), len(late)) for _ in range(RESAMPLES if len(late) > 1 else 0)]
-        spread = [_ratio(late[k], won[k], column) for k in again]
-        found[f"{name}_95"] = [float(x) for x in np.nanpercentile(spread, (2.5, 97.5))] if spread else None
+        spread = [ratio for k in again if isfinite(ratio := _ratio(late[k], won[k], column))]
+        found[f"{name}_95"] = [float(x) for x in np.percentile(spread, (2.5, 97.5))] if spread else None
     curve = [_ratio(data[:, k : k + 1], data[:, k : k + 1, 3] == 1.0, 5) for k in range(data.shape[1])]
     found["to_floor_at_episode"] = curve
     second = data[:, 1:2]
