@@ -27,7 +27,7 @@ from txt1.board import Board, BoardEvent
 from txt1.config import load
 from txt1.errors import CommandRefused, HalError, LinkLost, NotArmed, StopNotVerified, TaskFault
 from txt1.hal import serial
-from txt1.hal.base import LINK, Inputs
+from txt1.hal.base import LINK, Inputs, Outputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import clock_of
@@ -312,7 +312,13 @@ async def go_and_switch_on(on: Desk) -> None:
 async def hanging(on: Desk) -> None:
     """Do so, and have the motor's output hang whatever it is told."""
     await manual(on)
-    on.hal.vehicle.command = lambda *counts: None  # type: ignore[method-assign]
+    hal: Any = on.hal
+
+    def hung(outputs: Outputs, now: float) -> None:
+        hal.vehicle.advance_to(now)
+        hal.outputs = outputs
+
+    hal.write = hung
 
 
 async def lose_encoder(on: Desk) -> None:
