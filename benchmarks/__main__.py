@@ -65,7 +65,7 @@ def main() -> None:
 def machine() -> Iterator[str]:
     """What was measured, with which versions, and on which machine."""
     form = "from source" if str(scheduler.__file__).endswith(".py") else "compiled"
-    yield f"txt1 {__version__} {form}, Python {platform.python_version()}, Linux {platform.release()}"
+    yield f"version {__version__} {form}, Python {platform.python_version()}, Linux {platform.release()}"
     told = Path("/proc/cpuinfo").read_text(encoding="utf-8") if sys.platform == "linux" else ""
     models = {line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")}
     processor = ", ".join(models) or platform.machine()
@@ -89,9 +89,9 @@ def page(path: Path) -> Iterator[None]:
 
     with redirect_stdout(Both()):
         yield
-    block = "\n".join(f"    {line}".rstrip() for line in printed.getvalue().splitlines())
+    block = "\n".join(line.rstrip() for line in printed.getvalue().splitlines())
     before = path.read_text(encoding="utf-8").partition(RESULTS)[0] if path.exists() else "# Benchmarks\n\n"
-    path.write_text(f"{before}{RESULTS}\n{block}\n", encoding="utf-8")
+    path.write_text(f"{before}{RESULTS}\n```text\n{block}\n```\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
