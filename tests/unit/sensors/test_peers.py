@@ -96,6 +96,10 @@ for _ in range(500):
 
 async def test_vrpns_own_client_reads_our_vicon() -> None:
     pytest.importorskip("motioncapture", reason="needs VRPN's client: pip install motioncapture")
+    try:
+        socket.getprotobyname("tcp")
+    except OSError:
+        pytest.skip("VRPN's client looks up tcp in /etc/protocols: apt install netbase")
     device = FakeVicon("txt01")
     listener = await listen_tcp("127.0.0.1", 0, device)
     theta = 0.7
