@@ -108,7 +108,10 @@ class Keeper(Protocol):
         """Put out pulses, us; never waits."""
 
     def heard(self, now: float) -> Answer | None:
-        """The newest answer since the last time; raises HalError when there will be none."""
+        """The newest answer since the last time.
+
+        A HalError says, once, that the guard has ended: the next one counts its encoders from 0.
+        """
 
 
 def answer_of(data: bytes) -> Answer:
@@ -149,7 +152,7 @@ class Process:
                 os.write(self._process.stdin.fileno(), pulses_in(self._setup, pulses))
 
     def heard(self, now: float) -> Answer | None:
-        """Its newest answer; one that has ended is started again, as the outputs stay as they were."""
+        """Its newest answer; when it has ended, another one is started, as the outputs stay as they were."""
         process = self._process
         if process is None or process.stdout is None:
             if now >= self._again and (self._starting is None or self._starting.done()):
@@ -162,7 +165,7 @@ class Process:
             return None
         if not data:
             self._process, self._ended, self._again = None, process, now
-            return None
+            raise HalError("the outputs are lost: their guard has ended")
         data = self._rest + data
         whole = len(data) // ANSWER.size * ANSWER.size
         self._rest = data[whole:]
@@ -255,6 +258,7 @@ class PiHal(PlainHal):
     def _forget(self) -> None:
         self._heard, self._heard_since = -inf, inf  # s of the run
         self._counts: tuple[int, int] | None = None
+        self._past = (0, 0)  # counts of the guards that have ended
         self._odometry = Odometry()
         self._voltage: float | None = None
         self._share, self._forward = 0.0, True
@@ -273,15 +277,18 @@ class PiHal(PlainHal):
 
     def read(self, now: float) -> Inputs:
         """The encoders, and the battery's voltage, as the guard told them last."""
-        answer = self._keeper.heard(now)
+        answer = None
+        try:
+            answer = self._keeper.heard(now)
+        except HalError as error:
+            self._past = self._counts or (0, 0)
+            self._lose(str(error))
         if answer is not None and answer.done:
             self._take(answer, now)
         elif answer is not None:
             self._failures += 1
-        if self._heard_since < inf and now - self._heard > LOST:
-            self._losses += 1
-            self._text = self._reason = "the outputs are lost: the bus fails, or their guard has ended"
-            self._heard_since = inf
+        if now - self._heard > LOST:
+            self._lose("the outputs are lost: the bus fails, or their guard hangs")
         ready = now - self._heard_since >= SETTLED
         link = BoardLink(ready, self._losses, self._reason, self._text, {"bus_failures": self._failures})
         if link != self._link:
@@ -292,16 +299,24 @@ class PiHal(PlainHal):
             odometry_time=heard, batteries=None if self._voltage is None else (self._voltage, 0.0), link=self._link,
         )  # fmt: skip
 
+    def _lose(self, reason: str) -> None:
+        """Count a loss and keep its reason, unless they are lost already or were never there."""
+        if self._heard_since < inf:
+            self._losses += 1
+            self._text = self._reason = reason
+            self._heard_since = inf
+
     def _take(self, answer: Answer, now: float) -> None:
         if self._heard_since == inf:
             self._heard_since = now
             self._counts = None if not self.capabilities.ticks else self._counts
             self._text = "the guard puts the outputs out; it puts them to neutral when nothing comes for 0.25 s"
         dt, self._heard = now - self._heard, now
-        before, self._counts = self._counts, answer.counts
+        before = self._counts
+        self._counts = self._past[0] + answer.counts[0], self._past[1] + answer.counts[1]
         self._voltage = answer.voltage if self.capabilities.battery else None
         if self.capabilities.odometry and before is not None and dt > 0.0:
-            moved = answer.counts[0] - before[0]
+            moved = self._counts[0] - before[0]
             if len(self._options.encoders[0]) == 1 and not self._forward:
                 moved = -moved
             distance = moved * self._geometry.count_length

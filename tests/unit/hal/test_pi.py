@@ -24,7 +24,7 @@ from txt1.control.limits import Outputs
 from txt1.devices.i2c import Desk, FileBus, pulse_of
 from txt1.errors import ConfigError, HalError
 from txt1.hal import pi_guard
-from txt1.hal.pi import Options, PiHal, Process, pulses_of, setup_of
+from txt1.hal.pi import Answer, Options, PiHal, Process, pulses_of, setup_of
 from txt1.hal.pi_guard import Ads1115, Guarded, Pca9685, Quadrature, Setup, guarded, ina219_voltage
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
@@ -325,6 +325,38 @@ def test_a_servo_board_that_loses_its_power_disarms_and_is_set_up_again() -> Non
             assert desk.board.pulse(0) == pytest.approx(1500.0, abs=5.0)
 
     run(drive(), speed="max")
+
+
+class Scripted:
+    """A guard that answers as told."""
+
+    def __init__(self, *answers: Answer | HalError) -> None:
+        self.answers = list(answers)
+
+    async def open(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+    def put(self, pulses: Sequence[float], now: float) -> None: ...
+
+    def heard(self, now: float) -> Answer | None:
+        answer = self.answers.pop(0)
+        if isinstance(answer, HalError):
+            raise answer
+        return answer
+
+
+def test_a_guard_that_has_ended_is_a_loss_however_soon_another_one_answers_and_its_counts_go_on() -> None:
+    counts = [(0, 0), (7, 9), None, (0, 0), (2, -1)]
+    guard = Scripted(
+        *(HalError("their guard has ended") if each is None else Answer(True, None, each) for each in counts)
+    )
+    options = checked(Options, {"encoders": ((17, 27), (22, 23)), "motor": (0, 1)}, "x")
+    hal = PiHal(guard, options, SKID)
+    seen = [hal.read(time) for time in (0.0, 1.5, 1.52, 1.54, 1.56)]
+    assert [each.link.ready for each in seen if each.link] == [False, True, False, False, False]
+    assert [each.ticks for each in seen] == [(0, 0), (7, 9), (7, 9), (7, 9), (9, 8)]
+    assert seen[-1].link is not None and seen[-1].link[1:3] == (1, "their guard has ended")
 
 
 # -- the guard as a process --------------------------------------------------------------------------------------------
