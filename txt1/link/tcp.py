@@ -185,7 +185,8 @@ async def listen_tcp(host: str, port: int, end: End) -> Listener:
     except socket.gaierror as error:
         raise HalError(f"cannot listen on {where}: {host!r} is no name or address of this computer") from error
     except OSError as error:
-        raise HalError(f"cannot listen on {where}: {_NO_PORT.get(error.errno or 0, error)}") from error
+        number = error.errno or errno.EADDRNOTAVAIL  # from Python 3.13 on, that one comes without its number
+        raise HalError(f"cannot listen on {where}: {_NO_PORT.get(number, error)}") from error
     listener.address = socket_address(listener.server.sockets[0].getsockname())
     return listener
 

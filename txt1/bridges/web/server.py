@@ -86,7 +86,7 @@ async def serve(
         )
     except OSError as error:  # another program has taken it since it was found to be free
         await runner.cleanup()
-        why = os.strerror(error.errno or 0)
+        why = os.strerror(error.errno) if error.errno else error
         sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")
     beating = asyncio.create_task(_beat(pages, routes))
     loop.add_reader(robot.fileno(), pages.hear)
