@@ -1,13 +1,15 @@
 """The first hour where nothing is installed: README's two commands and the Start page, typed word by word, and timed.
 
     make try-bare                                   # as root, with debootstrap and a network: a bare Debian root
-    make try-bare BARE="--suite trixie"             # ... of another Debian
+    make try-bare BARE="--suite forky"              # ... of another Debian
+    make try-bare BARE="--suite noble --mirror http://archive.ubuntu.com/ubuntu"  # ... of Ubuntu
     make try-bare BARE="--python /usr/bin/python3"  # this machine, in a new folder, with another Python: no root needed
 
 The Debian root is debootstrap's smallest, with nothing added but how this machine reaches its mirrors: names of
-servers, certificates, pip's settings. A user without rights types; root types `apt` alone. The screens are read from a
-real pty of 80 x 24: a robot counts as driving once its screen shows the set-point that `w` asked for. Printed is a line
-for each command, with its seconds; the end is 1 as soon as one ends otherwise than the page says.
+servers, certificates, pip's settings, and that they may be late. A user without rights types; root types `apt` alone.
+The screens are read from a real pty of 80 x 24: a robot counts as driving once its screen shows the set-point that `w`
+asked for. Printed is a line for each command, with its seconds; the end is 1 as soon as one ends otherwise than the
+page says.
 """
 
 import argparse
@@ -30,6 +32,7 @@ ROOT: Final = Path(__file__).parents[1]
 PROMPT: Final = re.compile(rb"<ended (\d+)>")
 BARE: Final = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "TERM": "xterm-256color"}
 ENTER: Final = 'mount -t proc proc "$0/proc" && mount --rbind /dev "$0/dev" && exec chroot "$@"'  # mounts of its own
+RECIPES: Final = Path("/usr/share/debootstrap/scripts")
 PATIENCE: Final = 900.0  # s for a command
 
 
@@ -99,10 +102,16 @@ class Shell:
         self._child.close(force=True)
 
 
-def bare_debian(root: Path, suite: str) -> tuple[Shell, Shell, str]:
+def bare_debian(root: Path, suite: str, mirror: str) -> tuple[Shell, Shell, str]:
     """Shells of root and of a user in a bare Debian, which is made where it is not yet, and the copy's folder there."""
     if not (root / "etc" / "debian_version").exists():
-        subprocess.run(["debootstrap", "--variant=minbase", "--include=ca-certificates", suite, root], check=True)
+        recipe = RECIPES / suite
+        if not recipe.exists():  # the suite is newer than debootstrap
+            recipe = RECIPES / ("gutsy" if "ubuntu" in mirror else "sid")
+        options = ["--variant=minbase", "--include=ca-certificates"]
+        if "ubuntu" in mirror:
+            options.append("--components=main,universe")
+        subprocess.run(["debootstrap", *options, suite, root, mirror, recipe], check=True)
     for file in ("/etc/resolv.conf", "/etc/ssl/certs/ca-certificates.crt"):
         if Path(file).exists():
             shutil.copyfile(file, root / file[1:])
@@ -111,6 +120,9 @@ def bare_debian(root: Path, suite: str) -> tuple[Shell, Shell, str]:
     kept = [line for line in lines if line and not line.startswith(("[", "find-links"))]  # folders are not there
     (root / "etc/pip.conf").write_text("\n".join(["[global]", *kept, ""]), "utf-8")
     (root / "etc/pip.conf").chmod(0o644)
+    (root / "etc/apt/apt.conf.d/99mirror").write_text(
+        'Acquire::Check-Valid-Until "false";\n', "utf-8"
+    )  # it may be late
     enter = ["unshare", "--mount", "--fork", "sh", "-c", ENTER, str(root)]
     subprocess.run(["chroot", root, "useradd", "--create-home", "somebody"], check=False, stderr=subprocess.DEVNULL)
     home = root / "home/somebody"
@@ -156,6 +168,9 @@ def main() -> None:
     """Try what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--suite", default="bookworm", help="Debian's name of the version to try it on")
+    parser.add_argument(
+        "--mirror", default="http://deb.debian.org/debian", help="where it comes from, such as Ubuntu's"
+    )
     parser.add_argument("--root", type=Path, help="the folder of that Debian (default: a new one)")
     parser.add_argument("--python", type=Path, help="try this Python on this machine instead of a Debian root")
     parser.add_argument("--tests", action="store_true", help="README's second command, make test, too: minutes")
@@ -165,7 +180,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="txt1-bare-") as scratch:
         root = None
         if arguments.python is None:
-            root, user, folder = bare_debian(arguments.root or Path(scratch, "debian"), arguments.suite)
+            place = arguments.root or Path(scratch, "debian")
+            root, user, folder = bare_debian(place, arguments.suite, arguments.mirror)
             version = user.type("cat /etc/debian_version") and user.told().split()[0]
             print(f"Debian {version}, bare; from its first prompt on:")
             attempt(root, "apt-get update --quiet")
