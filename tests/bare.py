@@ -159,6 +159,9 @@ def attempt(shell: Shell, line: str) -> None:
         line, drives=line in ("txt1 run", "make run"), until="the run has ended" if shows else ""
     )
     print(f"{seconds:8.1f} s  {line}" + ("" if driving is None else f"   [drove after {driving:.1f} s]"), flush=True)
+    counted = re.search(r"\d+ passed.*? in .*", "\n".join(shell.screen.display))
+    if counted:
+        print(f"{'':12}{counted[0].strip()}", flush=True)
     if code:
         print(f"ended with {code}:\n{shell.told()[-3000:]}", file=sys.stderr)
         raise SystemExit(1)
