@@ -1,6 +1,7 @@
 """Wrong words, files, ports and values: one line each, which names the thing, the value and the remedy."""
 
 import os
+import shlex
 from pathlib import Path
 from typing import NamedTuple
 
@@ -76,6 +77,8 @@ MISTAKES = (
     Mistake(f"{RUN} --policy FOLDER/none.json", ("none.json", "there is no file")),
     Mistake(f"{RUN} --policy FOLDER/typo.yaml", ("typo.yaml", "no Q-table", "txt1 learn"), 1),
     Mistake(f"{RUN} --log FOLDER/no/such/folder/run.mcap", ("FOLDER/no/such/folder", "choose another place")),
+    Mistake(f"{RUN} --log ''", ("--log", "''", "give one")),
+    Mistake("replay ''", ("FILE", "''", "give one")),
     Mistake("log info FOLDER/none.mcap", ("none.mcap", "there is no file")),
     Mistake("log info FOLDER/typo.yaml", ("typo.yaml", "MCAP"), 1),
     Mistake("report FOLDER/empty.mcap", ("empty.mcap",), 1),
@@ -115,7 +118,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_mistake_is_told_in_one_line_with_thing_value_and_remedy(
     mistake: Mistake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    code = execute(mistake.words.replace("FOLDER", str(tmp_path)).split())
+    code = execute(shlex.split(mistake.words.replace("FOLDER", str(tmp_path))))
     out, err = capfd.readouterr()
     assert (code, out) == (mistake.code, "")
     assert err.startswith("txt1: ") and err.count("\n") == 1

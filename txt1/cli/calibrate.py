@@ -16,7 +16,7 @@ import yaml
 from txt1.cli import FAULT, OK
 from txt1.cli.app import App, get_ready
 from txt1.cli.machines import progress
-from txt1.cli.options import ROBOT, add, count, flag, loaded, takes
+from txt1.cli.options import ROBOT, add, count, flag, loaded, path, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
@@ -39,7 +39,7 @@ HEAD: Final = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `calibrate` takes."""
     add(parser, ROBOT | {
-        "--write": takes("FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", Path),
+        "--write": takes("FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", path),
         "--step": takes(
             "NAME", f"do only this step, even if it was done; may be repeated: {', '.join(STEPS)}", action="append"
         ),

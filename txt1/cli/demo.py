@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from txt1.cli import OK, execute
-from txt1.cli.options import SEED, add, takes, unused
+from txt1.cli.options import SEED, add, path, takes, unused
 from txt1.errors import installs
 from txt1.experiments import run_folder
 from txt1.record.session import MODULES
@@ -17,7 +17,7 @@ from txt1.ui import tty
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add where the results go, and the seed."""
     about = "where recordings and pictures go; out/demo when left out, or out/demo-2 and so on"
-    add(parser, {"--out": takes("DIR", about, Path)} | SEED)
+    add(parser, {"--out": takes("DIR", about, path)} | SEED)
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from txt1.cli import DISARMED, FAULT, OK, signals_to
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.machines import OPTIONS, Machines, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, robot_speed, takes, unused
+from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, path, robot_speed, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder, sensor_failure
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
     add(parser, {
         "what": takes("NAME|FILE.yaml|compare", kinds),
-        "runs": takes("FOLDER", "of the runs to compare", Path, nargs="*"),
-        "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", Path),
+        "runs": takes("FOLDER", "of the runs to compare", path, nargs="*"),
+        "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", path),
         "--label": takes("TEXT", "names the run in figures and tables"),
         "--repeats": takes("N", "runs, simulated with one seed after the other; their mean is taken", count, default=1),
         "--no-safe-end": flag("continue to drive when the batteries' safe time is over"),

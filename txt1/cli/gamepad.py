@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the configuration, and where a mapping goes."""
     options.add(parser, options.CONFIGURATION | {
         "--map": options.takes(
-            "FILE", "ask for every button and axis of the first pad, and write SDL's mapping of it to FILE", Path
+            "FILE", "ask for all buttons and axes of the first pad, and write SDL's mapping of it to FILE", options.path
         ),
         "--duration": options.takes("S", "end after S seconds", options.positive),
     })  # fmt: skip

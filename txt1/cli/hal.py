@@ -9,7 +9,7 @@ from string import Template
 from typing import Final
 
 from txt1.cli import OK, signals_to
-from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add_actions, flag, loaded, takes
+from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add_actions, flag, loaded, path, takes
 from txt1.cli.verdicts import print_verdicts
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     lifted = flag("the wheels are off the ground: without it, nothing real is checked")
     check = {"name": takes("NAME"), "--wheels-up": lifted} | CONFIGURATION | LINE | VEHICLE
-    new = {"name": takes("NAME", NAME), "--to": takes("FOLDER", "where its folder is made; here, if left out", Path)}
+    new = {"name": takes("NAME", NAME), "--to": takes("FOLDER", "where its folder is made; here, if left out", path)}
     add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check), "new": (new_hal, new)})
 
 

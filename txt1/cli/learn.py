@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from txt1.cli import DISARMED, OK, signals_to
 from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, add, busy, count, flag, loaded, robot_speed, takes, unused
+from txt1.cli.options import ARM, LOG, ROBOT, add, busy, count, flag, loaded, path, robot_speed, takes, unused
 from txt1.cli.trials import conduct
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
@@ -36,13 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
         "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
         "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
-        "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", Path),
+        "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", path),
         "--resume": flag("continue the results in DIR"),
         "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
-        "--worlds": takes("DIR", "learn in all worlds of DIR (config/worlds), and in four drawn by --seed", Path),
+        "--worlds": takes("DIR", "learn in all worlds of DIR (config/worlds), and in four drawn by --seed", path),
         "--world": takes("NAMES", "only these of them, separated by commas"),
         "--compare": takes("FILE", "contenders in one world, per seconds driven: raw results in FILE.jsonl, carried on "
-                           f"when it is there; those of --agent, or {', '.join(compare.ALL)}", Path),
+                           f"when it is there; those of --agent, or {', '.join(compare.ALL)}", path),
         "--floor": flag("only compute the floor: the best time from every start with full knowledge"),
     } | OPTIONS | LOG | ROBOT | ARM)  # fmt: skip
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from txt1.cli import OK
-from txt1.cli.options import RECORDING, add_actions, busy, count, flag, takes
+from txt1.cli.options import RECORDING, add_actions, busy, count, flag, path, takes
 from txt1.errors import ConfigError
 from txt1.record.session import need
 
@@ -24,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--to": takes("S", "only up to this time stamp", float, dest="end"),
     }
     folder = {
-        "-o --output": takes("DIR", "where to; FILE's name without .mcap", Path),
+        "-o --output": takes("DIR", "where to; FILE's name without .mcap", path),
         "--rosbag1": flag("one bag of ROS 1, FILE's name with .bag, in place of CSV files"),
-        "--lerobot": takes("DIR", "its episodes as a LeRobot dataset in DIR, a new one, in place of CSV files", Path),
+        "--lerobot": takes("DIR", "its episodes as a LeRobot dataset in DIR, a new one, in place of CSV files", path),
         "--fps": takes("N", "frames a second of --lerobot; 10 by default", count, default=10),
         "--task": takes("WORDS", "what the episodes of --lerobot show; of a learner's: drive to the light"),
     }
-    whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", Path)}
+    whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", path)}
     add_actions(parser, {
         "info": (show_info, RECORDING), "cat": (print_messages, chosen), "export": (export_csv, chosen | folder),
         "recover": (recover_file, RECORDING | whole),
@@ -80,8 +79,8 @@ def export_csv(arguments: argparse.Namespace) -> int:
     directory = arguments.output or arguments.file.with_suffix("")
     with busy(f"writing {directory}"):
         written = summary.export(_chosen(arguments), directory)
-    for path, rows in written.items():
-        print(f"{path}: {rows} rows")
+    for table, rows in written.items():
+        print(f"{table}: {rows} rows")
     return OK
 
 

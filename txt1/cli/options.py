@@ -85,12 +85,19 @@ def names(text: str) -> list[str]:
     return [name for name in text.split(",") if name]
 
 
+def path(text: str) -> Path:
+    """Return the path that a word is; raises ArgumentTypeError for an empty one, as of a variable that is not set."""
+    if not text:
+        raise argparse.ArgumentTypeError("'' is no name of a file or folder; give one")
+    return Path(text)
+
+
 def existing(text: str) -> Path:
     """Return the path of something that is there; raises ArgumentTypeError."""
-    path = Path(text)
-    if not path.exists():
+    found = path(text)
+    if not found.exists():
         raise argparse.ArgumentTypeError(f"there is no file '{text}'; check the name")
-    return path
+    return found
 
 
 def recording(text: str) -> Path:
@@ -152,14 +159,14 @@ ROBOT: Final = CONFIGURATION | LINE | SEED | VEHICLE | {
     ),
 }  # fmt: skip
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
-LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", Path)}
+LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
 VIEW: Final = {
     "--view": takes(
         "[HOST:]PORT", "serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token "
         "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
     ),
     "--view-token": takes(
-        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", Path
+        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", path
     ),
 }  # fmt: skip
 WEB: Final = {
@@ -167,11 +174,11 @@ WEB: Final = {
         "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
         "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
     ),
-    "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", Path),
+    "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
     "--web-key": takes("FILE", "... and its key, if that is another file", existing),
     "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
-    "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", Path, default=Path("out/recordings")),
+    "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", path, default=Path("out/recordings")),
     "--web-robot": takes(
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
@@ -188,7 +195,7 @@ NETWORK: Final = {
     "--fleet": takes(
         "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
     ),
-    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", Path),
+    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", path),
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from txt1.bridges.ros.txt_driver import write_package
 from txt1.cli import OK
-from txt1.cli.options import add_actions, takes
+from txt1.cli.options import add_actions, path, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the action."""
     add_actions(
-        parser, {"package": (package, {"folder": takes("FOLDER", "such as the src of a catkin workspace", Path)})}
+        parser, {"package": (package, {"folder": takes("FOLDER", "such as the src of a catkin workspace", path)})}
     )
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from txt1.cli import OK
-from txt1.cli.options import CONFIGURATION, add_actions, busy, loaded, takes
+from txt1.cli.options import CONFIGURATION, add_actions, busy, loaded, path, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "choices": ("jazzy", "kilted"), "default": "jazzy", "help": "which ROS 2; jazzy by default",
         },
     }  # fmt: skip
-    place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", Path)}
+    place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", path)}
     add_actions(parser, {
         "install": (install, which), "info": (show, {}), "package": (package, place),
         "urdf": (urdf, CONFIGURATION),

@@ -14,7 +14,7 @@ from typing import Any, Final
 from txt1.cli import FAULT, OK, execute, options, parsed, signals_to
 from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of, progress
-from txt1.cli.options import flag, takes
+from txt1.cli.options import flag, path, takes
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.kernel.clock import stopwatch_ns
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
             f"writes metrics.json into {OUT}",
         },
-        "--out": takes("DIR", "where the table goes; out/sweep when left out", Path, default=Path("out/sweep")),
+        "--out": takes("DIR", "where the table goes; out/sweep when left out", path, default=Path("out/sweep")),
         "--resume": flag("continue the results in DIR"),
     } | OPTIONS)  # fmt: skip
 

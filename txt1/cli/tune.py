@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 from rich.console import Console
@@ -11,7 +10,7 @@ from txt1.cli import OK
 from txt1.cli.app import App, get_ready, say
 from txt1.cli.experiment import configure, drive_all, progress_bar, repeated
 from txt1.cli.machines import OPTIONS, Machines, machines_of
-from txt1.cli.options import ARM, ROBOT, add, count, flag, takes
+from txt1.cli.options import ARM, ROBOT, add, count, flag, path, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
@@ -29,8 +28,8 @@ TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `tune` takes."""
     add(parser, ROBOT | ARM | OPTIONS | {
-        "--out": takes("DIR", "write tables and figures of old and new there", Path),
-        "--write": takes("FILE", "write the gains to this YAML file", Path),
+        "--out": takes("DIR", "write tables and figures of old and new there", path),
+        "--write": takes("FILE", "write the gains to this YAML file", path),
         "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
         "--repeats": takes("N", "number of runs of each test; their mean is judged", count, default=10),
     })  # fmt: skip
