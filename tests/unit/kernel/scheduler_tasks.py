@@ -8,6 +8,7 @@ from typing import Any
 
 from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import clock_of
+from txt1.kernel.scheduler import Scheduler
 from txt1.kernel.ticks import Ticks
 
 MS = 1_000_000
@@ -22,6 +23,13 @@ def virtual_clock() -> VirtualClock:
 
 def no_fault(name: str, error: BaseException) -> None:
     raise AssertionError(f"task '{name}' failed") from error
+
+
+async def run_until(scheduler: Scheduler, end: float) -> None:
+    """Start its tasks, and wait until it has run for so many s."""
+    scheduler.start()
+    scheduler.end_at(end)
+    await scheduler.ended
 
 
 def logging_task(name: str, log: Log) -> Callable[[Ticks], Coroutine[Any, Any, None]]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
+from scheduler_tasks import run_until
 
 from txt1.kernel.clock import RealClock
 from txt1.kernel.loop import RealTimeLoop, run
@@ -83,9 +84,7 @@ def test_no_cycle_starts_before_it_is_due_and_none_twice(runner: Runner) -> None
         scheduler = Scheduler(no_fault)
         scheduler.add("task", 1, 0.005, task)
         origin = RealClock().now_ns()
-        scheduler.start()
-        scheduler.end_at(0.1)
-        await scheduler.ended
+        await run_until(scheduler, 0.1)
         statistics = scheduler.statistics()["task"]
         assert statistics.cycles == len(starts)
         assert statistics.cycles + statistics.misses == 20
@@ -113,9 +112,7 @@ def test_tasks_due_together_run_by_priority(runner: Runner) -> None:
         scheduler = Scheduler(no_fault)
         for name, priority in (("low", 1), ("high", 3), ("medium", 2)):
             scheduler.add(name, priority, 0.01, task(name))
-        scheduler.start()
-        scheduler.end_at(0.05)
-        await scheduler.ended
+        await run_until(scheduler, 0.05)
         for slot in range(5):
             ran = [name for at, name in order if at == slot]
             assert ran == [name for name in ("high", "medium", "low") if name in ran]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scheduler_tasks import MS, Log, idle, logging_task, no_fault, virtual_clock
+from scheduler_tasks import MS, Log, idle, logging_task, no_fault, run_until, virtual_clock
 
 from txt1.errors import TaskFault
 from txt1.kernel.loop import run
@@ -39,9 +39,7 @@ def test_cycle_k_starts_exactly_at_k_periods_for_an_hour() -> None:
 
         for period in starts:
             scheduler.add(f"every {period}", 1, period, task(period))
-        scheduler.start()
-        scheduler.end_at(3600.0)
-        await scheduler.ended
+        await run_until(scheduler, 3600.0)
         for period, at in starts.items():
             ns = round(period * 1e9)
             assert at == [k * ns for k in range(3600 * 10**9 // ns)]
@@ -123,9 +121,7 @@ def test_no_cycle_runs_before_a_coroutine_that_is_due_earlier() -> None:
 
         users = [asyncio.create_task(user(period)) for period in (0.02, 0.013, 0.005)]
         await asyncio.sleep(0)
-        scheduler.start()
-        scheduler.end_at(10.0)
-        await scheduler.ended
+        await run_until(scheduler, 10.0)
         for task in users:
             task.cancel()
         return log
@@ -153,9 +149,7 @@ def test_tasks_due_together_run_by_priority_then_in_order_of_addition() -> None:
             ("battery", 1, 1.0),
         ):
             scheduler.add(name, priority, period, logging_task(name, log))
-        scheduler.start()
-        scheduler.end_at(5.0)
-        await scheduler.ended
+        await run_until(scheduler, 5.0)
         return log
 
     log = run(main(), speed="max")
@@ -182,9 +176,7 @@ def test_an_overdue_task_of_high_priority_goes_before_the_others() -> None:
         scheduler.add("slow", 3, 0.1, slow)
         scheduler.add("medium", 2, 0.1, logging_task("medium", log))
         scheduler.add("high", 4, 0.02, logging_task("high", log))
-        scheduler.start()
-        scheduler.end_at(0.15)
-        await scheduler.ended
+        await run_until(scheduler, 0.15)
         return [entry for entry in log if entry[0] >= 100 * MS]
 
     assert run(main(), speed="max") == [
@@ -229,9 +221,7 @@ def test_a_task_may_add_another_one() -> None:
                     scheduler.add("child", 5, 0.02, logging_task("child", log))
 
         scheduler.add("adder", 1, 0.02, adder)
-        scheduler.start()
-        scheduler.end_at(0.1)
-        await scheduler.ended
+        await run_until(scheduler, 0.1)
         return log
 
     assert run(main(), speed="max") == [(k * MS, "child") for k in (40, 60, 80)]
@@ -262,9 +252,7 @@ def test_a_task_added_while_others_wait_or_are_late_falls_in_by_priority_and_dis
 
         add(range(min(early, len(specs))))
         scheduler.add("adder", 6, 0.1, adder)
-        scheduler.start()
-        scheduler.end_at(0.6)
-        await scheduler.ended
+        await run_until(scheduler, 0.6)
         return log
 
     log = run(main(), speed="max")
@@ -290,9 +278,7 @@ def test_a_task_may_add_another_one_before_its_own_first_tick() -> None:
                 pass
 
         scheduler.add("parent", 1, 0.1, parent)
-        scheduler.start()
-        scheduler.end_at(0.25)
-        await scheduler.ended
+        await run_until(scheduler, 0.25)
         return log
 
     assert run(main(), speed="max") == [(k * MS, "child") for k in (0, 100, 200)]
@@ -365,9 +351,7 @@ def test_a_task_prepares_itself_before_the_first_tick_of_any_task() -> None:
         scheduler.add("a", 1, 1.0, task("a"))
         scheduler.add("b", 2, 1.0, task("b"))
         assert order == []
-        scheduler.start()
-        scheduler.end_at(0.5)
-        await scheduler.ended
+        await run_until(scheduler, 0.5)
         return order
 
     assert run(main(), speed="max") == ["a prepares", "b prepares", "b ticks", "a ticks"]
@@ -422,9 +406,7 @@ def test_a_finally_clause_that_raises_does_not_keep_the_others_from_running() ->
         scheduler = Scheduler(lambda name, error: faults.append(name))
         scheduler.add("bad", 2, 0.02, bad)
         scheduler.add("good", 1, 0.02, good)
-        scheduler.start()
-        scheduler.end_at(0.1)
-        await scheduler.ended
+        await run_until(scheduler, 0.1)
         with pytest.raises(TaskFault, match="task 'bad' failed: OSError: cannot save"):
             scheduler.stop()
         assert (faults, closed) == (["bad"], ["good"])
@@ -445,9 +427,7 @@ def test_run_times_are_measured_in_real_time() -> None:
 
         scheduler.add("working", 1, 0.02, working)
         scheduler.add("idle", 1, 0.02, idle)
-        scheduler.start()
-        scheduler.end_at(2.0)
-        await scheduler.ended
+        await run_until(scheduler, 2.0)
         busy, lazy = scheduler.statistics().values()
         assert busy.cycles == lazy.cycles == 100
         assert busy.run_time.count == lazy.run_time.count == 13  # the first of every eight
@@ -460,9 +440,7 @@ def test_in_real_time_the_run_time_of_every_cycle_is_measured() -> None:
     async def main() -> None:
         scheduler = Scheduler(no_fault)
         scheduler.add("idle", 1, 0.002, idle)
-        scheduler.start()
-        scheduler.end_at(0.05)
-        await scheduler.ended
+        await run_until(scheduler, 0.05)
         (idling,) = scheduler.statistics().values()
         assert idling.run_time.count == idling.cycles > 0
 

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from scheduler_tasks import MS, Log, idle, logging_task, no_fault, virtual_clock
+from scheduler_tasks import MS, Log, idle, logging_task, no_fault, run_until, virtual_clock
 
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
@@ -45,9 +45,7 @@ def test_a_sporadic_task_has_no_period() -> None:
 
         scheduler = Scheduler(no_fault)
         scheduler.add_sporadic("serial", 4, task)
-        scheduler.start()
-        scheduler.end_at(1.0)
-        await scheduler.ended
+        await run_until(scheduler, 1.0)
         assert periods == [None]
         assert scheduler.statistics()["serial"].cycles == 0
 
@@ -72,9 +70,7 @@ def test_an_arrival_announced_by_another_task_is_served_at_the_same_instant_by_p
         scheduler.add("low", 1, 0.1, logging_task("low", log))
         casual = scheduler.add_sporadic("casual", 2, logging_task("casual", log))
         urgent = scheduler.add_sporadic("urgent", 4, logging_task("urgent", log))
-        scheduler.start()
-        scheduler.end_at(0.2)
-        await scheduler.ended
+        await run_until(scheduler, 0.2)
         return [entry for entry in log if entry[0] > 0]
 
     names = ["receiver", "urgent", "same", "casual", "low"]
@@ -94,9 +90,7 @@ def test_an_arrival_during_a_stall_is_late_by_what_was_left_of_it() -> None:
 
         scheduler.add("slow", 1, 1.0, slow)
         notify = scheduler.add_sporadic("serial", 4, idle)
-        scheduler.start()
-        scheduler.end_at(0.5)
-        await scheduler.ended
+        await run_until(scheduler, 0.5)
         assert scheduler.statistics()["serial"].lateness.max_ns == 7 * MS
 
     run(main(), speed="max")

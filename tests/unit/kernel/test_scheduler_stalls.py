@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scheduler_tasks import MS, no_fault, virtual_clock
+from scheduler_tasks import MS, no_fault, run_until, virtual_clock
 
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
@@ -75,9 +75,7 @@ def measured(
 
         for name, priority, period in tasks:
             scheduler.add(name, priority, period / 1000, task(name, period))
-        scheduler.start()
-        scheduler.end_at(end / 1000)
-        await scheduler.ended
+        await run_until(scheduler, end / 1000)
         return {name: (s.cycles, s.misses, s.lateness.max_ns // MS) for name, s in scheduler.statistics().items()}, seen
 
     return run(main(), speed="max")
@@ -150,9 +148,7 @@ def test_a_task_that_is_always_too_slow_misses_the_same_share_for_ever() -> None
                 clock.spend(0.03)
 
         scheduler.add("slow", 1, 0.02, slow)
-        scheduler.start()
-        scheduler.end_at(6.0)
-        await scheduler.ended
+        await run_until(scheduler, 6.0)
         statistics = scheduler.statistics()["slow"]
         return statistics.cycles, statistics.misses
 

@@ -10,6 +10,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from scheduler_tasks import run_until
 
 from txt1.kernel.clock import Clock, RealClock, VirtualClock
 from txt1.kernel.loop import VirtualTimeLoop, clock_of, run
@@ -387,9 +388,7 @@ def test_input_is_noticed_while_nothing_but_the_scheduler_runs(others: int) -> N
             scheduler.add(f"slow {k}", 1, 0.1 + 0.07 * k, idle)
         asyncio.get_running_loop().add_reader(reader, lambda: scheduler.end_at(scheduler.now))
         os.write(writer, b"x")
-        scheduler.start()
-        scheduler.end_at(HOUR)
-        await scheduler.ended
+        await run_until(scheduler, HOUR)
         asyncio.get_running_loop().remove_reader(reader)
         os.close(reader)
         os.close(writer)
@@ -411,9 +410,7 @@ def test_a_signal_ends_a_run_at_full_speed(number: signal.Signals) -> None:
 
         scheduler.add("a", 1, 0.02, one_second_in)
         loop.add_signal_handler(number, lambda: scheduler.end_at(scheduler.now))
-        scheduler.start()
-        scheduler.end_at(HOUR)
-        await scheduler.ended
+        await run_until(scheduler, HOUR)
         loop.remove_signal_handler(number)
         return scheduler.now
 
