@@ -179,7 +179,8 @@ def test_a_board_that_is_stopped_is_noticed_and_its_return_too(tmp_path: Path) -
                 assert not robot.armed
                 assert robot.faults["reconnects"] == 0, "the line was there all the time"
 
-    run(body())
+    with pytest.raises(StopNotVerified, match="nobody saw it: there was no odometry"):
+        run(body())
 
 
 @pytest.mark.long
