@@ -237,6 +237,13 @@ async def test_who_arms_again_at_once_has_another_second() -> None:
         assert robot.now - began > 1.0
 
 
+async def test_an_empty_battery_is_named_among_the_causes() -> None:
+    async with robot_and_board(*ORIGINAL, "sim.battery.used_1=49.0") as (robot, board):
+        with pytest.raises(NotArmed, match="commanded and not moving: battery empty, ESC off"):
+            await robot.drive(0.4, 0.3, 300.0)
+        assert board.vehicle.supply.cut_off
+
+
 async def test_with_the_esc_left_off_the_robot_disarms_and_its_return_does_not_lurch() -> None:
     async with robot_and_board() as (robot, board):
         board.happen(BoardEvent("esc", 0.0))

@@ -12,6 +12,7 @@ from txt1.control.standstill import UNOBEYED, Standstill, Stop
 from txt1.hal.base import Hal, Outputs
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import Switch
+from txt1.tasks.fields import BatteryState
 from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -94,7 +95,9 @@ class Watch:
             self._unmoved_since, self._epoch = now, self.gate.epoch
         self._asked = asked if ready else 0.0
         if self._asked and now - self._unmoved_since >= PATIENCE - 1e-9:
-            self.gate.disarm(f"commanded and not moving: {CAUSES}", Fault.UNMOVED)
+            low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
+            causes = f"battery empty, {CAUSES}" if low else CAUSES
+            self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
 
     @property
     def settled(self) -> bool:
