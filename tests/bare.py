@@ -120,9 +120,7 @@ def bare_debian(root: Path, suite: str, mirror: str) -> tuple[Shell, Shell, str]
     kept = [line for line in lines if line and not line.startswith(("[", "find-links"))]  # folders are not there
     (root / "etc/pip.conf").write_text("\n".join(["[global]", *kept, ""]), "utf-8")
     (root / "etc/pip.conf").chmod(0o644)
-    (root / "etc/apt/apt.conf.d/99mirror").write_text(
-        'Acquire::Check-Valid-Until "false";\n', "utf-8"
-    )  # it may be late
+    (root / "etc/apt/apt.conf.d/99late").write_text('Acquire::Check-Valid-Until "false";\n', "utf-8")
     enter = ["unshare", "--mount", "--fork", "sh", "-c", ENTER, str(root)]
     subprocess.run(["chroot", root, "useradd", "--create-home", "somebody"], check=False, stderr=subprocess.DEVNULL)
     home = root / "home/somebody"
@@ -171,9 +169,7 @@ def main() -> None:
     """Try what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--suite", default="bookworm", help="Debian's name of the version to try it on")
-    parser.add_argument(
-        "--mirror", default="http://deb.debian.org/debian", help="where it comes from, such as Ubuntu's"
-    )
+    parser.add_argument("--mirror", default="http://deb.debian.org/debian", help="where to get that Debian, or Ubuntu")
     parser.add_argument("--root", type=Path, help="the folder of that Debian (default: a new one)")
     parser.add_argument("--python", type=Path, help="try this Python on this machine instead of a Debian root")
     parser.add_argument("--tests", action="store_true", help="README's second command, make test, too: minutes")
