@@ -77,11 +77,16 @@ class Fake(NamedTuple):
 
 
 FAKES: Final = {
-    "imu": Fake("sim_imu", {}, "imu:FakeImu", "imu:FakeImu"),
-    "gps": Fake("sim_gps", {}, "gps:FakeGpsd", "gps:receiver"),
-    "vicon": Fake("sim_vicon", {}, "vicon:FakeVicon", "vicon:FakeVicon"),
-    "laser": Fake("sim_laser", {"range_max": 5.6}, "laser:FakeScip", "laser:FakeScip"),
-    "ld19": Fake("sim_laser", {"steps": 450, "beams": 450, "range_max": 12.0}, "laser:ld19", "laser:ld19"),
+    "imu": Fake("sim_imu", {}, "txt1.devices.imu:FakeImu", "txt1.devices.imu:FakeImu"),
+    "gps": Fake("sim_gps", {}, "txt1.devices.gps:FakeGpsd", "txt1.devices.gps:receiver"),
+    "vicon": Fake("sim_vicon", {}, "txt1.devices.vicon:FakeVicon", "txt1.devices.vicon:FakeVicon"),
+    "laser": Fake("sim_laser", {"range_max": 5.6}, "txt1.devices.laser:FakeScip", "txt1.devices.laser:FakeScip"),
+    "ld19": Fake(
+        "sim_laser",
+        {"steps": 450, "beams": 450, "range_max": 12.0},
+        "txt1.devices.laser:ld19",
+        "txt1.devices.laser:ld19",
+    ),
 }
 WALK: Final = (0.3, 0.3)  # m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
 
@@ -102,7 +107,7 @@ def fake_sensor(arguments: argparse.Namespace) -> int:
 
 async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen: Fake) -> None:
     where = chosen.at_tcp if arguments.pty is None else chosen.at_pty
-    device: Device = EntryPoint(arguments.kind, f"txt1.devices.{where}", "").load()()
+    device: Device = EntryPoint(arguments.kind, where, "").load()()
     v, omega = arguments.drive or WALK
     async with app.robot(config) as robot:
         await get_ready(robot, True)

@@ -1,0 +1,258 @@
+"""Which folder knows which: imports, and texts that name a module.
+
+    python -m tests.arrows             # one line for each pair of folders
+    python -m tests.arrows --places    # ... with the line of each import
+
+The folders are the layers of the contract in pyproject.toml, the other packages of txt1/, and the folders beside it.
+There are four kinds of arrow:
+
+- import: at the top of a module;
+- lazy: within a function, when it is called;
+- typing: under `if TYPE_CHECKING`, for the type checker alone;
+- text: "package.module:function"; in a module that calls import_module, and in a file addition.py, "package.module",
+  too. A text with a variable part, such as f"txt1.cli.{name}", is an arrow to the part before it.
+
+An arrow runs back up when it ends in a higher layer than it begins in, or in the same one. A text that does not resolve
+is told, and the exit code is 1.
+"""
+
+import argparse
+import ast
+import re
+import sys
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+ROOT: Final = Path(__file__).parents[1]
+TOPS: Final = ("txt1", "studies", "benchmarks", "torture", "tests", "docs", "examples")
+KINDS: Final = ("import", "lazy", "typing", "text")
+_TEXT: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*(:\w+(\.\w+)*)?")
+_BEGIN: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*\.")
+
+
+class Arrow(NamedTuple):
+    """One import, or one text that stands for an import."""
+
+    file: str
+    line: int
+    kind: str  # one of KINDS
+    target: str  # a module, or "module:name"
+
+
+class Pair(NamedTuple):
+    """Two folders of which the first knows the second."""
+
+    source: str
+    target: str
+
+
+class _Reader(ast.NodeVisitor):
+    """Collects the arrows of one file."""
+
+    def __init__(self, file: str, tree: ast.Module, plain: bool) -> None:
+        self.arrows: list[Arrow] = []
+        self._file = file
+        self._kind = "import"
+        self._plain = plain
+        self.visit(tree)
+
+    def _add(self, node: ast.stmt | ast.expr, kind: str, target: str) -> None:
+        if target.partition(".")[0].partition(":")[0] in TOPS:
+            self.arrows.append(Arrow(self._file, node.lineno, kind, target))
+
+    def _within(self, kind: str, nodes: list[ast.stmt]) -> None:
+        before, self._kind = self._kind, "typing" if "typing" in (kind, self._kind) else kind
+        for node in nodes:
+            self.visit(node)
+        self._kind = before
+
+    def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
+        for each in (*node.decorator_list, node.args):
+            self.visit(each)
+        self._within("lazy", node.body)
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_If(self, node: ast.If) -> None:
+        self.visit(node.test)
+        typing = ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        self._within("typing" if typing else self._kind, node.body)
+        self._within(self._kind, node.orelse)
+
+    def visit_Import(self, node: ast.Import) -> None:
+        for each in node.names:
+            self._add(node, self._kind, each.name)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        above = self._file.split("/")[: -node.level] if node.level else []
+        base = ".".join([*above, *filter(None, [node.module])])
+        for target in sorted({f"{base}.{each.name}" if source(f"{base}.{each.name}") else base for each in node.names}):
+            self._add(node, self._kind, target)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        text = node.value
+        if isinstance(text, str) and _TEXT.fullmatch(text) and (":" in text or (self._plain and "." in text)):
+            self._add(node, "text", text)
+
+    def visit_BinOp(self, node: ast.BinOp) -> None:
+        self.visit(node.left)
+        if not isinstance(node.op, ast.Div):  # a part of a path, such as "txt1.yaml", is no module
+            self.visit(node.right)
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
+        begin = node.values[0].value if isinstance(node.values[0], ast.Constant) else ""
+        if isinstance(begin, str) and _BEGIN.fullmatch(begin):
+            self._add(node, "text", begin.rstrip("."))
+        self.generic_visit(node)
+
+
+def source(module: str) -> Path | None:
+    """Return the file or folder of a module of the repository; None: there is none."""
+    path = ROOT.joinpath(*module.split("."))
+    there = (path.with_suffix(".py"), path / "__init__.py", path)
+    return next((each for each in there if each.exists()), None)
+
+
+def arrows_of(file: str, code: str) -> list[Arrow]:
+    """Return the arrows of one file; `file` is its path from the root of the repository."""
+    tree = ast.parse(code)
+    plain = file.endswith("/addition.py") or ("import_module" in code and "import_module" in _called(tree))
+    return _Reader(file, tree, plain).arrows
+
+
+def _called(tree: ast.AST) -> set[str]:
+    functions = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return {getattr(function, "attr", getattr(function, "id", "")) for function in functions}
+
+
+def arrows() -> Iterator[Arrow]:
+    """Every arrow in the repository's Python."""
+    for top in TOPS:
+        for path in sorted((ROOT / top).rglob("*.py")):
+            yield from arrows_of(path.relative_to(ROOT).as_posix(), path.read_text("utf-8"))
+
+
+def resolves(target: str) -> bool:
+    """Return whether the module is there, and defines the name at its top level."""
+    module, _, name = target.partition(":")
+    path = source(module)
+    if path is None or not name:
+        return path is not None
+    return path.is_file() and name.partition(".")[0] in _defined(ast.parse(path.read_bytes()).body)
+
+
+def _defined(body: list[ast.stmt]) -> Iterator[str]:
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            yield from (each.asname or each.name for each in node.names)
+        elif isinstance(node, ast.If | ast.Try):
+            yield from _defined([*node.body, *node.orelse])
+        else:
+            names = (each for each in ast.walk(node) if isinstance(each, ast.Name))
+            yield from (each.id for each in names if isinstance(each.ctx, ast.Store))
+
+
+def layers() -> dict[str, int]:
+    """Return the layers of the contract, 0 at the bottom."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
+    lists = [contract["layers"] for contract in settings["contracts"] if contract["type"] == "layers"]
+    return {
+        name.strip(" ()"): height
+        for given in lists
+        for height, line in enumerate(reversed(given))
+        for name in re.split(r"[|:]", line)
+    }
+
+
+def folder(module: str, of_layers: Mapping[str, int]) -> str:
+    """Return the layer that a module is in, else its package in txt1/, else its folder beside txt1/."""
+    parts = module.partition(":")[0].split(".")
+    for end in range(len(parts), 0, -1):
+        if ".".join(parts[:end]) in of_layers:
+            return ".".join(parts[:end])
+    return ".".join(parts[: 2 if parts[0] == "txt1" and len(parts) > 1 else 1])
+
+
+def upwards(pair: Pair, of_layers: Mapping[str, int]) -> bool:
+    """Return whether an arrow runs back up, or aside; never true where a folder is in no layer."""
+    begin, end = of_layers.get(pair.source), of_layers.get(pair.target)
+    return begin is not None and end is not None and end >= begin
+
+
+def circles(pairs: Mapping[str, set[str]]) -> list[list[str]]:
+    """Return the groups of folders in which each reaches each other."""
+    reach = {each: _reached(each, pairs) for each in pairs}
+    groups = {frozenset({each, *(other for other in reach[each] if each in reach.get(other, ()))}) for each in pairs}
+    return sorted(sorted(group) for group in groups if len(group) > 1)
+
+
+def _reached(begin: str, pairs: Mapping[str, set[str]]) -> set[str]:
+    found: set[str] = set()
+    ahead = [begin]
+    while ahead:
+        new = pairs.get(ahead.pop(), set()) - found
+        found |= new
+        ahead.extend(new)
+    return found
+
+
+def module_of(file: str) -> str:
+    """Return the name under which a file is imported."""
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def told(pair: Pair, members: list[Arrow], up: bool) -> str:
+    """Return the line of a pair."""
+    count = Counter(each.kind for each in members)
+    kinds = ", ".join(f"{count[kind]} {kind}" for kind in KINDS if count[kind])
+    return f"{pair.source:>17} -> {pair.target:<17}{len(members):5}  {kinds}{'  UP' if up else ''}"
+
+
+def main(words: Sequence[str]) -> int:
+    """Print the arrows; return 1 when a text does not resolve."""
+    parser = argparse.ArgumentParser(prog="tests.arrows", description=__doc__.partition("\n")[0])
+    parser.add_argument("--places", action="store_true", help="the line of each import and text, too")
+    places = parser.parse_args(words).places
+    of_layers = layers()
+    found: defaultdict[Pair, list[Arrow]] = defaultdict(list)
+    broken = []
+    for arrow in arrows():
+        pair = Pair(folder(module_of(arrow.file), of_layers), folder(arrow.target, of_layers))
+        if pair.source != pair.target:
+            found[pair].append(arrow)
+        if arrow.kind == "text" and not resolves(arrow.target):
+            broken.append(arrow)
+
+    def show(pairs: list[Pair]) -> None:
+        for pair in pairs:
+            print(told(pair, found[pair], upwards(pair, of_layers)))
+            for each in found[pair] if places else ():
+                print(f"{'':24}{each.file}:{each.line}: {each.kind} {each.target}")
+
+    print(f"arrows between folders: {len(found)} pairs, {sum(map(len, found.values()))} arrows")
+    show(sorted(found))
+    up = [pair for pair in sorted(found) if upwards(pair, of_layers)]
+    count = sum(len(found[each]) for each in up)
+    print(f"\nback up, against the layers of pyproject.toml: {len(up)} pairs, {count} arrows")
+    show(up)
+    known: defaultdict[str, set[str]] = defaultdict(set)
+    for pair in found:
+        known[pair.source].add(pair.target)
+    rings = circles(known)
+    print(f"\ncircles between folders: {len(rings)}")
+    for ring in rings:
+        print(", ".join(ring) + ":")
+        show([pair for pair in sorted(found) if {*pair} <= {*ring}])
+    print(f"\ntexts that do not resolve: {len(broken)}")
+    for each in broken:
+        print(f"  {each.file}:{each.line}: {each.target!r}")
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

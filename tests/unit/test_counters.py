@@ -1,0 +1,74 @@
+"""The two counters of the repository's structure: sizes in statements, and arrows between folders."""
+
+import pytest
+
+from tests import arrows, size
+from tests.arrows import Arrow, Pair
+
+
+def test_every_text_that_names_a_module_resolves(capsys: pytest.CaptureFixture[str]) -> None:
+    code = arrows.main(["--places"])
+    out = capsys.readouterr().out
+    assert code == 0, out.partition("texts that do not resolve")[2]
+    assert "txt1.robot -> txt1.runtime" in out
+    assert "txt1/hal/registry.py" in out
+
+
+def test_imports_are_told_apart_by_when_they_happen() -> None:
+    code = """
+from typing import TYPE_CHECKING
+from txt1.hal import registry, sim
+import json
+if TYPE_CHECKING:
+    from txt1.robot import Robot
+def late():
+    import txt1.record.report
+"""
+    assert arrows.arrows_of("txt1/cli/made_up.py", code) == [
+        Arrow("txt1/cli/made_up.py", 3, "import", "txt1.hal.registry"),
+        Arrow("txt1/cli/made_up.py", 3, "import", "txt1.hal.sim"),
+        Arrow("txt1/cli/made_up.py", 6, "typing", "txt1.robot"),
+        Arrow("txt1/cli/made_up.py", 8, "lazy", "txt1.record.report"),
+    ]
+
+
+def test_a_text_is_an_arrow() -> None:
+    texts = '"txt1.board:VirtualPort", "mypackage.x:y", f"txt1.cli.{name}", "txt1.hal"'
+    assert [each.target for each in arrows.arrows_of("txt1/a.py", texts)] == ["txt1.board:VirtualPort", "txt1.cli"]
+    called = f"import_module({texts})"
+    assert [each.target for each in arrows.arrows_of("txt1/a.py", called)][-1] == "txt1.hal"
+
+
+@pytest.mark.parametrize(("module", "name"), [("bord", "VirtualPort"), ("board", "VirtualProt"), ("hal", "create")])
+def test_a_text_that_names_nothing_does_not_resolve(module: str, name: str) -> None:
+    assert not arrows.resolves(f"txt1.{module}:{name}")
+
+
+def test_a_text_that_names_nothing_is_told_with_its_place(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrows, "arrows", lambda: [Arrow("txt1/cli/made_up.py", 7, "text", "txt1.gone")])
+    assert arrows.main([]) == 1
+    assert "txt1/cli/made_up.py:7: 'txt1.gone'" in capsys.readouterr().out
+
+
+def test_a_text_that_names_a_module_or_a_function_resolves() -> None:
+    assert arrows.resolves("txt1.hal.sim")
+    assert arrows.resolves("txt1.devices.i2c:desk")
+
+
+def test_an_arrow_to_a_higher_layer_runs_back_up() -> None:
+    layers = arrows.layers()
+    assert arrows.upwards(Pair("txt1.hal", "txt1.board"), layers)
+    assert arrows.upwards(Pair("txt1.hal", "txt1.sensors"), layers)  # beside each other: neither knows the other
+    assert not arrows.upwards(Pair("txt1.board", "txt1.hal"), layers)
+
+
+def test_folders_that_reach_each_other_are_a_circle() -> None:
+    assert arrows.circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+
+
+def test_an_opened_robot_is_a_part_of_the_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    size.main()
+    whole, opened = (int(word) for word in capsys.readouterr().out.splitlines()[-1].split()[:2])
+    assert 1000 < opened < whole
