@@ -137,6 +137,9 @@ class FakeBus:
         """Read bytes."""
         return self._chip(address).read(register, count)
 
+    def close(self) -> None:
+        """Nothing: whoever made the chips keeps them."""
+
     def _chip(self, address: int) -> Chip:
         try:
             return self.chips[address]

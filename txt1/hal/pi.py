@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from math import inf
-from typing import Annotated, Final, Literal, NamedTuple, Protocol
+from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
 
 from annotated_types import Ge, Le
 
@@ -31,6 +31,8 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.units import Positive
 
 LOST: Final = 0.3  # s without an answer of the guard's
+HANGS: Final = 0.25  # s for which a guard may leave pulses without an answer; then it is killed
+ENDS: Final = 0.5  # s that a guard may take to end; then it is killed
 SETTLED: Final = 1.0  # s of neutral before the first other output: an ESC arms in that
 AGAIN: Final = 1.0  # s after which a guard that has ended is started again
 START: Final = 10.0  # s that a guard may take to begin: Python on a Raspberry Pi 3
@@ -110,7 +112,7 @@ class Keeper(Protocol):
     def heard(self, now: float) -> Answer | None:
         """The newest answer since the last time.
 
-        A HalError says, once, that the guard has ended: the next one counts its encoders from 0.
+        A HalError says, once, that the guard has ended or hangs: the next one counts its encoders from 0.
         """
 
 
@@ -121,7 +123,11 @@ def answer_of(data: bytes) -> Answer:
 
 
 class Process:
-    """The guard as a process of its own, in a session of its own: no signal of the terminal's reaches it."""
+    """The guard as a process of its own, in a session of its own: no signal of the terminal's reaches it.
+
+    A guard that does not answer is killed. A servo board keeps the last pulse, so when a guard was killed, by whomever,
+    this process puts out neutral itself, and only then starts another guard: two never write at the same time.
+    """
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
@@ -130,29 +136,34 @@ class Process:
         self._ended: subprocess.Popen[bytes] | None = None
         self._again = inf
         self._rest = b""
+        self._unanswered = inf  # since when pulses wait for an answer, s of the run
 
     async def open(self) -> None:
         """Start it, and wait until it has put out neutral."""
         self._process, self._rest, self._again = await asyncio.to_thread(_start, self._setup), b"", inf
+        self._unanswered = inf
 
     async def close(self) -> None:
-        """End it: its outputs are neutral then."""
-        if self._starting is not None:
-            self._starting.cancel()
+        """End it: its outputs are neutral then, also when it had to be killed; else a HalError."""
+        if self._starting is not None:  # a guard that begins just now has to be ended, too
+            await self._starting
             self._starting = None
-        for process in (self._process, self._ended):
-            if process is not None:
-                await asyncio.to_thread(_end, process)
-        self._process = self._ended = None
+        process, self._process, self._ended = self._process or self._ended, None, None
+        if process is not None and not await asyncio.to_thread(_end, process, self._setup):
+            raise HalError(
+                "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
+                "switch the ESC off, or take its battery out"
+            )
 
     def put(self, pulses: Sequence[float], now: float) -> None:
         """Send it pulses, unless it takes none."""
         if self._process is not None and self._process.stdin is not None:
+            self._unanswered = min(self._unanswered, now)
             with suppress(OSError):
                 os.write(self._process.stdin.fileno(), pulses_in(self._setup, pulses))
 
     def heard(self, now: float) -> Answer | None:
-        """Its newest answer; when it has ended, another one is started, as the outputs stay as they were."""
+        """Its newest answer; when it has ended or hangs, another one is started."""
         process = self._process
         if process is None or process.stdout is None:
             if now >= self._again and (self._starting is None or self._starting.done()):
@@ -162,20 +173,27 @@ class Process:
         try:
             data = os.read(process.stdout.fileno(), 4096)
         except BlockingIOError:
+            if now - self._unanswered > HANGS:
+                process.kill()
+                self._give_up(process, now, "hung, so it was killed")
             return None
         if not data:
-            self._process, self._ended, self._again = None, process, now
-            raise HalError("the outputs are lost: their guard has ended")
+            self._give_up(process, now, "has ended")
+        self._unanswered = inf
         data = self._rest + data
         whole = len(data) // ANSWER.size * ANSWER.size
         self._rest = data[whole:]
         return answer_of(data[whole - ANSWER.size : whole]) if whole else None
 
+    def _give_up(self, process: subprocess.Popen[bytes], now: float, reason: str) -> NoReturn:
+        self._process, self._ended, self._again = None, process, now
+        raise HalError(f"the outputs are lost: their guard {reason}")
+
     async def _start_again(self) -> None:
         if self._ended is not None:
-            await asyncio.to_thread(_end, self._ended)
+            await asyncio.to_thread(_end, self._ended, self._setup)
             self._ended = None
-        with suppress(HalError):
+        with suppress(HalError, OSError):
             await self.open()
 
 
@@ -193,24 +211,25 @@ def _start(setup: Setup) -> subprocess.Popen[bytes]:
         raise HalError(explain(setup, f"nothing within {START:g} s"))
     if len(process.stdout.read(ANSWER.size)) < ANSWER.size:
         error = process.stderr.read().decode(errors="replace").strip().splitlines()
-        _end(process)
+        process.communicate()
         raise HalError(explain(setup, error[-1] if error else "it ended"))
     for pipe in (process.stdin, process.stdout):
         os.set_blocking(pipe.fileno(), False)
     return process
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Hang up on a guard, which ends it, and wait; called in a thread."""
+def _end(process: subprocess.Popen[bytes], setup: Setup) -> bool:
+    """Hang up on a guard, which ends it, and wait; whether the outputs are neutral then. Called in a thread."""
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:
             with suppress(OSError):
                 pipe.close()
     try:
-        process.wait(2.0)
+        process.wait(ENDS)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    return process.returncode == 0 or pi_guard.neutral_without_guard(setup)
 
 
 def explain(setup: Setup, error: str) -> str:

@@ -2,7 +2,8 @@
 
 Neither a servo board nor a pin has a time-out of its own: what was put out last stays. So the host puts nothing out
 itself. It sends pulses to this process 50 times a second, and this one puts them out; when nothing has come for 0.25 s,
-or the host has ended however it did, the outputs are neutral. It must start quickly, so it imports little.
+or the host has ended however it did, the outputs are neutral. It must start quickly, so it imports little. Only when
+this process was killed does the host put out neutral itself, before it starts another one.
 """
 
 import json
@@ -42,6 +43,9 @@ class Bus(Protocol):
 
     def read_i2c_block_data(self, address: int, register: int, count: int, /) -> Sequence[int]:
         """Read bytes from a register on."""
+
+    def close(self) -> None:
+        """Let go of it."""
 
 
 class Setup(NamedTuple):
@@ -241,6 +245,23 @@ def guarded(setup: Setup) -> Guarded:
         return Guarded(setup, bus, GpioPulses(lgpio, chip, setup), encoders)
     assert bus is not None
     return Guarded(setup, bus, Pca9685(bus, setup), encoders)
+
+
+def neutral_without_guard(setup: Setup) -> bool:
+    """Put out neutral in place of a guard that was killed; whether the outputs are neutral then.
+
+    No guard may live meanwhile. Pulses from pins ended with the guard, and a servo board keeps the last one.
+    """
+    if setup.output != "pca9685":
+        return True
+    with suppress(OSError, ImportError):
+        bus = open_bus(setup)
+        assert bus is not None
+        try:
+            return Guarded(setup, bus, Pca9685(bus, setup)).neutral()
+        finally:
+            bus.close()
+    return False
 
 
 def pulses_in(setup: Setup, pulses: Sequence[float]) -> bytes:

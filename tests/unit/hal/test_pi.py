@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
-from txt1.devices.i2c import Desk, FileBus, pulse_of
+from txt1.devices.i2c import Desk, FakeBus, FileBus, pulse_of
 from txt1.errors import ConfigError, HalError
 from txt1.hal import pi_guard
 from txt1.hal.pi import Answer, Options, PiHal, Process, pulses_of, setup_of
@@ -47,6 +47,8 @@ class Recorder:
 
     def read_i2c_block_data(self, address: int, register: int, count: int) -> Sequence[int]:
         return self.answers.pop(0)
+
+    def close(self) -> None: ...
 
 
 def setup(geometry: Geometry = FRONT, **options: Any) -> Setup:
@@ -399,6 +401,105 @@ def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path) -
             await hal.close()
         assert processes_of(registers) == []
         assert pulse_of(registers.read_bytes(), 0) == pytest.approx(1500.0, abs=5.0)
+
+    run(body())
+
+
+def motor_pulse(registers: Path) -> float:
+    return pulse_of(registers.read_bytes(), 0)
+
+
+async def drive_until(hal: PiHal, reached: Callable[[], bool], began: float) -> None:
+    """Hand the guard half of full speed 50 times a second, for 30 s at most."""
+    loop = asyncio.get_running_loop()
+    ends = loop.time() + 30.0
+    while not reached():
+        assert loop.time() < ends, "not within 30 s"
+        hal.read(loop.time() - began)
+        hal.write(Outputs(12000), loop.time() - began)
+        await asyncio.sleep(0.02)
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    registers = tmp_path / "registers"
+    hal = create(config("donkeycar", f"hal_options.bus={registers}"))
+    put, seen = pi_guard.neutral_without_guard, []
+
+    def neutral_without_guard(setup: Setup) -> bool:
+        before, living = motor_pulse(registers), processes_of(registers)
+        seen.append((before > 1700.0, living, put(setup), motor_pulse(registers)))
+        return True
+
+    monkeypatch.setattr(pi_guard, "neutral_without_guard", neutral_without_guard)
+
+    async def body() -> None:
+        began = asyncio.get_running_loop().time()
+        await hal.open()
+        try:
+            for count in (1, 2):  # the second guard hangs as well
+                await drive_until(hal, lambda: motor_pulse(registers) > 1700.0, began)
+                (guard,) = processes_of(registers)
+                os.kill(guard, number)
+                await drive_until(hal, lambda n=count: len(seen) == n, began)
+        finally:
+            await hal.close()
+
+    run(body())
+    assert seen == [(True, [], True, pytest.approx(1500.0, abs=5.0))] * 2
+    assert processes_of(registers) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_closed_outputs_are_neutral_whatever_happened_to_their_guard(number: signal.Signals, tmp_path: Path) -> None:
+    registers = tmp_path / "registers"
+    hal = create(config("donkeycar", f"hal_options.bus={registers}"))
+
+    async def body() -> None:
+        began = asyncio.get_running_loop().time()
+        await hal.open()
+        try:
+            await drive_until(hal, lambda: motor_pulse(registers) > 1700.0, began)
+            (guard,) = processes_of(registers)
+            os.kill(guard, number)
+        finally:
+            await hal.close()
+        assert processes_of(registers) == []
+        assert motor_pulse(registers) == pytest.approx(1500.0, abs=5.0)
+
+    run(body())
+
+
+def test_outputs_that_cannot_be_made_neutral_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    registers = tmp_path / "registers"
+    monkeypatch.setattr(pi_guard, "open_bus", lambda _: FakeBus({}))  # nothing answers there
+
+    async def body() -> None:
+        process = Process(setup(bus=str(registers)))
+        await process.open()
+        (guard,) = processes_of(registers)
+        os.kill(guard, signal.SIGKILL)
+        await process.close()
+
+    with pytest.raises(HalError, match=r"perhaps not neutral.*take its battery out"):
+        run(body())
+
+
+def test_a_guard_that_has_answered_does_not_hang_however_long_the_host_pauses(tmp_path: Path) -> None:
+    async def body() -> None:
+        process = Process(setup(bus=str(tmp_path / "registers")))
+        await process.open()
+        try:
+            process.put((1500.0, 1500.0), 0.0)
+            while process.heard(0.0) is None:
+                await asyncio.sleep(0.01)
+            assert process.heard(60.0) is None
+            process.put((1500.0, 1500.0), 60.0)
+            process.heard(60.2)
+        finally:
+            await process.close()
 
     run(body())
 
