@@ -358,7 +358,7 @@ class Runtime:
             estimation, estimator=estimator, wheels=self.wheels, offer=offer if config.loops else None, tell=self.tell
         )
         self.bus.offer(FILTERED, lambda: estimator.estimate)
-        self.bus.offer(TRUSTS, estimator.fusion.trusts)
+        self.bus.offer(TRUSTS, estimator.trusts)
         self.add_task("estimation", PRIORITY, controller.PERIOD, task)
 
     @property

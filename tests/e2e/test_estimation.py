@@ -1,15 +1,20 @@
 """One odometry of all sensors on the running robot: told, offered to the loops, and a source of poses."""
 
 import asyncio
-from math import hypot
+from collections.abc import AsyncIterator, Iterable
+from math import hypot, nan
+from typing import Any
 
 import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
+from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import ConfigError, NotCapable
-from txt1.estimation.task import FILTERED, TRUSTS
+from txt1.estimation.fusion import Estimate
+from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.task import FILTERED, TRUSTS, Estimator
 from txt1.experiments import sensor_failure
 from txt1.kernel.loop import run
 from txt1.navigation import follow, fused_pose
@@ -131,3 +136,71 @@ async def test_places_in_degrees_are_driven_to_on_the_fused_pose() -> None:
         await follow(robot, [(6.0, 4.0)], closed=False, pose_source=source)
         assert robot.pose is not None
         assert hypot(robot.pose[0] - 6.0, robot.pose[1] - 4.0) < 0.8
+
+
+# -- an error in the estimate ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("vehicle", "seed"), [("txt1", "1"), ("f1tenth", "5"), ("rover", "3")])
+def test_a_fast_circle_with_a_gps_that_is_still_to_be_located_is_driven_to_its_end(vehicle: str, seed: str) -> None:
+    words = ["--vehicle", vehicle, "--seed", seed, *(word for each in ENDLESS for word in ("--set", each))]
+    words += ["--duration", "20", "--drive", "1.0,1.0", "--set", "estimation.preset=imu-gps"]
+    assert execute(["run", "--json", "--speed", "max", *words]) == 0
+
+
+@pytest.fixture
+async def fused() -> AsyncIterator[Robot]:
+    """A robot that drives on the fused velocities."""
+    settings = (*ENDLESS, "estimation.preset=gyro", "estimation.loops=true")
+    async with Robot.open("sim", seed=1, settings=settings) as robot:
+        await robot.load_gains()
+        await robot.drive(0.5, 0.3, 3.0)
+        assert robot.runtime.state.control.source is Source.COMBINED
+        yield robot
+
+
+def in_the_filter(estimator: Estimator, now: float) -> None:
+    def step(now: float) -> Estimate:
+        raise ValueError("a mistake\nin the filter")
+
+    estimator.fusion.step = step  # type: ignore[method-assign]
+
+
+def in_a_reading(estimator: Estimator, now: float) -> None:
+    def through(measurement: Measurement) -> Iterable[Measurement]:
+        raise TypeError("no such reading")
+
+    estimator.through = through
+
+
+def in_its_state(estimator: Estimator, now: float) -> None:
+    estimator.fusion.take(Measurement(now, "", Kind.STEERING, (0, 1), (nan, nan), (1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        (in_the_filter, "ValueError: a mistake in the filter"),
+        (in_a_reading, "TypeError: no such reading"),
+        (in_its_state, "ArithmeticError: the filter's state is not finite"),
+    ],
+)
+async def test_an_error_in_the_estimate_is_told_once_and_the_robot_drives_on_by_its_encoders(
+    fused: Robot, mistake: Any, words: str
+) -> None:
+    robot, estimator = fused, fused.runtime.estimator
+    assert estimator is not None
+    mistake(estimator, robot.now)
+    await robot.drive(0.4, 0.2, 3.0)
+    told = [event.text for event in robot.runtime.state.events if "estimate" in event.text]
+    assert told == [f"the estimate is off: {words}; the loops go by the encoders"]
+    assert robot.estimate is None
+    assert fused_pose(robot).read() is None
+    snapshot: Snapshot = robot.snapshot
+    assert snapshot.get(FILTERED) is None
+    assert {trust.reason for trust in snapshot[TRUSTS]} == {f"the estimate is off: {words}"}
+    robot.program.insist(0.4, 0.2)
+    await asyncio.sleep(0.04)
+    assert robot.armed
+    assert robot.runtime.state.control.source is Source.ENCODER
+    assert robot.odometry.v == pytest.approx(0.4, abs=0.05)

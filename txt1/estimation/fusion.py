@@ -267,7 +267,8 @@ class Fusion:
         Where two contradict one another and nobody takes sides it is the first in the order in which they are given,
         and the pose as the other would have it is remembered.
         """
-        believed = [judge for judge in self._judges.values() if judge.believed]
+        judged = [judge for judge in self._judges.values() if self._located or not judge.settings.tells_pose]
+        believed = [judge for judge in judged if judge.believed]
         tried = [self._without(judge.name, last) for judge in believed]
         least = min((misfit for misfit, _ in tried), default=0.0)
         if least > EXPLAINS * self._without("", last)[0]:
@@ -333,7 +334,7 @@ class Fusion:
         if judge is not None and not entry.new and not entry.used:
             return belief
         if entry.new and judge is not None and judge.settings.tells_pose and not self._located:
-            entry.new = False
+            entry.new = entry.used = False  # in a frame that is still to be found: it says nothing on anybody's errors
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)

@@ -146,9 +146,9 @@ class Judge:
         return f"'{self.name}' is believed again"
 
     def offset(self) -> list[float]:
-        """How far off x, y and theta may be by its mean misses, m, m, rad."""
+        """How far off x, y and theta may be by its mean misses, m, m, rad; 0 where it has told nothing yet."""
         offset = [LEVER * miss * sigma for miss, sigma in zip(self.misses, self.sigmas, strict=False)]
-        return [*offset, 0.0][:3]
+        return [*offset, 0.0, 0.0, 0.0][:3]
 
     def keeps_its_distance(self, measurement: Measurement, belief: Belief, residual: Sequence[float]) -> bool:
         """Whether a sensor of the place has been as far from the pose as now for `KEEPS` seconds."""

@@ -1,7 +1,7 @@
 """The estimation task: every 20 ms one estimate of all that the sensors have told."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import cos, hypot, sin, sqrt, tan
+from math import cos, hypot, isfinite, sin, sqrt, tan
 from typing import Any, Final, NamedTuple
 
 from txt1.config.schema import EstimationConfig, FusedConfig
@@ -80,12 +80,16 @@ class Wheels(NamedTuple):
 class Estimator:
     """The filter with its settings: takes readings as they come, and the robot's own part every cycle.
 
+    After an error there is no estimate any more, for the rest of the run, and readings are ignored.
+
     `kinds` are the types of the sensors' values by name; `geometry` is the vehicle's.
     """
 
     def __init__(self, config: EstimationConfig, kinds: Mapping[str, type], geometry: Geometry) -> None:
         self.estimate: Estimate | None = None
         """The newest one."""
+        self.failure = ""
+        """The error that ended it, in one line; empty while it is on."""
         self.settings = {name: config.settings.get(name, FusedConfig()) for name in config.names}
         belongings = {
             name: Belonging(each.gate, each.timeout, name in kinds and tells_pose(kinds[name], each))
@@ -107,8 +111,26 @@ class Estimator:
 
     def take(self, name: str, reading: Reading[Any]) -> None:
         """Take a sensor's reading."""
-        for measurement in self._plans[name](reading):
-            self._give(measurement)
+        if self.failure:
+            return
+        try:
+            for measurement in self._plans[name](reading):
+                self._give(measurement)
+        except Exception as error:
+            self.fail(error)
+
+    def fail(self, error: Exception) -> None:
+        """Give no estimate from now on, because of this error."""
+        self.failure = " ".join(f"{type(error).__name__}: {error}".split())
+        self.estimate = None
+
+    def trusts(self) -> tuple[Trust, ...]:
+        """How much each sensor is believed; none of them after an error."""
+        trusts = self.fusion.trusts()
+        if not self.failure:
+            return trusts
+        reason = f"the estimate is off: {self.failure}"
+        return tuple(trust._replace(believed=False, reason=reason) for trust in trusts)
 
     def _give(self, measurement: Measurement) -> None:
         if self.through is None:
@@ -118,14 +140,18 @@ class Estimator:
             self.fusion.take(each)
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
-        """Return the estimate at `now`."""
+        """Return the estimate at `now`; raises ArithmeticError when it is no number any more."""
         dt = wheels.time - self._read
         if dt > 0.0:
             if self._read > 0.0:
                 self._take_wheels(wheels, dt)
             self._read = wheels.time
-        self.estimate = self.fusion.step(now)
-        return self.estimate
+        estimate = self.fusion.step(now)
+        *moving, covariance, bias, slip, _ = estimate
+        if not isfinite(sum(moving) + sum(covariance) + bias + slip):
+            raise ArithmeticError("the filter's state is not finite")
+        self.estimate = estimate
+        return estimate
 
     def _take_wheels(self, wheels: Wheels, dt: float) -> None:
         """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
@@ -181,15 +207,29 @@ async def estimation(
     offer: Callable[[Estimate], None] | None,
     tell: Callable[[str], None],
 ) -> None:
-    """Make an estimate every tick, and offer its velocities to the loops where they are good enough."""
-    changes = estimator.fusion.changes
+    """Make an estimate every tick, and offer its velocities to the loops where they are good enough.
+
+    An error, here or as a reading was taken, is told and ends the estimate, never the run. The loops hear nothing any
+    more, so they go by the encoders again.
+    """
+    changes, off = estimator.fusion.changes, False
     async for now in ticks:
-        estimate = estimator.step(now, wheels())
+        if off:
+            continue
+        if not estimator.failure:
+            try:
+                estimator.step(now, wheels())
+            except Exception as error:
+                estimator.fail(error)
         if changes:
             for change in changes:
                 tell(f"estimation: {change}")
             changes.clear()
-        if offer is not None and usable(estimate):
+        estimate = estimator.estimate
+        if estimator.failure:
+            off = True
+            tell(f"the estimate is off: {estimator.failure}; the loops go by the encoders")
+        elif offer is not None and estimate is not None and usable(estimate):
             offer(estimate)
 
 

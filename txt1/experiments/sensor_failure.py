@@ -152,7 +152,7 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Outcom
                 band = 3.0 * float(np.hypot(sx, sy))
                 share = max(abs(ex) / sx, abs(ey) / sy, abs(et) / st) / 3.0
                 rows.append((now, float(np.hypot(ex, ey)), abs(et), share, band))
-                believed = next(trust.believed for trust in estimator.fusion.trusts() if trust.name == sensor)
+                believed = next(trust.believed for trust in estimator.trusts() if trust.name == sensor)
                 if not believed:
                     lost, again = min(lost, now), inf
                 elif lost < inf and again == inf:
