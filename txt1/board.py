@@ -162,7 +162,6 @@ class Board:
             if isinstance(event, HostMessage):
                 self.runtime.post(event, now)
             return
-        idle = now - self._wanted >= LET_GO and self.runtime.state.odometry.v == 0.0
         match event:
             case FrameFault():
                 self.runtime.state.count_on_line(event.reason.name.lower())
@@ -174,7 +173,7 @@ class Board:
                 self._wanted = now
             case PwmTest(motor) if motor:
                 self._wanted = now
-            case PowerControl(Switch.ATX, False) if idle:
+            case PowerControl(Switch.ATX, False) if now - self._wanted >= LET_GO and self.runtime.stands(now):
                 self.runtime.gate.disarm("the host has switched the ATX supply off")
         self.runtime.post(event, now)
 

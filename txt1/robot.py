@@ -436,15 +436,17 @@ class Robot:
 
         Behind a line the ESC comes on 3.2 s later: first the board's loops have to forget what they wound up.
 
-        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply cannot be turned off while armed,
-        as it feeds the encoders and the computer, nor the ESC of a board on.
+        Raises NotCapable: the HAL has no such switch; CommandRefused: the ATX supply, which feeds the encoders and the
+        computer, cannot be turned off while armed, nor before the robot was seen to stand; nor the ESC of a board on
+        while armed.
         """
         self._require("power")
+        reason = self.runtime.reason_to_keep_atx(self.now) if switch is Switch.ATX and not on else None
         self.runtime.post(PowerControl(switch, on), self.now)
+        if reason is not None:
+            raise CommandRefused(reason)
         if switch is Switch.ESC and on and self.armed and not self.hal.capabilities.power_known:
             raise CommandRefused("the ESC comes on while disarmed only: call Robot.disarm() first")
-        if switch is Switch.ATX and not on and self.armed:
-            raise CommandRefused("the ATX supply feeds encoders and computer: call Robot.disarm() first")
 
     def toggle_esc(self) -> None:
         """Turn the ESC on when it is known, or was asked, to be off, else off; raises as `switch_power`."""

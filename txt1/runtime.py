@@ -241,6 +241,7 @@ class Runtime:
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
             answered=lambda accepted: self._put(PidResponse(accepted), self.now),
+            reason_to_keep_atx=self.reason_to_keep_atx,
         )  # fmt: skip
         watch = self.watch
         watching: tuple[Row, ...] = ()
@@ -424,6 +425,14 @@ class Runtime:
         if state.battery.exhausted:
             return "batteries bad: change them first"
         return None
+
+    def reason_to_keep_atx(self, now: float) -> str | None:
+        """Why the ATX supply may not be turned off at `now`, with the remedy; None when it may."""
+        return standstill.reason_to_keep_atx(self.state, self.hal.capabilities, self.gate, self.watch, now)
+
+    def stands(self, now: float) -> bool:
+        """Whether the robot was seen to stand, and still is at `now`."""
+        return standstill.stands(self.state, self.watch, now)
 
     def emergency_stop(self) -> None:
         """Stop at once and latch."""

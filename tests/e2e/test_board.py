@@ -414,6 +414,22 @@ async def test_the_atx_supply_goes_off_only_when_the_host_asks_for_nothing(pair:
     assert desk.speed == pytest.approx(0.5, abs=0.05)
 
 
+async def test_the_atx_supply_stays_on_while_a_board_that_stopped_by_itself_rolls() -> None:
+    async with desk_and_host("virtual", *ENDLESS) as (desk, host):
+        host.send(GAINS)
+        await host.drive(Velocity(0.0, 0.0), 2.5)
+        await host.drive(Velocity(1.0, 0.0), 3.0)
+        assert isinstance(desk.end, Board)
+        desk.end.stop()
+        host.send(PowerControl(Switch.ATX, False))
+        await asyncio.sleep(0.1)
+        assert desk.atx and desk.speed > 0.5
+        await host.drive(Velocity(0.0, 0.0), 4.0)
+        host.send(PowerControl(Switch.ATX, False))
+        await asyncio.sleep(0.1)
+        assert not desk.atx
+
+
 async def test_the_first_set_point_after_an_outage_does_not_kick(pair: tuple[Desk, Host]) -> None:
     desk, host = pair
     await host.drive(Velocity(0.5, 0.0), 2.0)

@@ -41,6 +41,33 @@ async def driven(desk: Desk, *settings: str) -> AsyncIterator[tuple[Robot, async
         yield robot, ends
 
 
+@pytest.mark.parametrize(
+    ("desk", "name", "fields"),
+    [
+        (Ros2Desk, "power", {"switch": "atx", "on": False}),
+        (Ros1Desk, "switched_pwr", {"source": 0, "on": False}),
+    ],
+    ids=["ros2", "ros1"],
+)
+async def test_ros_is_told_that_the_atx_supply_stays_on_while_the_robot_rolls(
+    desk: Desk, name: str, fields: dict[str, object]
+) -> None:
+    async with Robot.open("sim", settings=ENDLESS) as robot:
+        end = desk(robot)
+        await robot.load_gains()
+        await robot.drive(1.0, 0.0, 1.0)
+        robot.disarm()
+        for number, patience in ((1, 2.5 * TICK), (2, 3.0)):
+            end.request(Request("call", {"id": number, "name": name, "fields": fields}, 0.0))
+            await asyncio.sleep(patience)
+        refused, done = json.loads(end.telemetry() or b"{}")["answers"]
+        assert refused[:2] == [1, False] and "until they have seen the robot stand" in refused[2]
+        assert done == [2, False, refused[2]], "it rolled still"
+        end.request(Request("call", {"id": 3, "name": name, "fields": fields}, 0.0))
+        await asyncio.sleep(2.5 * TICK)
+        assert json.loads(end.telemetry() or b"{}")["answers"] == [[3, True, ""]]
+
+
 async def insist(robot: Robot, name: str) -> float:
     """Another source asks for -0.2 m/s, ten times a second; the set-point (m/s) after half a second of it."""
     source = robot.program if name == "program" else robot.source(name)

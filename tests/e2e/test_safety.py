@@ -15,7 +15,7 @@ from txt1.hal.sim import SimHal
 from txt1.kernel.clock import RealClock
 from txt1.kernel.loop import RealTimeLoop, clock_of, run
 from txt1.kernel.ticks import Ticks
-from txt1.protocol.messages import PwmCommand, Switch, Velocity
+from txt1.protocol.messages import PowerControl, PwmCommand, Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import Faults
 from txt1.tasks.fields import CombinedSample, LinkState
@@ -288,6 +288,32 @@ async def test_the_atx_supply_cannot_be_switched_off_while_armed(robot: Robot) -
     assert not robot.runtime.state.power.atx
     with pytest.raises(NotArmed, match="ATX"):
         robot.arm()
+
+
+async def test_the_atx_supply_stays_on_while_a_disarmed_robot_rolls(robot: Robot) -> None:
+    await robot.drive(1.0, 0.0, 2.0)
+    robot.disarm()
+    while true_speed(robot) > 0.05:
+        with pytest.raises(CommandRefused, match="until they have seen the robot stand"):
+            robot.switch_power(Switch.ATX, False)
+        robot.runtime.post(PowerControl(Switch.ATX, False), robot.now)
+        await asyncio.sleep(0.1)
+        assert robot.runtime.state.power.atx
+    await asyncio.sleep(0.5)
+    robot.switch_power(Switch.ATX, False)
+    await asyncio.sleep(0.5)
+    assert not robot.runtime.state.power.atx
+    robot.switch_power(Switch.ATX, True)
+    await asyncio.sleep(0.1)
+    with pytest.raises(CommandRefused, match="until they have seen the robot stand"):
+        robot.switch_power(Switch.ATX, False)  # they have seen it for 0.1 s
+
+
+async def test_without_encoders_the_atx_supply_is_switched_off_by_hand() -> None:
+    async with Robot.open("sim", settings=[*ENDLESS, "geometry.counts_per_rev=0"], arm=False) as robot:
+        await asyncio.sleep(1.0)
+        with pytest.raises(CommandRefused, match="no encoders that see the robot stand; switch it off at the robot"):
+            robot.switch_power(Switch.ATX, False)
 
 
 async def test_combined_odometry_that_reads_10_per_cent_high_slows_the_vehicle_by_9_and_falls_back_when_it_stops(

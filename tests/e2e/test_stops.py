@@ -14,7 +14,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.board import Board, BoardEvent
 from txt1.cli import execute
 from txt1.control.standstill import Stop
-from txt1.errors import HalError, NotArmed, StopNotVerified, TaskFault
+from txt1.errors import CommandRefused, HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Inputs
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PowerControl, Switch
@@ -50,6 +50,61 @@ async def stands_within(board: Board, limit: float) -> float:
 
 def told(robot: Robot) -> str:
     return "; ".join(event.text for event in robot.runtime.state.events)
+
+
+# -- the ATX supply, which feeds the encoders -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [ORIGINAL, WIRE], ids=["original", "ours"])
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
+async def test_the_atx_supply_stays_on_until_the_robot_was_seen_to_stand(
+    settings: tuple[str, ...], after: float
+) -> None:
+    async with robot_and_board(*settings) as (robot, board):
+        await drive(robot, 1.0, 3.0)
+        robot.disarm()
+        await asyncio.sleep(after)
+        with pytest.raises(CommandRefused, match="until they have seen the robot stand: ask again then"):
+            robot.switch_power(Switch.ATX, False)
+        robot.runtime.post(PowerControl(Switch.ATX, False), robot.now)  # as a host's message
+        await asyncio.sleep(0.05)
+        assert board.vehicle.atx_on and robot.runtime.state.power.atx is None
+        assert robot.faults["power_control_refused"] == 2
+        assert "seen the robot stand" in told(robot)
+        while robot.stop_state is not Stop.STANDING:
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(1.0)  # as our own board obeys when nothing was asked of it for so long
+        robot.switch_power(Switch.ATX, False)
+        await asyncio.sleep(0.1)
+        assert not board.vehicle.atx_on
+
+
+async def test_a_board_whose_atx_supply_is_off_sends_zeros_and_is_not_seen_to_stand() -> None:
+    async with robot_and_board() as (robot, board):
+        robot.disarm()
+        await asyncio.sleep(0.5)
+        assert robot.stop_state is Stop.STANDING
+        robot.switch_power(Switch.ATX, False)
+        await asyncio.sleep(0.1)
+        assert (board.vehicle.atx_on, robot.stop_state) == (False, Stop.UNSEEN)
+        await asyncio.sleep(5.0)
+        assert (robot.odometry.v, robot.stop_state) == (0.0, Stop.UNSEEN)
+        robot.switch_power(Switch.ATX, False)  # which is off: nothing to refuse
+        robot.switch_power(Switch.ATX, True)
+        await asyncio.sleep(0.5)
+        assert robot.stop_state is Stop.STANDING
+        robot.arm()
+
+
+async def test_a_robot_that_stood_and_fell_silent_is_not_seen_and_keeps_its_atx_supply() -> None:
+    async with robot_and_board() as (robot, board):
+        robot.disarm()
+        await asyncio.sleep(0.5)
+        board.happen(BoardEvent("restart", 3600.0))
+        await asyncio.sleep(0.5)
+        assert robot.stop_state is Stop.UNSEEN
+        with pytest.raises(CommandRefused, match="seen the robot stand"):
+            robot.switch_power(Switch.ATX, False)
 
 
 # -- manual mode -----------------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ class Stop(StrEnum):
     PWM_ZEROS = "does not stop: PWM test of zeros"
     ESC_OFF = "does not stop: ESC off"
     UNASKED = "moves without a command"
+    UNSEEN = "not seen"  # it stood, and nobody has seen since whether it still does
 
 
 UNOBEYED: Final = (Stop.PWM_ZEROS, Stop.ESC_OFF)
@@ -89,15 +90,21 @@ class Standstill:
         elif self.stop is Stop.NONE:
             if self.drove:
                 self._begin(Stop.SLOWING, now, v)
-            elif self._stands(now):
+            elif self._is_still(now):
                 self.stop = Stop.STANDING
         if self.stop in (Stop.SLOWING, *UNOBEYED):
             self._verify(now, v, connected)
-        elif self.stop is Stop.UNASKED and self._stands(now):
+        elif self.stop in (Stop.UNASKED, Stop.UNSEEN) and self._is_still(now):
             self.stop = Stop.STANDING
-        elif self.stop in (Stop.STANDING, Stop.NONE) and not (armed or commanded) and self._moves(now):
+        elif self.stop is Stop.STANDING and v is None:
+            self.stop = Stop.UNSEEN
+        elif self.stop in (Stop.STANDING, Stop.NONE, Stop.UNSEEN) and not (armed or commanded) and self._moves(now):
             self.stop = Stop.UNASKED
         return self.stop
+
+    def stands(self, now: float) -> bool:
+        """Whether it was seen to stand after its last motion, and still is."""
+        return self.stop is Stop.STANDING and self._is_still(now)
 
     def _look(self, now: float, v: float | None) -> None:
         still = v is not None and abs(v) <= STILL
@@ -105,7 +112,7 @@ class Standstill:
         self._still_since = (now if self._still_since is None else self._still_since) if still else None
         self._moving_since = (now if self._moving_since is None else self._moving_since) if moving else None
 
-    def _stands(self, now: float) -> bool:
+    def _is_still(self, now: float) -> bool:
         return self._still_since is not None and now - self._still_since >= STANDS - 1e-9
 
     def _moves(self, now: float) -> bool:
@@ -117,7 +124,7 @@ class Standstill:
 
     def _verify(self, now: float, v: float | None, connected: bool) -> None:
         t = now - self._since
-        if self._stands(now) and self._still_since is not None and now >= self._since + STANDS:
+        if self._is_still(now) and self._still_since is not None and now >= self._since + STANDS:
             self.stop = Stop.STANDING
             return
         if not connected and v is None:

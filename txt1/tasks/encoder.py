@@ -101,18 +101,22 @@ async def encoder(ticks: Ticks, state: State, hal: Hal, geometry: Geometry) -> N
                 raise HalError(f"the HAL '{hal.name}' reports no encoder ticks any more")
             if hal.capabilities.blind:
                 asked, since = state.control, now - state.odometry_time
-                _put(state, advance(state.odometry, asked.v, asked.omega, since), now)
+                _put(state, advance(state.odometry, asked.v, asked.omega, since), now, still=False)
             else:
                 take_odometry(state, inputs, now)
             continue
         counts = wheels.step(inputs.ticks, now)
         if counts is not None:
-            state.encoders = STILL if counts == (0, 0) else new(Encoders, counts)
-            _put(state, wheels.odometry, now)
+            still = counts == (0, 0)
+            state.encoders = STILL if still else new(Encoders, counts)
+            _put(state, wheels.odometry, now, still)
 
 
-def _put(state: State, odometry: Odometry, time: float) -> None:
+def _put(state: State, odometry: Odometry, time: float, still: bool) -> None:
+    """Keep odometry of a time, s of the run; `still`: it was measured not to move, which takes the ATX supply's 5 V."""
     state.odometry, state.odometry_time = odometry, time
+    if not still or state.power.atx is False:
+        state.moved_time = time
 
 
 def _note(state: State, link: BoardLink | None, now: float) -> None:
@@ -127,7 +131,8 @@ def take_odometry(state: State, inputs: Inputs, now: float) -> None:
     if inputs.link is not state.board:
         _note(state, inputs.link, now)
     if inputs.odometry is not None:
-        _put(state, inputs.odometry, inputs.odometry_time)
+        still = inputs.odometry.v == inputs.odometry.omega == 0.0
+        _put(state, inputs.odometry, inputs.odometry_time, still)
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:

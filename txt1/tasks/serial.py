@@ -53,10 +53,12 @@ async def serial(
     gate: Gate,
     send: Callable[[BoardMessage], None],
     answered: Callable[[bool], None],
+    reason_to_keep_atx: Callable[[float], str | None],
 ) -> None:
     """Carry out every message that has arrived, in order.
 
     `answered` is for a HAL that closes its own loops: told whether they accept the gains, it posts a PidResponse here.
+    `reason_to_keep_atx` tells why the ATX supply may not be turned off at a time, s of the run; None: it may.
     """
     async for now in arrivals:
         while inbox:
@@ -87,9 +89,10 @@ async def serial(
                     if servos is not None and gate.armed and epoch == gate.epoch:  # nothing from before arming counts
                         state.servos = servos[0], servos[1]
                 case PowerControl(switch, on):
-                    if switch is Switch.ATX and not on and gate.armed:
+                    reason = reason_to_keep_atx(now) if switch is Switch.ATX and not on else None
+                    if reason is not None:
                         gate.count(Fault.POWER)
-                        state.tell(now, "ATX supply stays on: it feeds encoders and computer, so disarm first")
+                        state.tell(now, reason)
                         continue
                     if switch is Switch.ESC and on and gate.armed and not hal.capabilities.power_known:
                         gate.count(Fault.POWER)

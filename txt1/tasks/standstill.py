@@ -8,8 +8,8 @@ from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.standstill import UNOBEYED, Standstill, Stop
-from txt1.hal.base import Hal, Outputs
+from txt1.control.standstill import STANDS, UNOBEYED, Standstill, Stop
+from txt1.hal.base import Capabilities, Hal, Outputs
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import Switch
 from txt1.tasks.fields import BatteryState
@@ -56,7 +56,7 @@ class Watch:
         """Look at the speed after these outputs, and do what the stop calls for."""
         state, watch = self.state, self.standstill
         before = watch.stop
-        known = state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
+        known = sees(state, now)
         v = state.odometry.v if known else None
         # of the faster wheel: with an encoder that counts backwards the odometry of a fast car is of one that turns
         wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
@@ -102,7 +102,7 @@ class Watch:
     @property
     def settled(self) -> bool:
         """Whether nothing that this run has driven has to be watched any more."""
-        return not self.standstill.drove or self.standstill.stop is Stop.STANDING
+        return not self.standstill.drove or self.standstill.stop in (Stop.STANDING, Stop.UNSEEN)
 
     @property
     def trouble(self) -> str:
@@ -115,6 +115,34 @@ class Watch:
             return f"the robot was not seen to stand ({watch.stop.value}{blind}): look at it"
         means = "a PWM test of zeros" if watch.failed is Stop.PWM_ZEROS else "switching the ESC off"
         return f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode?"
+
+
+def sees(state: State, now: float) -> bool:
+    """Whether the robot's speed is known: odometry came lately, from encoders that have power (the ATX supply's)."""
+    return state.power.atx is not False and state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
+
+
+def stands(state: State, watch: Watch | None, now: float) -> bool:
+    """Whether the robot was seen to stand, and still is; without a watch the encoders say since when it stands."""
+    if watch is not None:
+        return watch.standstill.stands(now)
+    return sees(state, now) and state.odometry_time - state.moved_time >= STANDS - 1e-9
+
+
+def reason_to_keep_atx(state: State, can: Capabilities, gate: Gate, watch: Watch | None, now: float) -> str | None:
+    """Why the ATX supply may not be turned off now, with the remedy; None when it may.
+
+    It feeds the encoders, so it stays on until the robot was seen to stand (see `stands`).
+    """
+    if state.power.atx is False:
+        return None
+    if gate.armed:
+        return "the ATX supply feeds encoders and computer, so it stays on: disarm first (m, or Robot.disarm)"
+    if can.blind:
+        return "the ATX supply stays on: there are no encoders that see the robot stand; switch it off at the robot"
+    if stands(state, watch, now):
+        return None
+    return "the ATX supply feeds the encoders, so it stays on until they have seen the robot stand: ask again then"
 
 
 async def standstill(ticks: Ticks, watch: Watch) -> None:

@@ -43,6 +43,7 @@ class State:
         self.encoders = Encoders()
         self.odometry = Odometry()
         self.odometry_time = 0.0
+        self.moved_time = 0.0  # when it moved last, or nobody could see it, s of the run
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
         # by the mode, controller and battery tasks

@@ -17,6 +17,8 @@ from txt1pico.runaway import NOTHING, RunawayWatch
 PERIOD = 20
 """ms between two steps."""
 AGE_MAX = 1 << 20
+STANDS = 300
+"""ms without a count after which the vehicle was seen to stand."""
 SILENCE = 60
 """ms without a byte after which a half frame is given up: more than 50, and whole steps."""
 
@@ -84,6 +86,7 @@ class Core:
         self._manual_pwm = array("i", (0, 0, 0))
         self._servos = array("i", (0, 0))
         self._combined_v = self._combined_omega = 0
+        self._still_age = 0  # since the last count of an encoder that has power
         self._velocities = self._combined = 0
         self._may_arm = True
         self._was_manual = False
@@ -199,13 +202,14 @@ class Core:
         )
 
     def _switch(self, switch, state):
-        """Turn a power supply on or off; the ATX supply, which feeds the encoders, only at rest."""
+        """Turn a power supply on or off; the ATX supply, which feeds the encoders, only when they saw it stand."""
         if switch > 1 or state > 1:
             return
         if switch == 0 and not state:
-            if self.armed and self._wanted_age >= facts.LET_GO and not self.odometry.v:
+            stands = self._still_age >= STANDS or not self.switches & 1
+            if self.armed and self._wanted_age >= facts.LET_GO and stands:
                 self.disarm(ATX_OFF)
-            if self.armed:
+            if self.armed or not stands:
                 return
         bit = 1 << switch
         self.switches = self.switches | bit if state else self.switches & ~bit
@@ -309,6 +313,8 @@ class Core:
                 self.disarm(MISSED)
         self._control(dt)
         self.right, self.left = right, left
+        if right or left or not self.switches & 1:
+            self._still_age = 0
         self.odometry.advance(right, left, periods)
         self._to_mode -= dt
         if self._to_mode <= 0:
@@ -336,6 +342,7 @@ class Core:
         self._combined_age = min(self._combined_age + dt, AGE_MAX)
         self._wanted_age = min(self._wanted_age + dt, AGE_MAX)
         self._byte_age = min(self._byte_age + dt, AGE_MAX)
+        self._still_age = min(self._still_age + dt, AGE_MAX)
         if self._byte_age >= SILENCE and self.receiver.pending():
             self.receiver.expire()
             self._obey()

@@ -163,7 +163,7 @@ def test_who_moves_at_more_than_0_1_for_half_a_second_without_a_command_is_told_
         stops = stepped(*at_rest, *[speed] * 11)[1]
         assert stops[6:] == [*[Stop.STANDING] * 11, stop]
     assert stepped(*at_rest, *[0.2] * 10, 0.1, *[0.2] * 10)[1][-1] is Stop.STANDING, "without a break"
-    assert stepped(*at_rest, *[0.2] * 10, None, *[0.2] * 10)[1][-1] is Stop.STANDING
+    assert stepped(*at_rest, *[0.2] * 10, None, *[0.2] * 10)[1][-1] is Stop.UNSEEN
     assert stepped(*at_rest, *[0.2] * 20, armed=True)[1][-1] is Stop.STANDING, "but not while it is armed"
     assert stepped(*at_rest, *[0.2] * 11, *[0.0] * 6)[1][-1] is Stop.UNASKED
     assert stepped(*at_rest, *[0.2] * 11, *[0.0] * 7)[1][-1] is Stop.STANDING
@@ -172,6 +172,19 @@ def test_who_moves_at_more_than_0_1_for_half_a_second_without_a_command_is_told_
         stop = pushed.step(k * PERIOD, 0.2, commanded=False, armed=False, connected=True)
     assert stop is Stop.UNASKED, "before anybody has ever driven it"
     assert not pushed.drove
+
+
+def test_what_stood_and_is_not_seen_any_more_does_not_stand() -> None:
+    at_rest = [0.0] * 7
+    assert stepped(*at_rest)[0].stands(6 * PERIOD)
+    watch, stops = stepped(*at_rest, None, *[0.0] * 7)
+    assert stops[6:] == [Stop.STANDING, *[Stop.UNSEEN] * 7, Stop.STANDING], "seen again for 0.3 s"
+    assert stepped(*at_rest, None, *[0.2] * 11)[1][-1] is Stop.UNASKED
+    assert stepped(*at_rest, None, *[0.2] * 11, armed=True)[1][-1] is Stop.UNSEEN
+    watch, stops = stepped(*at_rest, 0.06)
+    assert stops[-1] is Stop.STANDING and not watch.stands(7 * PERIOD), "it has just begun to move"
+    assert not stepped(*at_rest, None)[0].stands(7 * PERIOD)
+    assert not stepped(0.0, 0.0)[0].stands(PERIOD)
 
 
 def test_what_a_stop_called_for_is_remembered_and_whether_anybody_saw_it() -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from txt1pico import facts, frame, odometry
-from txt1pico.core import Core
+from txt1pico.core import NOT_YET, Core
 from txt1pico.fixed import KD_MAX, KI_MAX, KP_MAX
 from txt1pico.fixed import Pid as FixedPid
 
@@ -178,6 +178,23 @@ def bench() -> Bench:
     bench.run(3.0, Velocity(0.0, 0.0))
     assert bench.core.armed
     return bench
+
+
+def test_the_atx_supply_stays_on_until_its_encoders_have_stood_still_for_a_while(bench: Bench) -> None:
+    bench.run(1.0, Velocity(0.5, 0.0), wheels=(30, 30))
+    bench.core.disarm(NOT_YET)
+    for wheels, seconds in (((30, 30), 0.5), ((1, -1), 0.5), ((0, 0), 0.28)):
+        bench.run(seconds, wheels=wheels)
+        bench.send(PowerControl(Switch.ATX, False))
+        assert bench.core.switches == 3
+    bench.run(0.04)
+    bench.send(PowerControl(Switch.ATX, False))
+    assert bench.core.switches == 2
+    bench.run(1.0)
+    bench.send(PowerControl(Switch.ATX, True))
+    bench.run(0.1)
+    bench.send(PowerControl(Switch.ATX, False))
+    assert bench.core.switches == 3, "they have had their power for 0.1 s only"
 
 
 def test_nothing_moves_before_gains_and_velocity_have_come() -> None:
