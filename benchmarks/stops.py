@@ -309,6 +309,14 @@ async def go_and_switch_on(on: Desk) -> None:
     asyncio.get_running_loop().call_later(3.0, switch_on)
 
 
+async def go_until_switched_on_by_hand(on: Desk) -> None:
+    """Command 0.4 m/s until the robot disarms, and have somebody switch the ESC on 4 s later."""
+    await go(on)
+    board = on.board
+    assert board is not None
+    asyncio.get_running_loop().call_later(5.0, lambda: board.happen(BoardEvent("esc", 1.0)))
+
+
 async def hanging(on: Desk) -> None:
     """Do so, and have the motor's output hang whatever it is told."""
     await manual(on)
@@ -511,6 +519,10 @@ CASES: Final = (
     *on_each(
         ("original",), "a3", "A3: commanded with the ESC left off", go_and_switch_on, UNMOVED, before=esc_off,
         limit=8.0, told="ESC off",
+    ),
+    *on_each(
+        ("original",), "a3-hand", "A3, and somebody switches the ESC on", go_until_switched_on_by_hand, UNMOVED,
+        before=esc_off, limit=8.0, told="ESC off, then on by hand",
     ),
     *on_each(
         ("original",), "a3-unmended", "A3 without the watch", go_and_switch_on, before=esc_off, limit=8.0,

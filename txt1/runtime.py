@@ -405,8 +405,9 @@ class Runtime:
 
     def _reason_not_to_arm(self, now: float) -> str | None:
         state = self.state
-        if state.board is not None and not state.board.ready:
-            return f"no link to the board yet: {state.board.text}"
+        board = None if state.board is None else self.hal.read(now).link  # as it is after what was done just now
+        if board is not None and not board.ready:
+            return f"no link to the board yet: {board.text}"
         if not state.link.alive:
             return "link lost: the host has not been heard for a second"
         if self.config.hal == "serial" and self.config.serial.control == "host" and not self.config.serial.allow_host:

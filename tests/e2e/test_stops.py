@@ -16,6 +16,7 @@ from txt1.cli import execute
 from txt1.control.standstill import Stop
 from txt1.errors import CommandRefused, HalError, NotArmed, StopNotVerified, TaskFault
 from txt1.hal.base import Inputs
+from txt1.hal.serial import SerialHal
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PowerControl, Switch
 from txt1.robot import Robot
@@ -279,7 +280,8 @@ async def test_a_slow_car_is_no_fault() -> None:
 # -- commanded and not moving ----------------------------------------------------------------------------------
 
 
-async def test_who_arms_again_at_once_has_another_second() -> None:
+async def test_who_arms_again_at_once_has_another_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SerialHal, "clear_loops", lambda hal, now: None)  # as hardware whose loops do not wind up
     async with robot_and_board() as (robot, board):
         board.happen(BoardEvent("esc", 0.0))
         await asyncio.sleep(0.5)
@@ -322,18 +324,78 @@ async def test_with_the_esc_left_off_the_robot_disarms_and_its_return_does_not_l
         assert 0.35 < fastest < 0.6
 
 
-async def test_the_esc_switched_on_by_hand_lurches_so_the_test_before_means_something() -> None:
+@asynccontextmanager
+async def not_moving() -> AsyncIterator[tuple[Robot, Board]]:
+    """A robot that has just disarmed, as its ESC was off when it was commanded."""
     async with robot_and_board() as (robot, board):
         board.happen(BoardEvent("esc", 0.0))
         await asyncio.sleep(0.5)
-        with pytest.raises(NotArmed):
-            await robot.drive(0.4, 0.0, 5.0)
+        with pytest.raises(NotArmed, match="commanded and not moving"):
+            await robot.drive(0.8, 0.0, 5.0)
+        yield robot, board
+
+
+async def fastest_when_the_esc_comes_on(board: Board) -> float:
+    """The largest speed, m/s, in the three seconds after somebody has switched the ESC on by hand."""
+    board.happen(BoardEvent("esc", 1.0))
+    fastest = 0.0
+    for _ in range(150):
+        await asyncio.sleep(0.02)
+        fastest = max(fastest, abs(board.vehicle.motion[3]))
+    return fastest
+
+
+@pytest.mark.parametrize("later", [2.2, 4.0, 9.0])
+async def test_an_esc_that_is_switched_on_by_hand_moves_nothing_as_the_loops_are_cleared(later: float) -> None:
+    async with not_moving() as (robot, board):
+        await asyncio.sleep(later)
+        assert await fastest_when_the_esc_comes_on(board) == 0.0
         await asyncio.sleep(1.0)
-        board.runtime.post(PowerControl(Switch.ESC, True), board.now)
-        await asyncio.sleep(0.3)
-        fastest = abs(board.vehicle.motion[3])
+        assert (robot.stop_state, robot.faults["link_lost"]) == (Stop.STANDING, 0)
+        robot.arm()
+        await robot.drive(0.4, 0.0, 2.0)
+        assert board.vehicle.motion[3] == pytest.approx(0.4, abs=0.1)
+
+
+async def test_without_that_silence_it_lurches_so_the_test_before_means_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(SerialHal, "clear_loops", lambda hal, now: None)
+    async with not_moving() as (_, board):
+        await asyncio.sleep(4.0)
+        assert await fastest_when_the_esc_comes_on(board) > 0.8, "wound up, and disarmed"
         await asyncio.sleep(3.0)
-        assert fastest > 0.3, "wound up, and disarmed"
+
+
+async def test_while_the_loops_are_cleared_it_is_stopped_but_not_armed() -> None:
+    async with not_moving() as (robot, board):
+        for wait in (0.0, 0.5):
+            await asyncio.sleep(wait)
+            with pytest.raises(NotArmed, match="silence clears the board's loops"):
+                robot.arm()
+        robot.stop()
+        assert (robot.armed, robot.reason) == (False, "emergency stop")
+        assert await fastest_when_the_esc_comes_on(board) > 0.8, "it came back too soon"
+        assert "moves without a command" in told(robot), "and a PWM test of zeros followed"
+        await asyncio.sleep(4.0)
+        assert robot.reason == "emergency stop", "which stays until somebody arms"
+        robot.arm()
+        await robot.drive(0.4, 0.0, 2.0)
+
+
+async def test_a_board_as_ours_falls_silent_while_its_loops_are_cleared_and_comes_back() -> None:
+    async with robot_and_board(*WIRE) as (robot, board):
+        vehicle = board.vehicle
+        moves = vehicle.dynamics
+        vehicle.dynamics = (*moves[:3], 0.0, *moves[4:])  # no speed for any motor output
+        with pytest.raises(NotArmed, match="wheel blocked"):
+            await robot.drive(0.3, 0.0, 5.0)
+        await asyncio.sleep(6.0)
+        assert (robot.stop_state, robot.faults["link_lost"], vehicle.esc_on) == (Stop.STANDING, 0, True)
+        vehicle.dynamics = moves
+        robot.arm()
+        await robot.drive(0.4, 0.0, 2.0)
+        assert vehicle.motion[3] == pytest.approx(0.4, abs=0.05)
 
 
 async def test_a_blocked_wheel_disarms_with_its_causes() -> None:

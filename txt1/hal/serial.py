@@ -87,8 +87,11 @@ No switch is ever turned on again, and the ATX supply is never switched twice.
 HEAL_PERIOD: Final = 10.0
 """s after which acknowledged gains are sent again, while Velocity is zero: a board may have restarted unnoticed."""
 
+LAST_ZEROS: Final = 0.15
+"""s of zeros before the board's loops are cleared: the set-point is 0 meanwhile, even if the line loses a frame."""
+
 ESC_SILENCE: Final = 2.2
-"""s without Velocity before the ESC comes on: the link rule of 1 to 2 s clears the board's loops, which may be full."""
+"""s without Velocity before the ESC may come on: by the link rule of 1 to 2 s the board clears its loops."""
 
 ESC_ZEROS: Final = 1.05
 """s of zeros after them, so that the board hears its host again ..."""
@@ -222,7 +225,8 @@ class SerialHal:
         self._answered: Callable[[bool], None]
         self._servos: PwmCommand | None = None
         self._esc_off = False  # asked for, so it is asked for again and again
-        self._esc_on_since = -inf  # run time since when the ESC is on its way to being switched on
+        self._esc_comes_on = False  # asked for, so it is switched on when the board's loops are cleared
+        self._clearing_since = -inf  # run time since when the board's loops are being cleared
         # what happened
         self._text = f"connecting to {port.address}"
         self._pause: float  # s before the line is opened again
@@ -393,7 +397,7 @@ class SerialHal:
         if time - self._heard > LOST and self._heard_since < inf:
             self._down(f"link lost: no odometry for {LOST:g} s")
         report = self._report
-        ready = time - self._heard_since >= SETTLED and not self._esc_comes_on
+        ready = time - self._heard_since >= SETTLED and not self._clearing
         if report is None or report.ready is not ready:
             gains, connected = not self._gains_missing, self.link is not None
             told = ready, self._losses, self._reason, self._text, self._counts(), gains, connected
@@ -409,8 +413,8 @@ class SerialHal:
         if outputs[3:5] != before[3:5]:
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
             self._repeat_due = -inf
-        if self._esc_comes_on:
-            self._bring_esc_on(now)
+        if self._clearing and now >= self._clearing_since + ESC_SILENCE + ESC_ZEROS:
+            self._end_clearing()
         if self.link is None:
             return
         if now >= self._repeat_due:
@@ -420,7 +424,7 @@ class SerialHal:
         if now >= self._due - 1e-9 or stops or self._time() < self._lossy_until:
             if now >= self._due - 1e-9:
                 self._due = (now if self._due < now - SEND_PERIOD else self._due) + SEND_PERIOD
-            if now >= self._esc_on_since + ESC_SILENCE:
+            if not self._clearing_since <= now < self._clearing_since + ESC_SILENCE:
                 self._send_outputs(outputs)
         heals = self._time() >= self._heal_due and not moves(outputs)
         if self._pid_set is not None and (now >= self._pid_due or heals):
@@ -456,26 +460,38 @@ class SerialHal:
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Send a power switch's new state: "ESC off" again and again, everything else once.
 
-        Before the ESC comes on, the board's loops have to forget what they may have wound up: first comes silence, then
-        zeros, and the switch 3.2 s after it was asked for. Meanwhile the board is not ready.
+        Before the ESC comes on, the board's loops are cleared: first comes silence, then zeros, and the switch 3.2 s
+        after it was asked for. Meanwhile the board is not ready.
         """
         if switch is Switch.ESC:
-            self._esc_off = not on
-            self._esc_on_since = now if on else -inf
+            self._esc_off, self._esc_comes_on = not on, on
             if on:
+                self._clearing_since = now
                 self._tell(f"the ESC comes on in {ESC_SILENCE + ESC_ZEROS:.1f} s, when the board's loops are cleared")
                 return
         self._send(PowerControl(switch, on))
 
-    @property
-    def _esc_comes_on(self) -> bool:
-        return self._esc_on_since > -inf
+    def clear_loops(self, now: float) -> None:
+        """Have the board's loops forget what they wound up while nothing moved: somebody may switch its ESC on.
 
-    def _bring_esc_on(self, now: float) -> None:
-        if now >= self._esc_on_since + ESC_SILENCE + ESC_ZEROS:
-            self._esc_on_since = -inf
+        They keep it as long as zeros come, so silence follows, then zeros again. Meanwhile the board is not ready.
+        """
+        if not self.capabilities.pwm:  # else the loops are this host's
+            self._clearing_since = now + LAST_ZEROS
+            self._tell(f"silence clears the board's loops; that takes {LAST_ZEROS + ESC_SILENCE + ESC_ZEROS:.1f} s")
+
+    @property
+    def _clearing(self) -> bool:
+        return self._clearing_since > -inf
+
+    def _end_clearing(self) -> None:
+        self._clearing_since = -inf
+        if self._esc_comes_on:
+            self._esc_comes_on = False
             self._tell("the ESC was told to come on")
             self._send(PowerControl(Switch.ESC, True))
+        else:
+            self._tell("the silence that clears the board's loops is over")
 
     def indicate(self, indicators: Indicators) -> None:
         """Buzzer and LEDs are the board's own affair."""
@@ -490,7 +506,7 @@ class SerialHal:
 
     def _send_outputs(self, outputs: Outputs) -> None:
         """Send a set-point, 0 as long as the board has not settled; or PWM counts, and 0 to keep the link alive."""
-        if self._time() - self._heard_since < SETTLED or self._esc_comes_on or self._gains_missing:
+        if self._time() - self._heard_since < SETTLED or self._clearing or self._gains_missing:
             outputs = Outputs(0, 0, 0, *outputs[3:5])
         if self.capabilities.pwm:
             self._send(Velocity(0.0, 0.0))

@@ -47,6 +47,7 @@ class Watch:
         self._track_width = track_width
         self.standstill = Standstill()
         self._switch = switch
+        self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0
         self._asked = 0.0  # the speed that has been commanded all the time ...
         self._unmoved_since = 0.0  # ... without a motion, since then, s of the run
@@ -98,6 +99,7 @@ class Watch:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
+            self._clear_loops(now)  # which are full: an ESC that comes back would move it
 
     @property
     def settled(self) -> bool:

@@ -212,7 +212,50 @@ def test_an_esc_that_is_to_be_off_after_all_does_not_come_on(desk: Desk) -> None
     desk.do(lambda: desk.hal.switch(Switch.ESC, False, desk.now))
     desk.runs(5.0)
     assert {message for _, message in desk.heard(PowerControl)} == {PowerControl(Switch.ESC, False)}
-    assert len(desk.times(Velocity, since=3.0)) == 100
+    assert desk.times(Velocity, since=2.0)[0] == pytest.approx(4.2), "but the board's loops are cleared"
+    assert desk.link.text == "the silence that clears the board's loops is over"
+
+
+def test_loops_are_cleared_by_zeros_then_silence_then_zeros_and_meanwhile_the_board_is_not_ready(desk: Desk) -> None:
+    desk.runs(1.0, DRIVE)
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    assert desk.link.text == "silence clears the board's loops; that takes 3.4 s"
+    desk.runs(3.38, DRIVE)
+    times = desk.times(Velocity, since=3.0)
+    assert {message for _, message in desk.heard(Velocity, since=3.0)} == {ZERO}, "whatever it is told to do"
+    last = max(time for time in times if time < 4.0)
+    assert len([time for time in times if time <= last]) == 3, "so that one of them may be lost"
+    assert (last, min(time for time in times if time > last)) == (3.1, 5.36)
+    assert not desk.link.ready
+    desk.runs(0.1, DRIVE)
+    assert (desk.link.ready, desk.link.text) == (True, "the silence that clears the board's loops is over")
+    assert desk.sent[-1][1] == HALF
+    assert not desk.heard(PowerControl), "no switch is touched"
+
+
+def test_what_stops_a_board_goes_out_while_its_loops_are_cleared(desk: Desk) -> None:
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    desk.runs(1.0)
+    desk.do(lambda: desk.hal.halt(Outputs(), desk.now))
+    desk.do(lambda: desk.hal.switch(Switch.ESC, False, desk.now))
+    assert [message for _, message in desk.sent[-2:]] == [PwmTest(0, 0, 0, 0, 0), PowerControl(Switch.ESC, False)]
+    assert not desk.times(Velocity, since=2.2)
+
+
+def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_silence_of_its_own(desk: Desk) -> None:
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    desk.runs(1.0)
+    desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
+    desk.runs(4.0)
+    assert desk.heard(PowerControl) == [(6.26, PowerControl(Switch.ESC, True))]
+    assert min(desk.times(Velocity, since=3.0)) == pytest.approx(5.2)
+
+
+def test_loops_at_the_hosts_end_need_no_silence(make: Callable[..., Desk]) -> None:
+    desk = make(control="host").runs(2.0)
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    desk.runs(3.0, Outputs(motor=1000))
+    assert len(desk.times(Velocity, since=2.0)) == 60 and desk.link.ready
 
 
 def test_the_esc_comes_on_where_the_line_is_down_meanwhile_as_late_as_ever(desk: Desk) -> None:
