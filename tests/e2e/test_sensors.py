@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS, Reading, reading_topic
 from txt1.sensors.light import LIGHT, SimulatedLight
 from txt1.sensors.registry import DRIVERS
+from txt1.sim.view import distances
 from txt1.telemetry.topics import Topic
 
 INSTALLED = ", ".join(DRIVERS.names())
@@ -293,6 +295,77 @@ async def test_a_board_has_no_sensors_of_the_hosts() -> None:
     await runtime.start()
     assert dict(runtime.sensors) == {}
     await runtime.stop()
+
+
+# -- pictures, which a thread draws -------------------------------------------------------------------------------
+
+
+EYES = ("sensors.camera.driver=sim_camera", "sensors.depth.driver=sim_depth")
+
+
+async def pictures() -> list[tuple[str, float, float, bytes]]:
+    """What the cameras of a robot that drives a curve tell: their names, exposure, arrival, pixels."""
+    pytest.importorskip("PIL", reason="JPEG needs the extra 'camera'")
+    told: list[tuple[str, float, float, bytes]] = []
+    async with Robot.open("sim", seed=1, settings=EYES) as robot:
+        for name, polled in robot.sensors.items():
+            polled.listeners.append(lambda seen, name=name: told.append((name, seen.time, robot.now, seen.value.data)))
+        await robot.load_gains()
+        await robot.drive(0.5, 0.5, 2.0)
+    return told
+
+
+async def test_pictures_repeat_to_the_last_bit_however_long_a_thread_draws_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first = await pictures()
+    drawn = 0
+
+    def dawdling(*arguments: Any) -> Any:
+        nonlocal drawn
+        drawn += 1
+        sum(range(1_000_000 * (drawn % 3)))
+        return distances(*arguments)
+
+    monkeypatch.setattr("txt1.sensors.sim_camera.distances", dawdling)
+    assert await pictures() == first
+    assert drawn > 20
+    assert len({data for *_, data in first}) > 20
+
+
+async def test_a_picture_is_a_period_old_when_it_arrives() -> None:
+    ages = [arrival - exposure for _, exposure, arrival, _ in await pictures()]
+    assert ages == pytest.approx([0.1] * len(ages))
+
+
+async def test_no_thread_outlives_the_robot_that_draws() -> None:
+    async with Robot.open("sim", settings=[*ENDLESS, "sensors.depth.driver=sim_depth"]):
+        await asyncio.sleep(0.5)
+        assert "txt1 camera" in {each.name.partition("_")[0] for each in threading.enumerate()}
+    assert "txt1 camera" not in {each.name.partition("_")[0] for each in threading.enumerate()}
+
+
+async def test_a_depth_camera_draws_no_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("txt1.sensors.sim_camera.draw")
+    async with Robot.open("sim", settings=[*ENDLESS, "sensors.depth.driver=sim_depth"]) as robot:
+        await asyncio.sleep(0.5)
+        assert robot.sensors["depth"].state().healthy
+
+
+async def test_a_picture_that_cannot_be_drawn_is_a_failure_of_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with Robot.open("sim", settings=[*ENDLESS, "sensors.depth.driver=sim_depth"]) as robot:
+        await asyncio.sleep(0.5)
+        with monkeypatch.context() as broken:
+            broken.delattr("txt1.sensors.sim_camera.distances")
+            await asyncio.sleep(0.5)
+        state = robot.sensors["depth"].state()
+        assert not state.healthy
+        assert "the picture cannot be drawn: NameError: name 'distances' is not defined" in state.reason
+        await asyncio.sleep(0.5)
+        assert robot.sensors["depth"].state().healthy
+
+
+# -- made by a program -------------------------------------------------------------------------------------------
 
 
 async def test_a_program_makes_a_sensor_of_its_own_from_a_driver() -> None:

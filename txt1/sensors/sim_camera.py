@@ -1,6 +1,8 @@
 """The twins of a camera and of a depth camera: pictures drawn from the world, the lamp in it."""
 
+import asyncio
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BytesIO
 from math import cos, inf, radians, sin
@@ -10,20 +12,18 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from txt1.config.sources import checked
-from txt1.errors import MissingExtra
-from txt1.model.vehicle import Geometry
+from txt1.errors import HalError, MissingExtra
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Image, depth_topic, image_topic
 from txt1.sensors.sim_laser import Others, bodies
 from txt1.sensors.twin import true_pose
 from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.room import Room
-from txt1.sim.view import Camera, Picture, Scene, draw
+from txt1.sim.view import Camera, Picture, Scene, distances, draw
 from txt1.telemetry.topics import Topic
 from txt1.units import Positive, PositiveInt
 
 T = TypeVar("T")
-Take = Callable[[Picture, Any], T]  # makes a value of a picture and of distances
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,17 @@ class CameraOptions:
 
 
 class SimulatedCamera(Generic[T]):
-    """A camera on a vehicle whose true pose is `pose`; `take` makes a reading of colours and depths."""
+    """A camera on a vehicle whose true pose is `pose`, among other vehicles at the poses `others`.
+
+    Drawing takes longer than the event loop may wait for. So `read` exposes: it notes the poses, and leaves the
+    drawing to a thread. The next `read` hands out the picture of the exposure before it, with the time of that
+    exposure, and exposes again. Virtual time stands still while a thread draws, so each picture is exactly a period
+    old when it arrives, and a run repeats to the last bit. In real time a picture that takes longer arrives later, and
+    the next exposure waits for it.
+
+    `expose` draws in the thread: it makes a value of the camera's pose and those of the other vehicles, and must know
+    nothing else that changes.
+    """
 
     simulated = True
 
@@ -55,32 +65,53 @@ class SimulatedCamera(Generic[T]):
         self,
         topic: Topic[T],
         pose: Callable[[], Pose | None],
-        scene: Callable[[], Scene],
-        camera: Camera,
-        take: Take[T],
+        others: Others,
+        expose: Callable[[Pose, Sequence[Pose]], T],
         rate: float = 10.0,
     ) -> None:
         self.topic, self.period = topic, 1.0 / rate
-        self._pose, self._scene, self._camera, self._take = pose, scene, camera, take
-        self._last = -inf
+        self._pose, self._others, self._expose = pose, others, expose
+        self._thread: ThreadPoolExecutor | None = None
+        self._exposed = -inf
+        self._picture: asyncio.Future[T] | None = None
 
     async def open(self) -> None:
         """A new run may begin."""
-        self._last = -inf
+        self._exposed, self._picture = -inf, None
+        self._thread = ThreadPoolExecutor(1, "txt1 camera")
+        await asyncio.get_running_loop().run_in_executor(self._thread, int)  # it starts now: no `read` waits for that
 
     async def close(self) -> None:
-        """Nothing to let go of."""
+        """End the thread; a picture under way is thrown away."""
+        thread, self._thread = self._thread, None
+        picture, self._picture = self._picture, None
+        if thread is not None:
+            await asyncio.to_thread(thread.shutdown)  # which draws the picture under way to its end
+        if picture is not None:
+            await asyncio.wait([picture])
+            picture.exception()  # or Python warns that an error was never looked at
 
     def read(self, now: float) -> Reading[T] | None:
-        """The reading at `now`; None: there is none later than the last."""
-        pose = self._pose()
-        if pose is None or now <= self._last:
+        """The picture of the last exposure; None while there is none. HalError: it could not be drawn."""
+        drawing = self._picture is not None and not self._picture.done()
+        if self._thread is None or drawing or now <= self._exposed:
             return None
-        self._last = now
-        x, y, theta = pose
-        mount = CAMERA_MOUNT
-        x, y = x + mount.x * cos(theta) - mount.y * sin(theta), y + mount.x * sin(theta) + mount.y * cos(theta)
-        return Reading(now, self._take(*draw(self._camera, self._scene(), x, y, mount.z, theta + mount.yaw)))
+        time, picture = self._exposed, self._picture
+        pose, self._picture = self._pose(), None
+        if pose is not None:
+            x, y, theta = pose
+            mount = CAMERA_MOUNT
+            x, y = x + mount.x * cos(theta) - mount.y * sin(theta), y + mount.x * sin(theta) + mount.y * cos(theta)
+            eye = x, y, theta + mount.yaw
+            loop = asyncio.get_running_loop()
+            self._picture = loop.run_in_executor(self._thread, self._expose, eye, tuple(self._others()))
+            self._exposed = now
+        if picture is None:
+            return None
+        try:
+            return Reading(time, picture.result())
+        except Exception as error:
+            raise HalError(f"the picture cannot be drawn: {type(error).__name__}: {error}") from error
 
 
 def jpeg(picture: Picture, quality: int = 75) -> bytes:
@@ -100,38 +131,40 @@ def millimetres(distances: Any, range_min: float, range_max: float) -> bytes:
     return bytes(np.where(seen, np.round(1000.0 * np.where(seen, distances, 0.0)), 0.0).astype("<u2").tobytes())
 
 
-def _scene_of(setup: Setup) -> Callable[[], Scene]:
+def _scene_of(setup: Setup) -> Callable[[Sequence[Pose]], Scene]:
+    """The function that returns the scene with other vehicles at these poses; the rest of it never changes."""
     sim, body = setup.config.sim, setup.config.geometry
     walls, obstacles = walls_of(Room(sim.room.length, sim.room.width)), shapes_of(sim.obstacles)
-    others: Others = getattr(setup.hal, "others", tuple)
-    return lambda: Scene(walls, obstacles, _bodies(others(), body), sim.room.light)
-
-
-def _bodies(poses: Sequence[Pose], body: Geometry) -> Any:
-    return bodies(poses, body)
+    return lambda others: Scene(walls, obstacles, bodies(others, body), sim.room.light)
 
 
 def simulated(setup: Setup) -> SimulatedCamera[Image]:
     """The driver ``sim_camera``; options: those of `CameraOptions`."""
     given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
-    camera = Camera(given.width, given.height, radians(given.field))
+    camera, scene = Camera(given.width, given.height, radians(given.field)), _scene_of(setup)
     jpeg(np.zeros((1, 1, 3), np.uint8))  # tells now that the extra is missing
 
-    def take(picture: Picture, distances: Any) -> Image:
-        del distances
+    def expose(eye: Pose, others: Sequence[Pose]) -> Image:
+        x, y, theta = eye
+        picture = draw(camera, scene(others), x, y, CAMERA_MOUNT.z, theta)
         return Image(given.width, given.height, jpeg(picture, given.quality))
 
-    return SimulatedCamera(image_topic(setup.name), true_pose(setup), _scene_of(setup), camera, take, given.rate)
+    return SimulatedCamera(image_topic(setup.name), true_pose(setup), _others_of(setup), expose, given.rate)
 
 
 def simulated_depth(setup: Setup) -> SimulatedCamera[DepthImage]:
     """The driver ``sim_depth``; options: those of `CameraOptions`."""
     given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
-    camera = Camera(given.width, given.height, radians(given.field))
+    camera, scene = Camera(given.width, given.height, radians(given.field)), _scene_of(setup)
 
-    def take(picture: Picture, distances: Any) -> DepthImage:
-        del picture
-        data = millimetres(distances, given.range_min, given.range_max)
-        return DepthImage(given.width, given.height, data, camera.focal)
+    def expose(eye: Pose, others: Sequence[Pose]) -> DepthImage:
+        x, y, theta = eye
+        seen = distances(camera, scene(others), x, y, CAMERA_MOUNT.z, theta)
+        return DepthImage(given.width, given.height, millimetres(seen, given.range_min, given.range_max), camera.focal)
 
-    return SimulatedCamera(depth_topic(setup.name), true_pose(setup), _scene_of(setup), camera, take, given.rate)
+    return SimulatedCamera(depth_topic(setup.name), true_pose(setup), _others_of(setup), expose, given.rate)
+
+
+def _others_of(setup: Setup) -> Others:
+    others: Others = getattr(setup.hal, "others", tuple)
+    return others

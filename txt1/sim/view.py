@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 
 from txt1.sim.rays import Floats, Shapes, cast
 
-WALL: Final = (2.5, (205.0, 200.0, 190.0))  # height (m) and colour
-OBSTACLE: Final = (0.6, (70.0, 120.0, 190.0))
-VEHICLE: Final = (0.297, (190.0, 70.0, 60.0))
-FLOOR: Final = (150.0, 140.0, 125.0)
-SKY: Final = (60.0, 65.0, 75.0)  # above the walls
+WALL_HEIGHT: Final = 2.5  # m
+OBSTACLE_HEIGHT: Final = 0.6
+VEHICLE_HEIGHT: Final = 0.297
+PAINTS: Final = (  # red, green and blue of
+    (60.0, 65.0, 75.0),  # the sky above the walls
+    (150.0, 140.0, 125.0),  # the floor
+    (205.0, 200.0, 190.0),  # walls
+    (70.0, 120.0, 190.0),  # obstacles
+    (190.0, 70.0, 60.0),  # vehicles
+)
 LAMP: Final = (255.0, 250.0, 215.0)
 LAMP_RADIUS: Final = 0.05  # m
 AMBIENT: Final = 0.35  # share of full brightness without the lamp
@@ -47,34 +52,57 @@ class Scene(NamedTuple):
     light: tuple[float, float]  # m, at the camera's height
 
 
-def draw(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> tuple[Picture, Floats]:
-    """The picture (height, width, 3) and the distances along the axis (height, width), m, inf where nothing is.
+def distances(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> Floats:
+    """Return the distances along the camera's axis (height, width), m, inf where nothing is.
 
     The camera is at (x, y), z above the floor, and looks along theta; m and rad.
     """
-    focal = camera.focal
-    sideways = (0.5 * (camera.width - 1) - np.arange(camera.width)) / focal  # left of the axis, for 1 m along it
-    below = (np.arange(camera.height) - 0.5 * (camera.height - 1))[:, None] / focal  # below the axis, for 1 m along it
-    angles = theta + np.arctan(sideways)
-    with np.errstate(divide="ignore"):
-        floor = np.where(below > 0.0, z / below, inf)
-    depth = np.repeat(floor, camera.width, 1)
-    colour = np.where((below > 0.0)[..., None], np.array(FLOOR), np.array(SKY)) * np.ones((1, camera.width, 1))
-    for shapes, (tall, paint) in ((scene.walls, WALL), (scene.obstacles, OBSTACLE), (scene.vehicles, VEHICLE)):
-        along = cast(x, y, angles, shapes) * np.cos(angles - theta)
-        up = z - below * np.minimum(along, 1e6)  # height over the floor of what is seen there
-        stands = (up >= 0.0) & (up <= tall) & (along < depth)
-        depth = np.where(stands, along, depth)
-        colour[stands] = paint
+    return _surfaces(camera, scene, x, y, z, theta)[0]
+
+
+def draw(camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float) -> Picture:
+    """Return the picture (height, width, 3) of a camera that is placed as for `distances`."""
+    sideways, below = _axes(camera)
+    depth, paint = _surfaces(camera, scene, x, y, z, theta)
     here = np.where(np.isfinite(depth), depth, 1e3)
     left = here * sideways
     px, py = x + here * cos(theta) - left * sin(theta), y + here * sin(theta) + left * cos(theta)
     dx, dy, dz = px - scene.light[0], py - scene.light[1], here * below
     shine = AMBIENT + (1.0 - AMBIENT) / np.maximum((dx * dx + dy * dy + dz * dz) / BRIGHT**2, 1.0)
     shine = np.where(np.isfinite(depth), shine, 1.0)
-    colour = colour * shine[..., None]
+    colour = np.array(PAINTS)[paint] * shine[..., None]
     _draw_lamp(camera, scene.light, x, y, theta, depth, colour)
-    return np.clip(colour, 0.0, 255.0).astype(np.uint8), depth
+    return np.clip(colour, 0.0, 255.0).astype(np.uint8)
+
+
+def _axes(camera: Camera) -> tuple[Floats, Floats]:
+    """How far left of the axis each column looks, and how far below it each row, for 1 m along it."""
+    sideways = (0.5 * (camera.width - 1) - np.arange(camera.width, dtype=float)) / camera.focal
+    below = (np.arange(camera.height, dtype=float) - 0.5 * (camera.height - 1))[:, None] / camera.focal
+    return sideways, below
+
+
+def _surfaces(
+    camera: Camera, scene: Scene, x: float, y: float, z: float, theta: float
+) -> tuple[Floats, NDArray[np.uint8]]:
+    """What each pixel shows (height, width): its distance along the axis, m, and its index in `PAINTS`."""
+    sideways, below = _axes(camera)
+    angles = theta + np.arctan(sideways)
+    with np.errstate(divide="ignore"):
+        floor = np.where(below > 0.0, z / below, inf)
+    depth = np.repeat(floor, camera.width, 1)
+    paint = np.repeat((below > 0.0).astype(np.uint8), camera.width, 1)
+    for index, (shapes, tall) in enumerate(
+        ((scene.walls, WALL_HEIGHT), (scene.obstacles, OBSTACLE_HEIGHT), (scene.vehicles, VEHICLE_HEIGHT)), 2
+    ):
+        if not any(map(len, shapes)):
+            continue
+        along = cast(x, y, angles, shapes) * np.cos(angles - theta)
+        up = z - below * np.minimum(along, 1e6)  # height over the floor of what is seen there
+        stands = (up >= 0.0) & (up <= tall) & (along < depth)
+        depth = np.where(stands, along, depth)
+        paint[stands] = index
+    return depth, paint
 
 
 def _draw_lamp(

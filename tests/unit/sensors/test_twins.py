@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from txt1.config import load
 from txt1.errors import HalError
 from txt1.sensors.base import Pose, Setup
 from txt1.sensors.depth import PlayerOptions, player
-from txt1.sensors.readings import GRAVITY, Mount
+from txt1.sensors.readings import CAMERA_MOUNT, GRAVITY, Mount, depth_topic
 from txt1.sensors.registry import DRIVERS
+from txt1.sensors.sim_camera import SimulatedCamera
 from txt1.sensors.sim_gps import GpsErrors, SimulatedGps
 from txt1.sensors.sim_imu import ImuErrors, SimulatedImu
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
@@ -29,7 +31,7 @@ from txt1.sim.obstacles import distance
 from txt1.sim.parameters import Box, Post
 from txt1.sim.rays import cast, shapes_of, walls_of
 from txt1.sim.room import Room
-from txt1.sim.view import Camera, Scene, draw
+from txt1.sim.view import Camera, Scene, distances, draw
 
 SOUND = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 30.0, 0.0)
 
@@ -145,13 +147,34 @@ def test_a_laser_on_the_move_measures_from_where_each_beam_left() -> None:
 def test_the_picture_shows_what_the_depth_measures() -> None:
     scene = Scene(walls_of(Room(5.0, 5.0)), shapes_of((Post(1.0, 0.0, 0.2),)), shapes_of(()), (2.0, 1.0))
     camera = Camera(81, 61)
-    picture, depth = draw(camera, scene, -1.0, 0.0, 0.4, 0.0)
+    picture, depth = (see(camera, scene, -1.0, 0.0, 0.4, 0.0) for see in (draw, distances))
     assert depth[30, 40] == pytest.approx(1.8, abs=1e-6)  # the post ahead
     assert depth[30, 0] == pytest.approx(3.5, abs=1e-6)  # the wall behind it, along the axis
     assert depth[60, 40] == pytest.approx(0.4 * camera.focal / 30.0, abs=1e-6)  # the floor
     lamp = round(40 - camera.focal / 3.0)
     assert picture[30, lamp].min() > 200  # the lamp, left of the post
     assert picture[30, 40, 2] > picture[30, 40, 0]  # which is blue
+
+
+async def test_a_picture_that_takes_long_comes_when_it_is_ready_and_the_thread_ends_with_the_sensor() -> None:
+    may_draw = threading.Event()
+
+    def expose(eye: Pose, others: Sequence[Pose]) -> Any:
+        may_draw.wait()
+        return eye, others
+
+    drive = Drive(0.8, 0.5)
+    camera = SimulatedCamera(depth_topic("drawn"), drive.pose, lambda: [(1.0, 2.0, 3.0)], expose)
+    await camera.open()
+    assert camera.read(0.0) is None
+    drive.time = 1.0
+    assert camera.read(0.1) is None  # the loop goes on meanwhile
+    may_draw.set()
+    reading = await until(lambda: camera.read(0.2))
+    assert reading.time == 0.0
+    assert reading.value == ((CAMERA_MOUNT.x, CAMERA_MOUNT.y, CAMERA_MOUNT.yaw), ((1.0, 2.0, 3.0),))
+    await camera.close()
+    assert not [each.name for each in threading.enumerate() if each.name.startswith("txt1 camera")]
 
 
 # -- cameras and absent hardware ---------------------------------------------------------------------------------
