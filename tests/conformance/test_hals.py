@@ -250,6 +250,11 @@ def slow_read(self: SimHal, now: float) -> Inputs:
     return SimHal.read(self, now)
 
 
+def waiting_read(self: SimHal, now: float) -> Inputs:
+    time.sleep(0.008)
+    return SimHal.read(self, now)
+
+
 def jumping_read(self: SimHal, now: float) -> Inputs:
     self.reads = getattr(self, "reads", 0) + 1
     inputs = SimHal.read(self, now)
@@ -327,7 +332,8 @@ MUTANTS: list[tuple[str, Callable[[], Hal], str, str]] = [
     ("async read", mutant(read=async_read), "reading_returns_inputs_at_once", "Hal.read returns at once"),
     ("read returns a tuple", mutant(read=lambda self, now: tuple(SimHal.read(self, now))),
      "reading_returns_inputs_at_once", "returns Inputs, not tuple"),
-    ("read blocks", mutant(read=slow_read), "reading_and_writing_are_prompt", "Hal.read never waits"),
+    ("read waits", mutant(read=waiting_read), "reading_and_writing_are_prompt", "Hal.read never waits"),
+    ("read computes", mutant(read=slow_read), "reading_and_writing_are_prompt", "Hal.read takes less than"),
     ("ticks are floats", mutant(read=reading(ticks=lambda i: tuple(map(float, i.ticks)))),
      "every_input_agrees_with_the_capabilities", "Inputs.ticks is a pair of ints"),
     ("no ticks after all", mutant(read=reading(ticks=lambda i: None)), "every_input_agrees_with_the_capabilities",

@@ -75,6 +75,10 @@ def slow(self: Thermometer, now: float) -> Reading[float]:
     return Reading(now, 20.0)
 
 
+def busy(self: Thermometer, now: float) -> Reading[float]:
+    return Reading(now, float(sum(range(200_000))))
+
+
 async def late(self: Thermometer, now: float) -> Reading[float]:
     return Reading(now, 20.0)
 
@@ -115,7 +119,8 @@ MUTANTS = [
     (mutant(read=lambda self, now: None), "it_has_a_reading_when_it_is_open", "there was none in 3 s"),
     (mutant(read=late), "it_has_a_reading_when_it_is_open", "returns at once, but must be awaited"),
     (mutant(read=lambda self, now: 20.0), "it_has_a_reading_when_it_is_open", "returns a Reading or None, not float"),
-    (mutant(read=slow), "reading_is_prompt", "never waits, but takes"),
+    (mutant(read=slow), "reading_is_prompt", "never waits, but waits"),
+    (mutant(read=busy), "reading_is_prompt", "takes less than"),
     (mutant(read=lambda self, now: Reading(now, 20.0)), "nothing_is_read_twice", "came twice"),
     (
         mutant(read=lambda self, now: Reading(now + 1.0, 20.0)),
@@ -144,6 +149,17 @@ def test_a_promise_that_is_broken_is_noticed(sensor: type[Thermometer], name: st
         getattr(Suite(), f"test_{name}")()
     assert message in str(failure.value)
     assert "txt1.sensors.base" in str(failure.value)
+
+
+def test_a_slow_computer_breaks_no_promise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read of 0.05 ms takes 2 ms where the processor is forty times slower."""
+
+    def modest(self: Thermometer, now: float) -> Reading[float]:
+        return Reading(now, float(sum(k * k for k in range(2000))))
+
+    monkeypatch.setattr("txt1.conformance.processor_ns", lambda: 40 * time.thread_time_ns())
+    found = dict(verdicts(SensorConformance, mutant(read=modest)))
+    assert found["reading is prompt"] == "ok"
 
 
 @pytest.mark.parametrize(("sensor", "message"), [(Vague, "says in one line"), (Crash, "but raised FileNotFoundError")])

@@ -124,6 +124,8 @@ class Indicators(NamedTuple):
 class Hal(Protocol):
     """A hardware layer. `read` and `write` never wait: they are called from the tasks' steps.
 
+    Each of these two takes less than 0.2 ms of the processor.
+
     Times are seconds since the run started and never go backwards. An exception derived from HalError stops the
     robot and reaches the user; a method without its capability raises NotCapable, one of these.
     """

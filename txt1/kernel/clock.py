@@ -12,6 +12,8 @@ NS_PER_S: Final = 1_000_000_000
 stopwatch_ns: Final = time.perf_counter_ns
 """Elapsed real time in ns: how long a step took, whatever clock the tasks run on."""
 
+processor_ns: Final = time.thread_time_ns
+"""Processor time of the calling thread in ns: without the time in which it waited, or other programs had its turn."""
 
 wall_ns: Final = time.time_ns  # the time of day, in ns since 1970: for the records, as nothing is timed by it
 

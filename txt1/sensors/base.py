@@ -56,7 +56,11 @@ class Sensor(Protocol[T]):
         """Release the hardware; harmless when it is already closed. The sensor can be opened again."""
 
     def read(self, now: float) -> Reading[T] | None:
-        """The newest reading at `now`, or None when there is no new one; never waits."""
+        """The newest reading at `now`, or None when there is no new one.
+
+        It never waits, and takes less than 0.2 ms of the processor: the event loop has only 20 ms for everything.
+        Longer work belongs in a thread, whose newest result it hands out.
+        """
 
 
 class Setup(NamedTuple):
