@@ -52,6 +52,7 @@ PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 _STOP: Final = b'"stop"'
+_OUTER: Final = ("time", "received", "request")  # fields of a message that are not the request's
 _clock: Final = RealClock()
 
 
@@ -61,6 +62,20 @@ class Request(NamedTuple):
     name: str
     fields: Mapping[str, Any]
     age: float
+
+
+def stop_in(line: bytes) -> Request | None:
+    """The emergency stop that a message asks for, by itself or by a node's "call"; None for any other message."""
+    if _STOP not in line:
+        return None
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    name = message.get("request") if isinstance(message, dict) else None
+    if name != "stop" and not (name == "call" and message.get("name") == "stop"):
+        return None
+    return Request(name, {key: value for key, value in message.items() if key not in _OUTER}, 0.0)
 
 
 class Restart(NamedTuple):
@@ -244,15 +259,14 @@ class Beside:
         if len(lines) > self._allowance:
             dropped = lines.pop(0)
             self.counts["dropped"] += dropped.count(b"\n") + 1
-            if _STOP in dropped:
-                self.request(Request("stop", {}, 0.0))
+            self._obey_stops(dropped)
         self._allowance -= len(lines)
         for line in lines:
             self._obey(line)
         return f"sent a message of more than {LINE_MAX} bytes" if len(self._tail) > LINE_MAX else None
 
     def _obey(self, line: bytes) -> None:
-        """Act on one message."""
+        """Act on one message; a stop is obeyed however malformed the rest of it is."""
         now = _clock.now_ns()
         try:
             message = json.loads(line)
@@ -263,10 +277,21 @@ class Beside:
                 raise ValueError
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
             self.counts["malformed"] += 1
+            self._obey_stops(line)
             return
         self.counts["taken"] += 1
         self._heard, self._received, self._hushed = now, received, False
         self.request(Request(name, message, age))
+
+    def _obey_stops(self, data: bytes) -> None:
+        """Act on the stops among messages that are not taken, and on nothing else."""
+        if _STOP not in data:  # nearly always, and looking costs nothing
+            return
+        obeyed: set[str] = set()
+        for line in data.split(b"\n"):
+            if (stop := stop_in(line)) is not None and repr(stop) not in obeyed:
+                obeyed.add(repr(stop))
+                self.request(stop)
 
     def _send(self) -> None:
         """Send the newest telemetry if the last has been received: never more than one is on its way."""

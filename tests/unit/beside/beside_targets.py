@@ -61,6 +61,37 @@ def flood_with_a_stop(connection: Connection) -> None:
     flood(connection)
 
 
+def flood_with_the_word(connection: Connection) -> None:
+    """Floods, and in the midst of it says the word of the emergency stop without asking for it."""
+    line = b'{"time": %d, "request": "drive", "v": 0.5, "omega": 0.0}\n' % time.monotonic_ns()
+    word = b'{"time": 1, "stop": "stop", "request": "tell", "text": "stop"}\n[["stop"]]\n"stop"\n{"stop" "stop"\n'
+    connection.request("began")
+    os.write(connection.fileno(), line * 100 + word + line * 100)
+    flood(connection)
+
+
+def flood_with_a_call(connection: Connection) -> None:
+    """Floods, and calls for the emergency stop as the nodes of ROS do, in the midst of it."""
+    line = b'{"time": %d, "request": "drive", "v": 0.5, "omega": 0.0}\n' % time.monotonic_ns()
+    call = b'{"time": 1, "received": 0, "request": "call", "id": 7, "name": "stop", "fields": {}}\n'
+    connection.request("began")
+    os.write(connection.fileno(), line * 100 + 3 * call + line * 100)
+    flood(connection)
+
+
+def stop_at_no_time(connection: Connection) -> None:
+    os.write(connection.fileno(), b'{"time": "yesterday", "received": 1e99, "request": "stop"}\n')
+    for _ in connection:
+        pass
+
+
+def beat_then_fail(connection: Connection) -> None:
+    """Is at work for a moment, and fails then."""
+    connection.request("began")
+    connection.receive(0.05)
+    raise SystemExit(3)
+
+
 def endless(connection: Connection) -> None:
     while True:
         os.write(connection.fileno(), b"x" * 10_000)

@@ -10,8 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from txt1.beside import HELD, MESSAGES, PERIOD, Beside, Request, Restart
+from txt1.beside import HELD, MESSAGES, PERIOD, Beside, Request, Restart, stop_in
 
 
 class Owner:
@@ -177,6 +179,50 @@ async def test_an_emergency_stop_is_never_dropped() -> None:
         serving = asyncio.ensure_future(serve(beside))
         await until(lambda: owner.of("stop"))
         serving.cancel()
+
+
+async def test_the_word_stop_in_other_messages_of_a_flood_stops_nothing() -> None:
+    owner = Owner()
+    async with owner.beside("flood_with_the_word") as beside:
+        serving = asyncio.ensure_future(serve(beside))
+        await until(lambda: beside.counts["dropped"] > 1000)
+        serving.cancel()
+    assert owner.of("began") or owner.of("drive")
+    assert not owner.of("stop") and not owner.of("tell")
+
+
+async def test_a_stop_that_a_node_calls_for_is_never_dropped_and_obeyed_once() -> None:
+    owner = Owner()
+    async with owner.beside("flood_with_a_call") as beside:
+        serving = asyncio.ensure_future(serve(beside))
+        await until(lambda: owner.of("call"))
+        serving.cancel()
+    assert [call.fields for call in owner.of("call")] == [{"id": 7, "name": "stop", "fields": {}}]
+
+
+async def test_a_stop_of_a_time_that_cannot_be_is_obeyed() -> None:
+    owner = Owner()
+    async with owner.beside("stop_at_no_time") as beside:
+        await until(lambda: owner.of("stop"))
+    assert beside.counts["malformed"] == 1
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.just("stop"),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.binary(max_size=60) | JSON.map(lambda value: json.dumps(value).encode()))
+def test_no_other_message_is_a_stop(line: bytes) -> None:
+    assert stop_in(line) is None
+
+
+@given(st.dictionaries(st.text(max_size=8), JSON, max_size=4))
+def test_a_stop_is_one_whatever_else_it_says(more: dict[str, Any]) -> None:
+    stop = stop_in(json.dumps({**more, "request": "stop"}).encode())
+    assert stop is not None and stop.name == "stop"
 
 
 async def test_a_message_without_end_ends_the_process() -> None:

@@ -18,25 +18,46 @@ from txt1.bridges.web.player import NAME, Player, recordings
 from txt1.bridges.web.wheel import AGE_MAX
 
 FLOOD: Final = 5000  # messages dropped after which a page is sent away
+STOP_MAX: Final = 1000  # letters of a page's stop
 CHOSEN_MAX: Final = 20  # topics that a page may choose
 POINTS_MAX: Final = 100  # of a route
 
 Message = dict[str, Any]
 
 
-def take(pages: Pages, page: Page, text: str) -> None:
-    """Do as a message of a page says; one that cannot be understood is counted."""
+def take(pages: Pages, page: Page, text: str) -> bool:
+    """Do as a message of a page says; whether it was within the page's budget.
+
+    A message that cannot be understood is counted. Beyond the budget a page is heard no more, but for its stops.
+    """
     present = now()
-    if not page.budget.spend(present) and '"stop"' not in text[:40]:
+    enough = page.budget.spend(present)
+    if not enough:
         page.counts["dropped"] += 1
         if page.counts["dropped"] == FLOOD:
             pages.dismiss(page, "too many messages")
-        return
+        if not _is_stop(text):
+            return False
     try:
         message = json.loads(text)
         REQUESTS[message["do"]](pages, page, message, present)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         page.counts["malformed"] += 1
+    except Exception as error:  # a mistake of ours, whose price is this message alone
+        page.counts["malformed"] += 1
+        page.tell(told=f"that failed: {type(error).__name__}: {error}")
+    return enough
+
+
+def _is_stop(text: str) -> bool:
+    """Whether a message is a stop: a short one, so a flood of long ones that only look like it is not read."""
+    if len(text) > STOP_MAX or '"stop"' not in text:
+        return False
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(message, dict) and message.get("do") == "stop"
 
 
 def _fresh(page: Page, message: Message, present: float) -> float | None:

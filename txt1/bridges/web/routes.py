@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterable, Awaitable, Callable
 from typing import Final
 
-from aiohttp import WSMsgType, web
+from aiohttp import WSMessage, WSMsgType, web
 
 from txt1.bridges.web.door import Door, Role
 from txt1.bridges.web.files import page_files
-from txt1.bridges.web.pages import Pages, now
+from txt1.bridges.web.pages import Page, Pages, now
 from txt1.bridges.web.player import NAME
 from txt1.bridges.web.requests import take
 from txt1.kernel.clock import NS_PER_S, wall_ns
@@ -18,6 +18,7 @@ from txt1.kernel.clock import NS_PER_S, wall_ns
 PAGES_MAX: Final = 100
 STRANGER: Final = 5.0  # s that a connection has for its first request
 MESSAGE_MAX: Final = 8192  # bytes of a page's message
+PARTING: Final = 0.02  # s that a page which is sent away has to close its socket; a flood is read until then
 SOCKET_BEAT: Final = 4.0  # s between two pings of a socket; one that is not answered in half of it is closed
 
 HEADERS: Final = {
@@ -152,16 +153,22 @@ class Routes:
             raise web.HTTPForbidden(text="sign in first\n")
         if len(self._pages.connected) >= PAGES_MAX:
             raise web.HTTPServiceUnavailable(text=f"there are {PAGES_MAX} pages already\n")
-        socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False)
+        socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING)
         await socket.prepare(request)
         page = self._pages.join(role, request.remote or "", socket)
         sender = asyncio.create_task(self._pages.send(page))
         try:
-            async for message in socket:
-                if message.type is not WSMsgType.TEXT:
-                    break
-                take(self._pages, page, message.data)
+            await listen(self._pages, page, socket)
         finally:
             sender.cancel()
             self._pages.leave(page)
         return socket
+
+
+async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -> None:
+    """Do as the messages of a page say until it goes, or sends something else than text."""
+    async for message in messages:
+        if message.type is not WSMsgType.TEXT:
+            break
+        if not take(pages, page, message.data):
+            await pages.overrun()  # what a flood has brought would be read at once, and a stop of another page wait
