@@ -79,10 +79,15 @@ def stop_in(line: bytes) -> Request | None:
 
 
 class Restart(NamedTuple):
-    """How often a process that failed is started again, and the s before the first time; they double each time."""
+    """How often a process that failed is started again, inf for ever, and after how many s.
 
-    limit: int = 0
+    The pause doubles with each failure up to the longest. After the process has worked for that long, the pause is
+    short again.
+    """
+
+    limit: float = 0
     pause: float = 0.5
+    longest: float = 30.0
 
 
 @dataclass(eq=False)
@@ -112,6 +117,9 @@ class Beside:
         """Messages taken, dropped (there were too many) and malformed; restarts; and times it was silent."""
         self.returncode: int | None = None
         """Of the process, once it has ended."""
+        self.trouble = ""
+        """Why it is not at work, as it was told; "" while it is."""
+        self._failures = 0  # in a row, of a process that did not work for long
         self._allowance = MESSAGES
         self._ticking = False
         self._polled = False  # read in the ticks alone
@@ -140,7 +148,7 @@ class Beside:
     async def ended(self) -> Reason:
         """Wait until it has ended for good: by itself, or failed more often than it is started again.
 
-        Raises whatever `telemetry`, `request` or `lost` raised.
+        Raises whatever `telemetry`, `request` or `lost` raised; where it is started again, that is told as a failure.
         """
         return await asyncio.shield(self._life)
 
@@ -188,6 +196,7 @@ class Beside:
         self._sent = self._received = 0
         self._heard = _clock.now_ns() + nanoseconds(START)
         self._hushed = self._paused = False
+        self._began = _clock.now_ns()
         self._end: asyncio.Future[str | Exception] = self._loop.create_future()
         if not self._polled:
             self._loop.add_reader(ours, self._readable)
@@ -238,7 +247,7 @@ class Beside:
             elif quiet > SILENT and not self._hushed:
                 self._hushed = True
                 self.counts["silent"] += 1
-                self.tell("is silent")
+                self._report("is silent")
             self._send()
         except Exception as error:
             self._drop(error)
@@ -280,6 +289,7 @@ class Beside:
             self._obey_stops(line)
             return
         self.counts["taken"] += 1
+        self.trouble = ""
         self._heard, self._received, self._hushed = now, received, False
         self.request(Request(name, message, age))
 
@@ -329,26 +339,46 @@ class Beside:
             end = await asyncio.shield(self._end)
             await self._reap(0.0 if end else PATIENCE)
             if isinstance(end, Exception):
-                raise end
-            if self._closing.is_set() or (not end and self.returncode == 0):
+                if not self.restart.limit:
+                    raise end
+                end = f"is at fault here: {type(end).__name__}: {end}"
+            if self._closing.is_set():
                 return "ended"
+            if not end and self.returncode == 0:
+                self._report("has ended")
+                return "ended"
+            if seconds(_clock.now_ns() - self._began) > self.restart.longest:
+                self._failures = 0
             why = end or f"ended with {self.returncode}"
-            if self.counts["restarts"] >= self.restart.limit:
-                self.tell(f"{why} and is not started again")
-                return "failed"
-            pause = self.restart.pause * 2.0 ** self.counts["restarts"]
-            self.counts["restarts"] += 1
-            self.tell(f"{why} and is started again in {pause:g} s")
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._closing.wait(), pause)
-                return "ended"
-            try:
-                await self._start()
-            except OSError as error:  # no processes or descriptors left
-                self.tell(f"cannot be started again: {error}")
-                return "failed"
+            while not self._closing.is_set():
+                if not await self._may_start(why):
+                    return "ended" if self._closing.is_set() else "failed"
+                try:
+                    await self._start()
+                    break
+                except OSError as error:  # no processes or descriptors left
+                    why = f"cannot be started: {error}"
             if self._closing.is_set():
                 self._drop("")
+
+    async def _may_start(self, why: str) -> bool:
+        """Tell why it is not at work, and wait until it may be started again; False: it may not."""
+        if self.counts["restarts"] >= self.restart.limit:
+            self._report(f"{why} and is not started again")
+            return False
+        pause = min(self.restart.pause * 2.0 ** min(self._failures, 60), self.restart.longest)
+        self.counts["restarts"] += 1
+        self._failures += 1
+        self._report(f"{why} and is started again in {pause:g} s")
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._closing.wait(), pause)
+            return False
+        return True
+
+    def _report(self, trouble: str) -> None:
+        """Tell that it is not at work."""
+        self.trouble = trouble
+        self.tell(trouble)
 
 
 def _start(

@@ -138,7 +138,7 @@ def finite(message: str, **values: float) -> list[float]:
                 continue
             told = repr(value)
         except TypeError:
-            told = repr(value)
+            told = repr(value)[:80]
         except OverflowError:
             told = f"an integer of {value.bit_length()} bits"  # type: ignore[attr-defined]
         raise CommandRefused(f"{message}: {name} must be a finite number, not {told}")

@@ -187,6 +187,7 @@ class Runtime:
         bus.offer(MARKERS, lambda: surroundings)
         bus.offer(fields.TASK_REPORTS, self._reports.newest)
         bus.offer(fields.EVENTS, lambda: tuple(state.events))
+        bus.offer(fields.WARNINGS, lambda: state.warned() or None)
 
     def _gains(self) -> GainTable:
         """The gains, loaded or not: a board that was away has to acknowledge them anew."""

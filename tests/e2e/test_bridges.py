@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import signal
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from time import process_time
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
 
-from txt1.bridges.registry import BRIDGES, bridge
+from txt1.beside import Request
+from txt1.bridges.registry import BRIDGES, RESTART, Desk, bridge
+from txt1.cli.errands import Errands
 from txt1.errors import ConfigError
+from txt1.fleet.link import Link
 from txt1.kernel.loop import run
 from txt1.robot import Robot
+from txt1.tasks.fields import WARNINGS, Panel
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.line import status_line
+from txt1.ui.screens import SCREENS, render
+from txt1.ui.viewer import Viewer
 
 TARGETS = Path(__file__).parents[1] / "unit" / "beside"
 ROOT = TARGETS.parents[2]
@@ -31,7 +45,7 @@ STALE = 0.25 + 0.02
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bridges of the tests, by name."""
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{TARGETS}")
-    for name in ("ask", "drive", "drive_then_hang", "flood", "leak"):
+    for name in ("ask", "drive", "drive_then_hang", "fail", "flood", "leak"):
         monkeypatch.setitem(BRIDGES.ours, name, f"beside_targets:{name}")
 
 
@@ -119,6 +133,123 @@ def test_the_commands_of_a_silent_bridge_go_stale_in_time(what: str) -> None:
                 return before - since - pause
 
     assert run(main()) < STALE + 0.05
+
+
+def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started_again() -> None:
+    async def main() -> Snapshot:
+        async with Robot.open(hal="sim", seed=1, settings=PATIENT) as robot:
+            assert WARNINGS.name not in str(robot.snapshot.encode())
+            async with bridge(robot, "fail", restart=RESTART._replace(pause=0.01, longest=0.02)) as beside:
+                await until(lambda: beside.counts["restarts"] > 4)
+                await until(lambda: beside.trouble)
+                snapshot = robot.snapshot
+            assert robot.snapshot.get(WARNINGS) is None, "nobody asks for it any more"
+            assert sum("bridge 'fail' ended with 3" in event.text for event in robot.runtime.state.events) > 4
+            return snapshot
+
+    snapshot = run(main())
+    for at, name in enumerate(SCREENS):
+        seen = text_of(snapshot.replaced({MODE: Mode(panel=Panel(screen=at))}))
+        assert "bridge 'fail' ended with 3 and is started again in" in seen, name
+    assert "bridge 'fail' ended with 3 and is started again in" in status_line(snapshot)
+
+
+def text_of(snapshot: Snapshot) -> str:
+    console = Console(file=StringIO(), width=100, height=30)
+    console.print(render(snapshot, Viewer(), 100, 30))
+    return str(console.file.getvalue())  # type: ignore[attr-defined]
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from([10**400, -(10**400), 1e308, "\x1b[2J", [], {}]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=12,
+)
+NUMBERS = st.lists(st.floats() | JSON, min_size=2, max_size=4)
+FIELDS = {
+    "go": {"points": st.lists(NUMBERS, max_size=3) | JSON, "speed": st.floats() | JSON},
+    "hold": {"age": st.floats() | JSON},
+    "gains": {"linear": NUMBERS | JSON, "angular": st.lists(NUMBERS, max_size=3) | JSON},
+    "drive": {"v": st.floats() | JSON, "omega": st.floats() | JSON, "age": st.floats() | JSON},
+    "subscribe": {"topics": JSON, "rate": st.floats() | JSON, "seldom": JSON},
+    "press": {"button": JSON}, "tell": {"text": JSON}, "disarm": {"reason": JSON}, "halt": {}, "arm": {},
+    "request": {}, "release": {}, "record": {"on": st.just(False)}, "fleet": {"members": JSON, "heard": JSON},
+    "learned": {"who": JSON, "learned": JSON, "age": JSON, "why": JSON}, "stopped_by": {"who": JSON, "stop": JSON},
+    "refused": {"reason": JSON},
+}  # fmt: skip
+REQUESTS = st.sampled_from(sorted(FIELDS)).flatmap(
+    lambda name: st.tuples(
+        st.just(name), st.fixed_dictionaries({}, optional=FIELDS[name]) | st.dictionaries(st.text(max_size=5), JSON)
+    )
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(REQUESTS, max_size=20))
+def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_it(
+    asked: list[tuple[str, dict[str, object]]],
+) -> None:
+    async def main() -> None:
+        unexpected: list[object] = []
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda loop, context: unexpected.append(context))
+        async with Robot.open(hal="sim", seed=1) as robot:
+            await robot.load_gains()
+            errands = Errands(robot, robot.config, "max", Path("/nowhere"))
+            desk = Desk(robot, "ask", {**Link(robot).requests, **errands.requests})
+            for name, fields in asked:
+                desk.request(Request(name, fields, 0.0))
+                await asyncio.sleep(0.05)
+                assert desk.telemetry() is not None or name
+            robot.arm()
+            desk.request(Request("halt", {}, 0.0))
+            for _ in range(20):
+                desk.request(Request("drive", {"v": 0.4, "omega": 0.0}, 0.0))
+                await asyncio.sleep(0.05)
+            assert robot.runtime.state.control.v == 0.4
+            desk.request(Request("stop", {"why": [asked]}, 0.0))
+            assert not robot.armed, "a stop is a stop, whatever else its message says"
+            await errands.close()
+            gc.collect()
+        assert not unexpected
+
+    run(main(), speed="max")
+
+
+def test_gains_of_401_digits_are_refused_in_one_line() -> None:
+    async def main() -> None:
+        async with Robot.open(hal="sim", seed=1) as robot:
+            errands = Errands(robot, robot.config, "max", Path("/nowhere"))
+            desk = Desk(robot, "web", errands.requests)
+            desk.request(Request("gains", {"linear": [10**400, 1, 1], "angular": [[1.5, 4, 5, 6]]}, 0.0))
+            assert robot.runtime.state.events[-1].text == (
+                "bridge 'web': speed: kp must be a finite number, not an integer of 1329 bits"
+            )
+            await errands.close()
+
+    run(main(), speed="max")
+
+
+def test_a_mistake_of_ours_in_a_request_is_told_and_the_bridge_lives_on() -> None:
+    async def main() -> None:
+        async with Robot.open(hal="sim", seed=1, settings=PATIENT) as robot:
+
+            def broken() -> None:
+                raise ZeroDivisionError("of ours")
+
+            asked = [["broken", {}], ["tell", {"text": "here"}]]
+            told = lambda: [event.text for event in robot.runtime.state.events]  # noqa: E731
+            async with bridge(robot, "ask", {"asked": asked}, {"broken": broken}) as beside:
+                await until(lambda: "bridge 'ask': here" in told())
+                assert beside.counts["restarts"] == 0
+            assert "bridge 'ask': request 'broken' failed: ZeroDivisionError: of ours" in told()
+
+    run(main())
 
 
 def test_a_flood_of_messages_costs_little_time_and_does_not_keep_the_keys_from_driving() -> None:

@@ -21,8 +21,9 @@ import asyncio
 import inspect
 import json
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from math import inf, isfinite
 from typing import Any, Final
 
 from txt1.beside import PERIOD, PRIORITY, Beside, Request, Restart
@@ -30,6 +31,7 @@ from txt1.errors import CommandRefused, Txt1Error
 from txt1.hal.base import Button
 from txt1.plugins import Registry
 from txt1.robot import Robot
+from txt1.runtime import Runtime
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
@@ -43,7 +45,9 @@ BRIDGES: Final = Registry(
     },
 )
 
-RESTART: Final = Restart(limit=3)
+RESTART: Final = Restart(limit=inf)
+SHOWN_MAX: Final = 80  # letters of a value in a message
+TOLD_MAX: Final = 400  # letters of a line that a bridge adds to the event log
 SILENCE: Final = 5.0  # s without a heartbeat after which a bridge is ended as hung, and started again
 SELDOM: Final = 1.0  # s between two pieces of telemetry with what a bridge wants seldom
 EVENTS_MAX: Final = 100  # events kept for a bridge between two pieces of telemetry; the oldest go first
@@ -109,13 +113,30 @@ async def _at_work(
         tell=lambda text: first.say(f" {text}"), lost=let_go,
     )  # fmt: skip
     try:
-        async with beside:
-            first.robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
-            yield beside
+        with ExitStack() as watched:
+            for desk in desks:
+                watched.enter_context(warning(desk.robot.runtime, f"bridge '{name}'", beside))
+            async with beside:
+                first.robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
+                yield beside
     finally:
         let_go()
         for desk in desks:
             desk.leave()
+
+
+@contextmanager
+def warning(runtime: Runtime, name: str, beside: Beside) -> Iterator[None]:
+    """Have every screen of the robot show that a process beside it is not at work, as long as the block lasts."""
+
+    def trouble() -> str:
+        return beside.trouble and f"{name} {beside.trouble}"
+
+    runtime.state.warnings.append(trouble)
+    try:
+        yield
+    finally:
+        runtime.state.warnings.remove(trouble)
 
 
 class Desk:
@@ -139,7 +160,7 @@ class Desk:
             "request": self.source.request,
             "release": self.source.release,
             "arm": robot.arm,
-            "disarm": lambda reason="": robot.disarm(str(reason) or f"disarmed by bridge '{name}'"),
+            "disarm": lambda reason="": robot.disarm(str(reason)[:TOLD_MAX] or f"disarmed by bridge '{name}'"),
             "stop": robot.stop,
             "press": lambda button: robot.press(_button(button)),
             "tell": lambda text: self.say(f": {text}"),
@@ -163,28 +184,39 @@ class Desk:
         return line
 
     def request(self, request: Request) -> None:
-        """Do what is asked for, or tell why not, once."""
+        """Do what is asked for, or tell why not, once; whatever goes wrong with it, the bridge lives on."""
         if not request.name:
             return
         self._age = request.age
         try:
-            do = self._requests.get(request.name)
-            if do is None:
-                raise ValueError(f"there is no request '{request.name}'; there are {', '.join(self._requests)}")
-            try:
-                self._signatures[request.name].bind(**request.fields)
-            except TypeError as error:
-                raise ValueError(f"request '{request.name}': {error}") from None
-            do(**request.fields)
+            self._do(request)
             self._told = ""
         except (Txt1Error, ValueError) as error:
-            if str(error) != self._told:
-                self._told = str(error)
-                self.say(f": {error}")
+            self._refuse(str(error))
+        except Exception as error:
+            self._refuse(f"request '{request.name}' failed: {type(error).__name__}: {error}")
+
+    def _do(self, request: Request) -> None:
+        do = self._requests.get(request.name)
+        if do is None:
+            raise ValueError(f"there is no request {shown(request.name)}; there are {', '.join(self._requests)}")
+        fields = request.fields
+        try:
+            self._signatures[request.name].bind(**fields)
+        except TypeError as error:
+            if request.name != "stop":
+                raise ValueError(f"request '{request.name}': {error}") from None
+            fields = {}  # a stop is a stop, whatever else its message says
+        do(**fields)
+
+    def _refuse(self, why: str) -> None:
+        if why != self._told:
+            self._told = why
+            self.say(f": {why}")
 
     def say(self, text: str) -> None:
         """Add a line about the bridge to the event log."""
-        self.robot.tell(f"bridge '{self._name}'{text}")
+        self.robot.tell(f"bridge '{self._name}'{text}"[:TOLD_MAX])
 
     def let_go(self) -> None:
         """Let go of the wheel."""
@@ -195,7 +227,10 @@ class Desk:
 
     def drive(self, v: object, omega: object, age: object = 0.0) -> None:
         """Command a velocity; `age` is how many s old it was at its origin when the bridge passed it on."""
-        old = self._age + max(0.0, _number("age", age))
+        since = _number("age", age)
+        if not isfinite(since):
+            raise ValueError(f"age: {since} is not finite")
+        old = self._age + max(0.0, since)
         self.source.command(_number("v", v), _number("omega", omega), max(0.0, self.robot.now - old))
 
     def _subscribe(
@@ -241,15 +276,24 @@ class Desks:
 
 def _number(name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name}: {value!r} is no number")
-    return float(value)
+        raise ValueError(f"{name}: {shown(value)} is no number")
+    try:
+        return float(value)
+    except OverflowError:  # an integer may have any number of digits
+        raise ValueError(f"{name}: {shown(value)} is too large") from None
+
+
+def shown(value: object) -> str:
+    """Return a value that somebody sent as text for a message to people, in 80 characters at most."""
+    text = repr(value)
+    return text if len(text) <= SHOWN_MAX else f"{text[: SHOWN_MAX - 3]}..."
 
 
 def _names(field: str, names: object) -> frozenset[str] | None:
     if names is None:
         return None
     if not (isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)):
-        raise ValueError(f"{field}: {names!r}; give a list of names, such as ['/odom']")
+        raise ValueError(f"{field}: {shown(names)}; give a list of names, such as ['/odom']")
     return frozenset(names)
 
 
@@ -257,4 +301,4 @@ def _button(name: object) -> Button:
     for button in Button:
         if str(button.name).lower() == name:
             return button
-    raise ValueError(f"button: {name!r} is none; there are left, right, up, down, centre")
+    raise ValueError(f"button: {shown(name)} is none; there are left, right, up, down, centre")

@@ -326,7 +326,8 @@ async def _log_lines(runtime: Runtime) -> None:
 
 
 def _put(text: str) -> None:
-    """Print a line, unless its reader has stopped reading."""
+    """Print a line, without what a terminal could obey, unless its reader has stopped reading."""
+    text = "".join(letter if letter.isprintable() else " " for letter in text)
     _, writable, _ = select.select([], [STDOUT], [], 0.0)  # a pipe is writable while a line fits
     if writable:
         os.write(STDOUT, f"{text}\n".encode(errors="replace"))

@@ -8,9 +8,11 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any, Final
 
+from txt1.bridges.registry import shown
 from txt1.config import Config
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
+from txt1.driver import finite
 from txt1.errors import CommandRefused, NotArmed, Overruled, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.kernel.ticks import Ticks
@@ -66,12 +68,12 @@ class Errands:
         if not robot.armed:
             raise NotArmed(robot.reason)
         try:
-            way = tuple((float(x), float(y)) for x, y in points)
-            speed = min(float(speed), robot.config.safety.v_max)
+            way = tuple((x, y) for x, y in (finite("go", x=x, y=y) for x, y in points))
+            speed = min(*finite("go", speed=speed), robot.config.safety.v_max)
         except (TypeError, ValueError):
-            raise CommandRefused(
-                f"go: {points!r} at {speed!r}; give a list of pairs in m, and a speed in m/s"
-            ) from None
+            raise CommandRefused(f"go: {shown(points)}; give a list of pairs in m") from None
+        if not speed > 0.0:
+            raise CommandRefused(f"go: a speed of {speed:g}; give more than 0 m/s")
         source = true_pose(robot) if robot.hal.capabilities.pose else wheel_pose(robot)
         self._held = robot.now
         self._points = way
@@ -83,11 +85,10 @@ class Errands:
         )
         self._route.add_done_callback(self._arrived)
 
-    def _hold(self, age: object = 0.0) -> None:
+    def _hold(self, age: float = 0.0) -> None:
         """Let the route go on: somebody watched it `age` s ago."""
-        if not isinstance(age, int | float):
-            raise CommandRefused(f"hold: an age of {age!r}; give s")
-        self._held = max(self._held, self._robot.now - max(0.0, age))
+        (since,) = finite("hold", age=age)
+        self._held = max(self._held, self._robot.now - max(0.0, since))
 
     def _halt(self) -> None:
         """End the route."""
@@ -113,21 +114,24 @@ class Errands:
                 self._robot.tell(f"the route was ended: {error}")
             elif error is None:
                 self._robot.tell("the route has been driven")
+            else:
+                self._robot.tell(f"the route was ended: {type(error).__name__}: {error}")
 
     # -- gains -------------------------------------------------------------------------------------------------
 
     def _gains(self, linear: Sequence[float], angular: Sequence[Sequence[float]]) -> None:
         """Load other gains: K_P, K_I, K_D of the speed, and sets of v_max, K_P, K_I, K_D of the yaw rate."""
         try:
-            kp, ki, kd = map(float, linear)
-            rows = [tuple(map(float, row)) for row in angular]
-            sets = tuple(GainSet(v_max, Gains(p, i, d)) for v_max, p, i, d in rows)
+            kp, ki, kd = linear
+            gains = Gains(*finite("speed", kp=kp, ki=ki, kd=kd))
+            rows = [finite("yaw rate", v_max=v_max, kp=p, ki=i, kd=d) for v_max, p, i, d in angular]
+            sets = tuple(GainSet(v_max, Gains(*each)) for v_max, *each in rows)
             if not sets:
                 raise ValueError("there are none for the yaw rate, which would not be steered")
             Schedule(sets)
         except (TypeError, ValueError) as error:
             raise CommandRefused(f"gains: {error}") from None
-        self._start(self._load(Gains(kp, ki, kd), sets))
+        self._start(self._load(gains, sets))
 
     async def _load(self, linear: Gains, angular: Sequence[GainSet]) -> None:
         try:

@@ -207,7 +207,8 @@ def line(fleet: Fleet) -> str:
     moving = sum(abs(robot.odometry.v) > 0.05 for robot in robots)
     apart = min((dist(a[:2], b[:2]) for a, b in combinations([r.pose for r in robots if r.pose], 2)), default=None)
     near = "" if apart is None else f"  nearest two {apart:.2f} m apart"
-    return f"t={fleet.now:8.2f} s  {len(robots)} robots, {armed} armed, {moving} moving{near}"
+    warned = "".join(f"; {each}" for each in robots[0].runtime.state.warned())
+    return f"t={fleet.now:8.2f} s  {len(robots)} robots, {armed} armed, {moving} moving{near}{warned}"
 
 
 def verdict(fleet: Fleet) -> tuple[int, str]:

@@ -1,6 +1,7 @@
 """The shared state of the tasks: typed fields, each with exactly one writer."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 from txt1.hal.base import BoardLink, Capabilities
@@ -56,6 +57,13 @@ class State:
         self.transmitted = 0  # by the odometry task
         self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
         self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
+
+        self.warnings: list[Callable[[], str]] = []
+        """Each says what is not at work beside the robot now, "" if it is; kept by those who watch it."""
+
+    def warned(self) -> tuple[str, ...]:
+        """Return what is not at work beside the robot."""
+        return tuple(text for each in self.warnings if (text := each()))
 
     def tell(self, time: float, text: str) -> None:
         """Log an event."""

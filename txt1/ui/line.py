@@ -6,12 +6,12 @@ from txt1.control.standstill import UNOBEYED, Stop
 from txt1.model.odometry import Odometry
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.encoder import ODOMETRY
-from txt1.tasks.fields import BOARD, Battery
+from txt1.tasks.fields import BOARD, WARNINGS, Battery
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 
-SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0]))
+SHOWN: Final = tuple(topic.name for topic in (ODOMETRY, MODE, STOP, BOARD, BATTERIES[0], WARNINGS))
 """The topics that the line is made of."""
 
 
@@ -26,6 +26,7 @@ def status_line(snapshot: Snapshot) -> str:
         state += f"; {stop.value}"
     if board is not None and not board.ready:
         state += f"; {board.text}"
+    state = "; ".join((state, *snapshot.get(WARNINGS, ())))
     battery = "-" if voltage is None else f"{voltage:.2f} V"
     return (
         f"t={snapshot.time:8.2f} s  x={x:+.3f} m  y={y:+.3f} m  theta={theta:+.3f} rad  "

@@ -24,12 +24,12 @@ from rich.table import Table
 from rich.text import Text
 
 from txt1.tasks.battery import BATTERIES
-from txt1.tasks.fields import TRAFFIC, Battery, Traffic
+from txt1.tasks.fields import TRAFFIC, WARNINGS, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import buzzer
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.status import state_of
-from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, run_time, styled, table
+from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, printable, run_time, styled, table
 from txt1.ui.viewer import DRIVING, Viewer
 
 SCREENS: Final = {
@@ -64,12 +64,14 @@ def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -
         return Align.center(waiting, vertical="middle", height=height)
     names = list(installed())
     name = names[snapshot.get(MODE, Mode()).panel.screen % len(names)]  # which the joystick has chosen
-    body = (
-        _help(viewer, width, height - 5) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, height - 3))
-    )
+    warnings = [Text(f" {printable(each)}", "bold yellow", no_wrap=True) for each in snapshot.get(WARNINGS, ())]
+    warnings = warnings[: max(0, height - 4)]  # the body keeps a row
+    rows = height - 3 - len(warnings)
+    body = _help(viewer, width, rows - 2) if viewer.help else _Screen(name, snapshot, viewer, width, max(1, rows))
     header, state, keys = _header(snapshot, names, name, width), _state_line(snapshot, viewer), _keys(viewer, width)
     layout = Layout()
-    layout.split_column(Layout(header, size=1), Layout(state, size=1), Layout(body), Layout(keys, size=1))
+    above = (header, state, *warnings)
+    layout.split_column(*(Layout(line, size=1) for line in above), Layout(body), Layout(keys, size=1))
     return layout
 
 

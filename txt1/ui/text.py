@@ -69,7 +69,12 @@ def styled(text: str, style: str) -> str:
 
 def clean(text: str) -> str:
     """The text without anything a terminal or rich could obey: a message may quote what came over a wire."""
-    return escape("".join(c if c.isprintable() else " " for c in text))
+    return escape(printable(text))
+
+
+def printable(text: str) -> str:
+    """The text with a space for whatever a terminal could obey."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def centred_bar(share: float, width: int) -> str:

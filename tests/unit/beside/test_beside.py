@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
 import signal
 from collections.abc import Callable
@@ -90,6 +91,43 @@ async def test_one_that_fails_is_started_again_so_often_and_no_more() -> None:
         "ended with 3 and is started again in 0.04 s",
         "ended with 3 and is not started again",
     ]
+
+
+async def test_one_that_fails_is_started_again_for_ever_after_pauses_that_grow_to_a_limit() -> None:
+    owner = Owner()
+    forever = Restart(limit=math.inf, pause=0.01, longest=0.04)
+    async with owner.beside("fail", restart=forever) as beside:
+        await until(lambda: beside.counts["restarts"] > 4)
+        assert beside.trouble == owner.told[-1]
+    pauses = [float(text.split(" in ")[1].removesuffix(" s")) for text in owner.told[:5]]
+    # a busy machine may let it live for longer than the longest pause, and the pauses begin anew
+    assert pauses[0] == 0.01 and max(pauses) <= 0.04 and set(pauses) <= {0.01, 0.02, 0.04}
+
+
+async def test_one_that_is_at_work_again_is_no_trouble() -> None:
+    owner = Owner()
+    async with owner.beside("beat_then_fail", restart=Restart(limit=math.inf, pause=0.01, longest=0.01)) as beside:
+        await until(lambda: beside.trouble == "ended with 3 and is started again in 0.01 s")
+        await until(lambda: not beside.trouble)
+
+
+async def test_one_that_ends_by_itself_says_so() -> None:
+    owner = Owner({"end": True})
+    async with owner.beside("echo") as beside:
+        assert await asyncio.wait_for(beside.ended(), 20.0) == "ended"
+    assert owner.told == ["has ended"]
+
+
+async def test_an_error_of_the_owner_is_a_failure_of_one_that_is_started_again() -> None:
+    told: list[str] = []
+
+    def bug(request: Request) -> None:
+        raise ZeroDivisionError("bug")
+
+    forever = Restart(limit=math.inf, pause=0.01)
+    async with Beside("beside_targets:echo", lambda: None, bug, restart=forever, tell=told.append):
+        await until(lambda: len(told) > 1)
+    assert told[0] == "is at fault here: ZeroDivisionError: bug and is started again in 0.01 s"
 
 
 async def test_leaving_the_block_does_not_wait_for_a_restart() -> None:

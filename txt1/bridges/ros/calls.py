@@ -54,8 +54,10 @@ class Calls:
             if inspect.isawaitable(told):
                 told = await told
             self.answers.append((id, True, "" if told is None else str(told)))
-        except (Txt1Error, ValueError, TypeError, KeyError) as error:
+        except Txt1Error as error:
             self.answers.append((id, False, str(error)))
+        except Exception as error:  # whatever a node asks for does not end the run
+            self.answers.append((id, False, f"{type(error).__name__}: {error}"))
         except asyncio.CancelledError:
             self.answers.append((id, False, CANCELLED))
             raise

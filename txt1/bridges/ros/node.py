@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from txt1.beside import PERIOD, Beside, Request
-from txt1.bridges.registry import RESTART, SILENCE
+from txt1.bridges.registry import RESTART, SILENCE, warning
 from txt1.runtime import Runtime
 
 START: Final = Path(__file__).with_name("start.py")
@@ -50,9 +50,10 @@ async def node_beside(
         niceness=0, prompt=True,
     )  # fmt: skip
     try:
-        async with beside:
-            name = f"bridge {target.rpartition(':')[0].rpartition('.')[2]}"
-            runtime.add_task(name, PRIORITY, 0.5 * PERIOD, beside.serve)  # an IMU tells 100 a second
-            yield beside
+        node = target.rpartition(":")[0].rpartition(".")[2]
+        with warning(runtime, f"bridge '{node}'", beside):
+            async with beside:
+                runtime.add_task(f"bridge {node}", PRIORITY, 0.5 * PERIOD, beside.serve)  # an IMU tells 100 a second
+                yield beside
     finally:
         desk.lost()

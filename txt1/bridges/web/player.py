@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -68,11 +69,14 @@ class Player:
         return {"name": self.name, "start": start, "end": end, "position": self.position, "speed": self.speed}
 
     def wind(self, to: Any, speed: Any) -> None:
-        """Go to a time of the run, and play at another speed; ValueError for what is no number."""
-        if to is not None:
-            self.position = min(max(float(to), self.recording.start), self.recording.end)
-        if speed is not None:
-            self.speed = min(max(float(speed), 0.0), SPEED_MAX)
+        """Go to a time of the run, and play at another speed; ValueError for what is no finite number."""
+        given = [None if each is None else float(each) for each in (to, speed)]
+        if not all(each is None or isfinite(each) for each in given):
+            raise ValueError("not finite")
+        if given[0] is not None:
+            self.position = min(max(given[0], self.recording.start), self.recording.end)
+        if given[1] is not None:
+            self.speed = min(max(given[1], 0.0), SPEED_MAX)
         self._moved = True
 
     def stop(self) -> None:

@@ -159,6 +159,9 @@ function show() {
   const reason = !silent && !replay && mode && !mode.armed ? mode.reason : ""
   $("reason").hidden = !reason
   $("reason").textContent = reason
+  const warnings = silent || replay ? [] : topics["/warnings"] ?? []
+  $("warnings").hidden = !warnings.length
+  $("warnings").textContent = warnings.join("; ")
   const driver = topics["/driver"]?.name ?? ""
   const holder = know.page.wheel, mine = holder && holder === know.page.number
   $("driver").textContent = driver === "web" ? (mine ? "this page" : `page ${holder}`) : driver || "nobody"
