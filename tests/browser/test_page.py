@@ -150,6 +150,20 @@ def test_stop_is_always_in_sight_and_needs_no_wheel(browser: Any, page: Any, car
     page.mouse.up()
 
 
+def test_the_page_says_which_bridge_is_not_at_work_until_it_is_again(page: Any, car: Live) -> None:
+    trouble = "bridge 'gamepad' ended with 1 and is started again in 2 s"
+
+    def warn() -> str:
+        return trouble
+
+    car.call(lambda robot: robot.runtime.state.warnings.append(warn))
+    try:
+        is_told(page, "warnings", f'"{trouble}"')
+    finally:
+        car.call(lambda robot: robot.runtime.state.warnings.remove(warn))
+    is_told(page, "warnings", "true", "hidden")
+
+
 def opened_beside(browser: Any, car: Live) -> Iterator[Any]:
     """Another page, while the first one goes on."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
