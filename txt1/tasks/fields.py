@@ -198,12 +198,12 @@ DRIVER: Final = declare(Topic(
 ))  # fmt: skip
 
 
-WARNINGS: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off")
+_WARN: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off")
 """Beginnings of events that are warnings."""
 
 
 def _log_message(event: Event) -> dict[str, object]:
-    warns = event.text.startswith(WARNINGS)
+    warns = event.text.startswith(_WARN)
     return {"level": 30 if warns else 20, "name": "txt1", "msg": event.text}  # ROS's WARN and INFO
 
 
