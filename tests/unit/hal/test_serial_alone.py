@@ -251,6 +251,14 @@ def test_an_esc_that_is_to_come_on_while_loops_are_cleared_comes_on_after_a_sile
     assert min(desk.times(Velocity, since=3.0)) == pytest.approx(5.2)
 
 
+def test_an_esc_that_was_switched_on_is_not_switched_on_again_when_loops_are_cleared(desk: Desk) -> None:
+    desk.do(lambda: desk.hal.switch(Switch.ESC, True, desk.now))
+    desk.runs(4.0)
+    desk.do(lambda: desk.hal.clear_loops(desk.now))
+    desk.runs(4.0)
+    assert desk.heard(PowerControl) == [(5.26, PowerControl(Switch.ESC, True))]
+
+
 def test_loops_at_the_hosts_end_need_no_silence(make: Callable[..., Desk]) -> None:
     desk = make(control="host").runs(2.0)
     desk.do(lambda: desk.hal.clear_loops(desk.now))
