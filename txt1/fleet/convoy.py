@@ -28,6 +28,7 @@ HEADWAY: Final = 0.8  # h, s; with k and tau below the condition asks for 0.35 s
 GAIN: Final = 0.8  # k, 1/s
 LOOK_AHEAD: Final = 0.6  # m, of the pursuit
 TRACK_STEP: Final = 0.05  # m between two points of the track
+TRACK_MAX: Final = 1000  # points of the track
 RADIUS_MIN: Final = 0.56  # m
 SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up
 CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
@@ -74,7 +75,12 @@ class Follower:
         self.spacing: float | None = None
         """Distance to the one ahead along its track, m."""
         self._ahead = ahead
-        self._track: deque[tuple[float, float]] = deque()
+        self._track: deque[tuple[float, float]] = deque(maxlen=TRACK_MAX)
+
+    @property
+    def points(self) -> int:
+        """How many points of the track are kept."""
+        return len(self._track)
 
     @property
     def error(self) -> float | None:
@@ -88,7 +94,8 @@ class Follower:
             track.append((me.x, me.y))
         x, y = track[-1]
         if (apart := hypot(ahead.x - x, ahead.y - y)) >= TRACK_STEP:
-            steps = int(apart / TRACK_STEP)  # several at once where some of what it said was lost
+            # several at once where some of what it said was lost; few enough however far away it says it is
+            steps = min(int(apart / TRACK_STEP), TRACK_MAX)
             track.extend((x + (ahead.x - x) * n / steps, y + (ahead.y - y) * n / steps) for n in range(1, steps + 1))
         while len(track) > 2 and _nearer(me, track[1], track[0]):
             track.popleft()

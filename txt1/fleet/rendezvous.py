@@ -70,6 +70,7 @@ class Rendezvous:
 
     def __init__(self, name: str, team: list[str], speed: float = 0.3, spacing: float = SPACING) -> None:
         self._number, self._count = sorted(team).index(name), len(team)
+        self._team = frozenset(team)  # whoever else is heard claims no slot, or there would be too few
         self._speed, self._spacing = speed, spacing
         self.middle: Point | None = None
         """Where it takes the middle to be, m."""
@@ -91,7 +92,7 @@ class Rendezvous:
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
         """A step of consensus, and one towards the slot."""
-        told = {name: one.data for name, one in heard.items() if len(one.data) == 5}
+        told = {name: one.data for name, one in heard.items() if name in self._team and len(one.data) == 5}
         self.middle = agree(self.middle or (me.x, me.y), ((data[0], data[1]) for data in told.values()), self._count)
         self._claims.update(told)
         self.slot = self._claim(me)

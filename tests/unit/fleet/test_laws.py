@@ -11,7 +11,7 @@ from benchmarks.cars import Cars
 from benchmarks.cooperation import convoy, coverage, rendezvous
 from txt1.errors import ConfigError
 from txt1.fleet.air import Air, Said
-from txt1.fleet.convoy import amplification
+from txt1.fleet.convoy import TRACK_MAX, Follower, amplification
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.rendezvous import agree, slot
 from txt1.fleet.steering import APART, allowed, toward
@@ -120,3 +120,41 @@ def test_a_law_that_is_wrong_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"cooperate: convoy: .*'colour'"):
         make_law("a", ["a"], (5.0, 5.0), {"law": "convoy", "colour": "red"})
     assert set(LAWS) == {"convoy", "rendezvous", "coverage", "search"}
+
+
+FAR = 1e6  # m: the largest number that is heard
+NUMBER = st.floats(-FAR, FAR) | st.floats(-20.0, 20.0)
+DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 5)
+HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
+TEAM = ["txt01", "txt02", "txt03"]
+
+
+@settings(max_examples=60, deadline=None)
+@pytest.mark.parametrize("law", LAWS)
+@given(st.lists(st.dictionaries(st.sampled_from([*TEAM, *"abcdefgh"]), HEARD, max_size=9), min_size=1, max_size=5))
+def test_no_law_fails_or_commands_what_is_no_number_whatever_the_others_tell(
+    law: str, told: list[dict[str, Said]]
+) -> None:
+    mine = make_law("txt02", TEAM, (10.0, 8.0), {"law": law})
+    me = Said(0.5, 0.5, 0.1)
+    heard = {name: Said(1.0, 1.0, 0.0) for name in mine.needs}
+    for step, more in enumerate(told):
+        heard |= {name: one for name, one in more.items() if name != "txt02"}
+        v, omega = mine.step(me._replace(time=0.05 * step), heard, None)
+        assert isfinite(v) and isfinite(omega)
+        assert all(isfinite(each) for each in mine.data)
+
+
+def test_a_leader_that_leaps_makes_its_follower_s_track_no_longer_than_memory_has_room() -> None:
+    follower = make_law("txt02", TEAM, (10.0, 8.0), {"law": "convoy"})
+    for step in range(10):
+        x = FAR if step % 2 else -FAR
+        follower.step(Said(0.0, 0.0, 0.0, time=0.05 * step), {"txt01": Said(x, x, 0.0)}, None)
+    assert isinstance(follower, Follower) and 0 < follower.points <= TRACK_MAX
+
+
+def test_strangers_who_claim_every_slot_leave_the_team_its_own() -> None:
+    mine = make_law("txt02", TEAM, (10.0, 8.0), {"law": "rendezvous"})
+    strangers = {name: Said(3.0, 3.0, 0.0, data=(0.0, 0.0, float(at), 1.0, -9.0)) for at, name in enumerate("abc")}
+    for step in range(3):
+        assert all(map(isfinite, mine.step(Said(0.5, 0.5, 0.1, time=0.05 * step), strangers, None)))
