@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.rounds import table
+from txt1.fleet.messages import Answer
 from txt1.fleet.network import Hooks, Peer
 from txt1.kernel.clock import NS_PER_S, RealClock
 
@@ -24,7 +25,15 @@ STATE = {"x": 1.0, "y": 2.0, "theta": 0.5, "v": 0.3, "omega": 0.1, "armed": True
 def peer(name: str, loss: float) -> None:
     """Tell the state 20 times a second, and every stop with its time, until standard input ends."""
     ended = threading.Event()
-    one = Peer(name, loss=loss, space="benchmark", hooks=Hooks(stop=lambda who: print(one.now, flush=True)))
+    obeyed: set[str] = set()
+
+    def stop(who: str, identity: str) -> Answer:
+        if identity not in obeyed:
+            obeyed.add(identity)
+            print(one.now, flush=True)
+        return Answer(closed=True)
+
+    one = Peer(name, loss=loss, space="benchmark", hooks=Hooks(stop=stop))
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
     print("ready", flush=True)
     while not ended.wait(0.05):

@@ -179,7 +179,7 @@ FIELDS = {
     "subscribe": {"topics": JSON, "rate": st.floats() | JSON, "seldom": JSON},
     "press": {"button": JSON}, "tell": {"text": JSON}, "disarm": {"reason": JSON}, "halt": {}, "arm": {},
     "request": {}, "release": {}, "record": {"on": st.just(False)}, "fleet": {"members": JSON, "heard": JSON},
-    "learned": {"who": JSON, "learned": JSON, "age": JSON, "why": JSON}, "stopped_by": {"who": JSON, "stop": JSON},
+    "learned": {"who": JSON, "learned": JSON, "age": JSON, "why": JSON}, "stop": {"who": JSON, "stop": st.text()},
     "refused": {"reason": JSON},
 }  # fmt: skip
 REQUESTS = st.sampled_from(sorted(FIELDS)).flatmap(

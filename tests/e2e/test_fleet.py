@@ -6,25 +6,31 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from collections.abc import Callable
+from contextlib import AsyncExitStack
 from io import StringIO
 from itertools import pairwise
 from math import dist
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from blockbuster import BlockBuster
 from rich.console import Console
 
 from tests.e2e.conftest import may_block
+from txt1.bridges.registry import bridge
 from txt1.cli import execute
 from txt1.cli.fleet import line
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.learned import FORGET, LEARNED, TOLD, Learned, learned_of
-from txt1.fleet.link import Link
-from txt1.fleet.members import FLEET
-from txt1.fleet.network import Peer
+from txt1.fleet.link import STOPS, STOPS_MAX, Link
+from txt1.fleet.members import FLEET, Member
+from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
+from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.record.reading import robots_in
@@ -259,6 +265,125 @@ async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_th
         assert robot.now - began == pytest.approx(3.0 + TOLD, abs=0.1)
         await alone.joined()
         assert robot.now - began < 30.0
+
+
+async def test_a_stop_of_all_is_obeyed_once_and_one_without_identity_each_time() -> None:
+    async with Robot.open() as robot:
+        link = Link(robot)
+        stop = link.requests["stop"]
+        for identity, again in (("a", True), ("b", True), ("", False), ("", False)):
+            robot.arm()
+            stop(who="txt02", stop=identity)
+            assert robot.reason == "emergency stop"
+            robot.arm()
+            stop(who="txt02", stop=identity)
+            assert robot.armed is again, "its echo does not undo the arming after it"
+        assert Snapshot.take(robot.runtime.bus, robot.now, "", ["/fleet_stops"])[STOPS] == ("a", "b")
+        for number in range(100):
+            stop(who="txt02", stop=f"{number}")
+        assert len(Snapshot.take(robot.runtime.bus, robot.now, "", ["/fleet_stops"])[STOPS]) == STOPS_MAX
+
+
+async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nobody_is_reached() -> None:
+    async with Robot.open() as robot:
+        link = Link(robot)
+        told = robot.runtime.state.events
+        link.stop_all()
+        assert not robot.armed and told[-1].text.startswith("the fleet is not reached: only this robot was stopped")
+        link.requests["fleet"](members=[list(Member("txt02", True))], heard={}, stop="")
+        robot.arm()
+        link.stop_all()
+        assert not told[-1].text.startswith("the fleet is not reached")
+        standing = "stopped: txt02; no answer: txt03"
+        for _ in range(3):
+            link.requests["fleet"](members=[list(Member("txt02", False))], heard={}, stop=standing)
+        assert [each.text for each in told].count(f"stop of all: {standing}") == 1
+        assert f"stop of all: {standing}" in _text(robot.snapshot)
+        link.requests["fleet"](members=[], heard={}, stop="")
+        assert "stop of all" not in _text(robot.snapshot)
+
+
+def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is_wrong() -> None:
+    zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    space = f"test{uuid4().hex}"
+
+    async def until(condition: Callable[[], object]) -> None:
+        async with asyncio.timeout(30.0):
+            while not condition():
+                await asyncio.sleep(0.01)
+
+    def stranger_says(key: str, message: object) -> None:
+        config = configuration()
+        config.insert_json5("listen/endpoints", "[]")
+        with zenoh.open(config) as session:
+            for _ in range(5):
+                session.put(f"{space}/{key}", json.dumps(message))
+
+    async def main() -> None:
+        patient = ("safety.missed_ticks_max=100000",)
+        async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
+            link = Link(robot)
+            at_work = bridge(robot, "fleet", {"name": "net01", "space": space}, link.requests)
+            beside = await stack.enter_async_context(at_work)
+            console = await asyncio.to_thread(Peer, "console1", space=space, console=True)
+            stack.callback(console.close)
+            standing = lambda: (console.standing() or (None,))[0]  # noqa: E731
+            await until(lambda: "net01" in console.heard())
+            console.stop_all()
+            await until(lambda: standing() == Standing(("net01",)))
+            assert not robot.armed
+            robot.arm()
+            await until(lambda: standing() == Standing(others=(("net01", "it was armed again"),)))
+            assert robot.armed
+            await asyncio.to_thread(stranger_says, "stop/console1", {"from": "console1", "number": 2**60})
+            await until(lambda: not robot.armed)
+            await asyncio.sleep(0.5)
+            robot.arm()
+            await asyncio.to_thread(stranger_says, "state/x", {"from": "net02", "x": "boom"})
+            console.stop_all()
+            await until(lambda: standing() == Standing(("net01",)))
+            refusal = "a message of net02 is refused: x: it is no number"
+            await until(lambda: any(event.text == refusal for event in robot.runtime.state.events))
+            assert beside.counts["restarts"] == 0
+
+    run(main())
+
+
+OUTCOMES = (
+    (Standing(("txt01", "txt02")), 0, "stopped: txt01, txt02"),
+    (Standing(("txt01",), (("txt02", "it was armed again"),)), 4, "not stopped: txt02 (it was armed again)"),
+    (Standing(("txt01",), silent=("txt03",)), 4, "no answer: txt03"),
+    (Standing(), 1, "no robot of the fleet is heard"),
+)
+
+
+@pytest.mark.parametrize(("standing", "code", "told"), OUTCOMES)
+def test_the_command_that_stops_all_succeeds_only_where_all_have_stopped(
+    standing: Standing, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
+    expected: list[str] = []
+
+    class Console:
+        def __init__(self, name: str, *_: object, console: bool) -> None:
+            assert console and name.startswith("console_")
+
+        def stop_all(self, names: list[str]) -> threading.Thread:
+            expected.extend(names)
+            said = threading.Thread()
+            said.start()
+            return said
+
+        def standing(self) -> tuple[Standing, float]:
+            return standing, 1.0
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr("txt1.fleet.network.Peer", Console)
+    assert execute(["fleet", "--join", "--stop", "txt01,txt03"]) == code
+    assert expected == ["txt01", "txt03"]
+    assert told in capsys.readouterr().out
 
 
 @pytest.mark.long

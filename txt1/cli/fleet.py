@@ -3,16 +3,16 @@
 import argparse
 import asyncio
 import json
-import os
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from functools import partial
 from itertools import combinations
 from math import dist
-from typing import TYPE_CHECKING
+from secrets import token_hex
+from typing import TYPE_CHECKING, Final
 
 from txt1.bridges.registry import fleet_bridge
-from txt1.cli import DISARMED, FAULT, OK, options
+from txt1.cli import DISARMED, FAULT, OK, UNSTOPPED, options
 from txt1.cli.app import App, report, say, view_of
 from txt1.cli.errands import Errands
 from txt1.cli.options import flag, takes
@@ -22,6 +22,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.fleet.stopping import Standing
 from txt1.record.session import need
 from txt1.ui import tty
 from txt1.ui.helm import KEYS, Helm
@@ -30,6 +31,8 @@ from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
+
+EARLY: Final = 3.5  # s after which a stop of all that is not complete is told as it stands
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration": takes("S", "end after S seconds of the robots' time", options.positive),
         "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", options.velocity),
         "--fleet-key": options.NETWORK["--fleet-key"],
-        "--stop": flag("with --join: stop all robots, say which have answered, and end"),
+        "--stop": takes(
+            "NAME,NAME,...", "with --join: stop all robots, say which have stopped, and end; those named must answer",
+            options.names, nargs="?", const=[],
+        ),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
@@ -143,10 +149,10 @@ def _console(arguments: argparse.Namespace) -> int:
     from txt1.ui.console import Console
 
     page = web_page(arguments)
-    peer = Peer(f"console{os.getpid()}", arguments.join, arguments.fleet_key)
+    peer = Peer(f"console_{token_hex(4)}", arguments.join, arguments.fleet_key, console=True)
     try:
-        if arguments.stop:
-            return _stop_all(peer)
+        if arguments.stop is not None:
+            return _stop_all(peer, arguments.stop)
         if page is not None:
             return App().run(_page(peer, page))
         if arguments.headless or arguments.json or not tty.drawable():
@@ -182,15 +188,24 @@ async def _page(peer: "Peer", page: WebPage) -> None:
         network.close()
 
 
-def _stop_all(peer: "Peer") -> int:
-    """Stop all robots and say who has answered."""
-    peer.stop_all().join()
-    answered = peer.answered()
-    print(f"stopped: {', '.join(sorted(answered)) or 'nobody is there'}")
-    missing = {one.name for one in peer.members() if one.alive} - answered
-    if missing:
-        say(f"no answer from {', '.join(sorted(missing))}")
-    return FAULT if missing or not answered else OK
+def _stop_all(peer: "Peer", expected: list[str]) -> int:
+    """Stop all robots and say who has stopped, who has not, and who did not answer."""
+    saying = peer.stop_all(expected)
+    saying.join(EARLY)
+    if saying.is_alive():
+        say(f"{_standing(peer)}; the stop is said again for half a minute")
+    saying.join()
+    standing = _standing(peer)
+    print(standing)
+    if standing == Standing():
+        say("nothing was stopped: is the robot's --fleet on this network, and its key the same?")
+        return FAULT
+    return OK if standing.complete else UNSTOPPED
+
+
+def _standing(peer: "Peer") -> Standing:
+    standing, _ = peer.standing() or (Standing(), 0.0)
+    return standing
 
 
 async def _lines(fleet: Fleet) -> None:

@@ -1,8 +1,10 @@
 """A robot's end of the bridge to its fleet: what it tells, what it has heard, and the rule of silence among them."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from math import inf
 from typing import Any, Final
 
 from txt1.errors import ConfigError
@@ -10,7 +12,7 @@ from txt1.fleet.air import Said
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.learned import FORGET, LEARNED, TOLD, Learned, learned_of
-from txt1.fleet.members import FLEET, Member, member_of
+from txt1.fleet.members import FLEET, FLEET_STOP, Member, member_of
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -22,6 +24,11 @@ PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no fleet
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
+STOPS: Final[Topic[tuple[str, ...]]] = declare(Topic(
+    "/fleet_stops", tuple[str, ...], "", "std_msgs/String", Rule.SNAPSHOT, "the stops of all that this robot has obeyed"
+))  # fmt: skip
+STOPS_MAX: Final = 20  # stops of all that are remembered: an older one is obeyed again if somebody still says it
+QUIET: Final = 1.0  # s without a word of the bridge after which the fleet is not reached
 
 
 class Link:
@@ -34,18 +41,23 @@ class Link:
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
         self._joined = asyncio.Event()
+        self._took = -inf  # when the bridge told of the others last, s of the loop
+        self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)  # identities of stops of all
+        self._standing = ""  # how the last one stands that this robot has said
         self._learned: Learned | None = None
         self._taught: dict[str, tuple[Learned, float]] = {}  # by the others, and when that was
         self._refused: dict[str, str] = {}  # names of those whose words are no table, and why
         self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done, with a ConfigError, when the fleet does not let the robot in."""
         self.requests: Mapping[str, Callable[..., object]] = {
-            "fleet": self._take, "learned": self._hear, "refused": self._refuse,
+            "fleet": self._take, "stop": self._stop, "learned": self._hear, "refused": self._refuse,
         }  # fmt: skip
         """What the bridge may ask for."""
         bus = robot.runtime.bus
         bus.offer(SAID, lambda: self._said or self._own())
         bus.offer(MEMBER, self._member)
+        bus.offer(STOPS, lambda: tuple(self._obeyed) or None)
+        bus.offer(FLEET_STOP, lambda: self._standing or None)
         bus.offer(LEARNED, lambda: self._learned)
         bus.offer(FLEET, lambda: (self._member(), *self._members))
 
@@ -57,9 +69,11 @@ class Link:
         self._cooperation.begin()
 
     def stop_all(self) -> None:
-        """Stop this robot at once, and all others of the fleet."""
+        """Stop this robot at once, and all others of the fleet; the event log then says who has stopped."""
         self._robot.stop()
         self._robot.runtime.bus.publish(ORDER, "stop", self._robot.now)
+        if asyncio.get_running_loop().time() - self._took > QUIET:
+            self._robot.tell("the fleet is not reached: only this robot was stopped; stop the others otherwise")
 
     def say(self, said: Said) -> None:
         """Tell the others."""
@@ -87,15 +101,28 @@ class Link:
 
     # -- what the bridge asks for ------------------------------------------------------------------------------
 
-    def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]]) -> None:
-        """Take note of the others and of their words, whose times are given as ages, s."""
+    def _take(self, members: list[list[Any]], heard: Mapping[str, list[Any]], stop: str = "") -> None:
+        """Take note of the others and of their words, whose times are given as ages, s; and how our stop stands."""
         self._joined.set()
-        now = asyncio.get_running_loop().time()
+        self._took = now = asyncio.get_running_loop().time()
+        if stop != self._standing:
+            self._standing = stop
+            if stop:
+                self._robot.tell(f"stop of all: {stop}")
         for name, said in heard.items():
             x, y, theta, v, omega, age, data = said
             self._heard[name] = Said(x, y, theta, v, omega, now - age, tuple(data))
         placed = ((Member._make(each), each[3]) for each in members)
         self._members = tuple(one._replace(pose=None if pose is None else tuple(pose)) for one, pose in placed)
+
+    def _stop(self, who: str = "somebody", stop: str = "") -> None:
+        """Stop at another's word, once for each identity: it is said again and again, and must not undo an arming."""
+        if stop and stop in self._obeyed:
+            return
+        self._robot.stop()
+        self._robot.tell(f"stopped by {who}")
+        if stop:
+            self._obeyed.append(stop)
 
     def _hear(self, who: str, learned: Mapping[str, Any] | None, age: float = 0.0, why: str = "") -> None:
         """Take note of the rows that another learned `age` s ago; None: they are refused, and `why` is told once."""

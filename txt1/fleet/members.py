@@ -35,6 +35,11 @@ class Member(NamedTuple):
 FLEET: Final[Topic[tuple[Member, ...]]] = declare(
     Topic("/fleet", tuple[Member, ...], "", "std_msgs/String", Rule.SNAPSHOT, "all robots of the fleet")
 )
+FLEET_STOP: Final = declare(
+    Topic(
+        "/fleet_stop", str, "", "std_msgs/String", Rule.SNAPSHOT, "how the last stop of all that was said here stands"
+    )
+)
 
 
 def member_of(robot: Robot, silent: str = "") -> Member:

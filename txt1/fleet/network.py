@@ -5,9 +5,9 @@ Keys, all below ``txt1``: ``alive/NAME/ID`` is a liveliness token; ``state/NAME`
 ``drive/NAME`` is a velocity for one; ``learned/NAME`` what a robot has learned, once a second. Messages are small JSON
 objects that may be lost: what matters is said again.
 
-**Stop of all.** It is said every 20 ms until everybody who is alive has answered, then a little longer, in case
-somebody new is there; a stop has a number and is obeyed once. With a share p of all messages lost, one is
-still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
+**Stop of all.** It is said every 20 ms until every robot that is alive, was heard in the last half minute or was named
+has answered that its gate is closed, then a little longer, in case somebody new is there. With a share p of all
+messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
 
 **Names** are unique: the one gives way
 that came later, by the clocks, or finds that another one tells its state already.
@@ -23,7 +23,7 @@ import json
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,17 +33,22 @@ from typing import Any, Final
 from txt1.errors import ConfigError, MissingExtra
 from txt1.fleet.air import TIMEOUT, Said
 from txt1.fleet.members import Member
+from txt1.fleet.messages import Answer, State, answer_of, drive_of, is_name, message_of, state_of, stop_of, time_of
+from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
 
 PORTS: Final = range(7450, 7482)  # on loopback, of which each peer takes the first that is free
 REPEAT: Final = 0.02  # s between two sayings of a stop
 LONGER: Final = 1.0  # s that it is said after all have answered
 STOP_FOR: Final = 30.0  # s after which whoever has not answered is given up
+ALONE: Final = 3.0  # s after which it is given up where nobody is heard
+RECENT: Final = 30.0  # s after it was heard last that a robot is expected to answer a stop
 PING: Final = 1.0  # s between two pings
 PINGS: Final = 10  # of which the fastest counts
 LOOK: Final = 0.6  # s to look whether a name is taken
-SIZE: Final = 1 << 15  # bytes of the longest message that is read
-FIELDS: Final = ("x", "y", "theta", "v", "omega")
+PING_MAX: Final = 10.0  # s after which an answer to a ping counts no more
+SAID_MAX: Final = 20  # stops of our own that are told from others'
+OTHERS_MAX: Final = 200  # peers of which something is kept
 
 
 @dataclass
@@ -52,7 +57,7 @@ class _Other:
 
     ids: set[str] = field(default_factory=set)  # of its liveliness tokens
     heard: float = 0.0
-    state: Mapping[str, Any] = field(default_factory=dict)
+    state: State | None = None
     learned: tuple[Mapping[str, Any], float] | None = None  # as it was told, and when
     pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # s there and back, offset
 
@@ -65,7 +70,8 @@ class _Other:
 class Hooks:
     """Called with the messages of other peers, in a thread of Zenoh's."""
 
-    stop: Callable[[str], None] = lambda who: None
+    stop: Callable[[str, str], Answer | None] = lambda who, stop: None
+    """Told of each saying of a stop, by whom, with its identity or ""; returns what to answer, None: nothing."""
     drive: Callable[[str, float, float], None] = lambda who, v, omega: None
     state: Callable[[Mapping[str, Any]], None] = lambda message: None
 
@@ -121,6 +127,7 @@ class Peer:
         hooks: what it is told.
         loss: share of the messages that it loses, sending and receiving, for tests.
         space: what stands before all keys: fleets of different ones do not hear one another.
+        console: it has no robot: nobody lists it or waits for its answer, and its name may be taken.
 
     Raises ConfigError: the name is taken, or the network cannot be used; MissingExtra.
     """
@@ -133,6 +140,7 @@ class Peer:
         hooks: Hooks | None = None,
         loss: float = 0.0,
         space: str = "txt1",
+        console: bool = False,
     ) -> None:
         self._zenoh = need_zenoh()
         self._space = space
@@ -140,21 +148,22 @@ class Peer:
         self._clock = RealClock()
         self._lock = threading.Lock()
         self._others: dict[str, _Other] = {}
-        self._stops: dict[str, int] = {}  # the number of each peer's newest stop that was obeyed
-        self._stop_number = self._clock.now_ns() // 1_000_000  # grows, and goes on growing after a restart
-        self._answered: set[str] = set()
-        self._stopping: threading.Thread | None = None
+        self._refused: dict[str, str] = {}
+        self._stop: StopOfAll | None = None  # the newest that was said here
+        self._said: deque[str] = deque(maxlen=SAID_MAX)  # identities of those that were said here
         self._closing = threading.Event()
+        if not is_name(name):
+            raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
         self._session = self._open(interface, key)
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
-        self._token = self._claim()
-        self._session.declare_subscriber(f"{self._space}/state/*", self._take_state)
+        self._token = None if console else self._claim()
+        self._session.declare_subscriber(f"{self._space}/state/*", self._checked(self._take_state))
         self._session.declare_subscriber(f"{self._space}/learned/*", self._take_learned)
         self._session.declare_subscriber(f"{self._space}/stop/*", self._take_stop)
-        self._session.declare_subscriber(f"{self._space}/stopped/{name}", self._take_answer)
-        self._session.declare_subscriber(f"{self._space}/drive/{name}", self._take_drive)
-        self._session.declare_subscriber(f"{self._space}/ping/{name}", self._take_ping)
-        self._session.declare_subscriber(f"{self._space}/pong/{name}", self._take_pong)
+        self._session.declare_subscriber(f"{self._space}/stopped/{name}", self._checked(self._take_answer))
+        self._session.declare_subscriber(f"{self._space}/drive/{name}", self._checked(self._take_drive))
+        self._session.declare_subscriber(f"{self._space}/ping/{name}", self._checked(self._take_ping))
+        self._session.declare_subscriber(f"{self._space}/pong/{name}", self._checked(self._take_pong))
         self._session.liveliness().declare_subscriber(f"{self._space}/alive/*/*", self._take_alive, history=True)
         self._pinging = threading.Thread(target=self._ping_all, name="fleet pings", daemon=True)
         self._pinging.start()
@@ -183,24 +192,30 @@ class Peer:
         """Command another robot, m/s and rad/s, for the next 0.25 s."""
         self._put(f"drive/{name}", {"v": v, "omega": omega})
 
-    def stop_all(self) -> threading.Thread:
-        """Stop every robot of the fleet: said again and again until all have answered, by the thread returned."""
-        with self._lock:
-            self._stop_number += 1
-            self._answered.clear()
-            number = self._stop_number
-        self._stopping = threading.Thread(target=self._say_stop, args=(number,), name="fleet stop", daemon=True)
-        self._stopping.start()
-        return self._stopping
+    def stop_all(self, expected: Iterable[str] = ()) -> threading.Thread:
+        """Stop every robot of the fleet: said again and again until all have, by the thread returned.
 
-    def _say_stop(self, number: int) -> None:
-        began, complete = self.now, 0.0
-        while number == self._stop_number and self.now < began + STOP_FOR:
-            self._put(f"stop/{self.name}", {"number": number})
+        Those in `expected` have to answer, too, whether they are heard or not; `standing` says who has.
+        """
+        stop = StopOfAll(expected, self.now)
+        with self._lock:
+            self._stop = stop
+            self._said.append(stop.identity)
+        saying = threading.Thread(target=self._say_stop, args=(stop,), name="fleet stop", daemon=True)
+        saying.start()
+        return saying
+
+    def _say_stop(self, stop: StopOfAll) -> None:
+        complete = 0.0
+        while stop is self._stop and self.now < stop.began + STOP_FOR:
+            self._put(f"stop/{self.name}", {"stop": stop.identity})
             with self._lock:
-                missing = {name for name, other in self._others.items() if other.alive} - self._answered
-            complete = 0.0 if missing else complete or self.now
-            if (complete and self.now > complete + LONGER) or self._closing.wait(REPEAT):
+                now = self.now
+                stop.expect(name for name, one in self._others.items() if one.alive or 0.0 < now - one.heard < RECENT)
+                standing = stop.standing()
+            alone = standing == Standing() and now > stop.began + ALONE
+            complete = (complete or now) if standing.complete else 0.0
+            if alone or (complete and now > complete + LONGER) or self._closing.wait(REPEAT):
                 return
 
     def listen(self, duration: float) -> None:
@@ -212,13 +227,17 @@ class Peer:
     def heard(self) -> Mapping[str, Said]:
         """Where the others are and how they move, those who have told it, by this computer's clock."""
         with self._lock:
-            known = {name: (other.state, other.heard) for name, other in self._others.items() if other.state}
+            known = {name: (other.state, other.heard) for name, other in self._others.items()}
         return {
-            name: Said(
-                **{each: float(state.get(each, 0.0)) for each in FIELDS}, time=heard, data=tuple(state.get("data", ()))
-            )
+            name: Said(state.x, state.y, state.theta, state.v, state.omega, heard, state.data)
             for name, (state, heard) in known.items()
+            if state is not None
         }
+
+    def refused(self) -> Mapping[str, str]:
+        """Why a message of each of the others was refused last, of those of whom one was."""
+        with self._lock:
+            return dict(self._refused)
 
     def taught(self) -> Mapping[str, tuple[Mapping[str, Any], float]]:
         """The learned rows of each robot that is there, not checked, and when they were told by our clock."""
@@ -231,10 +250,10 @@ class Peer:
         with self._lock:
             return tuple(_member(name, other, now) for name, other in sorted(self._others.items()) if other.heard)
 
-    def answered(self) -> set[str]:
-        """Names of the robots that have answered the last stop."""
+    def standing(self) -> tuple[Standing, float] | None:
+        """How the last stop of all stands that was said here, and how long ago it was, s; None: there was none."""
         with self._lock:
-            return set(self._answered)
+            return None if self._stop is None else (self._stop.standing(), self.now - self._stop.began)
 
     # -- in Zenoh's threads ------------------------------------------------------------------------------------
 
@@ -250,25 +269,43 @@ class Peer:
         )  # fmt: skip
 
     def _read(self, sample: Any) -> dict[str, Any] | None:
-        """A message from another peer; None for its own, a lost one, one that is too long, or none at all."""
+        """A message from another peer; None for its own, a lost one, and one that is no message."""
         if self._loss and self._rng.random() < self._loss:
             return None
-        try:
-            whole = bytes(sample.payload)
-            message = json.loads(whole) if len(whole) <= SIZE else {"from": self.name}
-            return message if message["from"] != self.name else None
-        except (ValueError, KeyError, TypeError, RecursionError):
-            return None
+        message = message_of(bytes(sample.payload))
+        return None if message is None or message["from"] == self.name else message
 
     def _other(self, name: str) -> _Other:
+        """What is known of another peer; nothing is kept of more than so many."""
+        if len(self._others) >= OTHERS_MAX and name not in self._others:
+            gone = [each for each, other in self._others.items() if not other.alive]
+            if not gone:
+                return _Other()
+            del self._others[min(gone, key=lambda each: self._others[each].heard)]
         return self._others.setdefault(name, _Other())
 
-    def _take_state(self, sample: Any) -> None:
-        if (message := self._read(sample)) is not None:
-            with self._lock:
-                other = self._other(message["from"])
-                other.state, other.heard = message, self.now
-            self._hooks.state(message)
+    def _checked(self, take: Callable[[dict[str, Any]], None]) -> Callable[[Any], None]:
+        """A listener that takes messages; of one that is not as it should be it keeps why, and nothing else."""
+
+        def listen(sample: Any) -> None:
+            message = self._read(sample)
+            if message is None:
+                return
+            try:
+                take(message)
+            except ValueError as error:
+                with self._lock:
+                    if len(self._refused) < OTHERS_MAX:
+                        self._refused.setdefault(message["from"], str(error))
+
+        return listen
+
+    def _take_state(self, message: dict[str, Any]) -> None:
+        state = state_of(message)
+        with self._lock:
+            other = self._other(message["from"])
+            other.state, other.heard = state, self.now
+        self._hooks.state(message)
 
     def _take_learned(self, sample: Any) -> None:
         message = self._read(sample)
@@ -278,39 +315,39 @@ class Peer:
                 self._other(name).learned = message, self.now
 
     def _take_stop(self, sample: Any) -> None:
-        message = self._read(sample)
-        if message is None:
+        """Obey a stop, whatever its message says: one that is none is a stop without identity."""
+        if self._loss and self._rng.random() < self._loss:
             return
-        who, number = message["from"], int(message["number"])
-        if self._stops.get(who, -1) < number:
-            self._stops[who] = number
-            self._hooks.stop(who)
-        self._put(f"stopped/{who}", {"number": number})
+        who, stop = str(sample.key_expr).split("/")[-1], stop_of(bytes(sample.payload))
+        if stop and stop in self._said:
+            return  # our own
+        who = who if is_name(who) else "somebody"
+        answer = self._hooks.stop(who, stop)
+        if stop and answer is not None:
+            self._put(f"stopped/{who}", {"stop": stop, **answer._asdict()})
 
-    def _take_answer(self, sample: Any) -> None:
-        message = self._read(sample)
-        if message is not None and message["number"] == self._stop_number:
-            with self._lock:
-                self._answered.add(message["from"])
+    def _take_answer(self, message: dict[str, Any]) -> None:
+        with self._lock:
+            if self._stop is not None and message.get("stop") == self._stop.identity:
+                self._stop.answered(message["from"], answer_of(message))
 
-    def _take_drive(self, sample: Any) -> None:
-        if (message := self._read(sample)) is not None:
-            self._hooks.drive(message["from"], float(message["v"]), float(message["omega"]))
+    def _take_drive(self, message: dict[str, Any]) -> None:
+        self._hooks.drive(message["from"], *drive_of(message))
 
-    def _take_ping(self, sample: Any) -> None:
-        if (message := self._read(sample)) is not None:
-            self._put(f"pong/{message['from']}", {"began": message["sent"]})
+    def _take_ping(self, message: dict[str, Any]) -> None:
+        self._put(f"pong/{message['from']}", {"began": time_of(message, "sent")})
 
-    def _take_pong(self, sample: Any) -> None:
-        message = self._read(sample)
-        if message is not None:
-            began, theirs, now = message["began"] / NS_PER_S, message["sent"] / NS_PER_S, self.now
-            with self._lock:
-                self._other(message["from"]).pings.append((now - began, theirs - 0.5 * (began + now)))
+    def _take_pong(self, message: dict[str, Any]) -> None:
+        began, theirs = time_of(message, "began") / NS_PER_S, time_of(message, "sent") / NS_PER_S
+        now = self.now
+        if not 0.0 <= now - began <= PING_MAX:
+            raise ValueError("began: that ping was never sent")
+        with self._lock:
+            self._other(message["from"]).pings.append((now - began, theirs - 0.5 * (began + now)))
 
     def _take_alive(self, sample: Any) -> None:
         name, own = str(sample.key_expr).split("/")[-2:]
-        if name != self.name:
+        if name != self.name and is_name(name):
             with self._lock:
                 ids = self._other(name).ids
                 (ids.add if sample.kind == self._zenoh.SampleKind.PUT else ids.discard)(own)
@@ -374,12 +411,14 @@ def _free(port: int) -> bool:
 
 
 def _member(name: str, other: _Other, now: float) -> Member:
-    state = other.state
-    pose = (state["x"], state["y"], state["theta"]) if "x" in state else None
     offset = min(other.pings)[1] if other.pings else None
     age = now - other.heard
+    alive = other.alive and age < 10.0 * TIMEOUT
+    state = other.state
+    if state is None:
+        return Member(name, armed=False, age=age, offset=offset, alive=alive)
+    pose = (state.x, state.y, state.theta)
     return Member(
-        name, bool(state.get("armed")), str(state.get("reason", "")), pose,
-        state.get("v", 0.0), state.get("omega", 0.0), state.get("driver", ""), state.get("battery"),
-        age, offset, other.alive and age < 10.0 * TIMEOUT, str(state.get("silent", "")),
+        name, state.armed, state.reason, pose, state.v, state.omega, state.driver, state.battery, age, offset, alive,
+        state.silent,
     )  # fmt: skip

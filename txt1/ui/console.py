@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import inf
 from typing import Final
 
-from txt1.fleet.members import FLEET, Member
+from txt1.fleet.members import FLEET, FLEET_STOP, Member
 from txt1.fleet.network import Peer
 from txt1.hal.base import Button
 from txt1.model.odometry import Odometry
@@ -46,7 +46,12 @@ class Console:
         """The fleet, and the robot at hand on the map."""
         robot, members = self.robot, self._peer.members()
         name = "fleet" if robot is None else f"fleet, at {robot.name}"
-        values: dict[str, object] = {FLEET.name: members, MODE.name: Mode(panel=Panel(screen=self._screen))}
+        standing, _ = self._peer.standing() or ("", 0.0)
+        values: dict[str, object] = {
+            FLEET.name: members,
+            FLEET_STOP.name: str(standing) or None,
+            MODE.name: Mode(panel=Panel(screen=self._screen)),
+        }
         if robot is not None and robot.pose is not None:
             values[POSE.name] = robot.pose
             values[ODOMETRY.name] = Odometry(*robot.pose, robot.v, robot.omega)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from rich.console import RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.text import Text
 
-from txt1.fleet.members import FLEET, Member
+from txt1.fleet.members import FLEET, FLEET_STOP, Member
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, styled, table
+from txt1.ui.text import BAD, DIM, GOOD, LABEL, Column, clean, duration, number, printable, styled, table
 from txt1.ui.viewer import Viewer
 
 FRAME: Final = 4  # cells of the frame and beside it
@@ -31,7 +32,15 @@ class Line(NamedTuple):
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """FLEET for a body of width x rows cells; a narrow one does without some columns, and then cuts the states."""
-    members = snapshot.get(FLEET) or ()
+    members, stop = snapshot.get(FLEET) or (), snapshot.get(FLEET_STOP)
+    if stop:
+        told = Text(f" stop of all: {printable(stop)}", "bold yellow")
+        taken = min(rows - 4, len(told.wrap(Console(width=width), width)))
+        return Group(_table(members, width, rows - taken), told)
+    return _table(members, width, rows)
+
+
+def _table(members: Sequence[Member], width: int, rows: int) -> RenderableType:
     if not members:
         return table("FLEET", (Column(),), ((styled("this robot is alone", DIM),),))
     lines = tuple(map(_line, members[: max(1, rows - 3)]))

@@ -6,8 +6,10 @@ import asyncio
 import json
 
 from txt1.beside import Request
+from txt1.bridges.fleet import Gate
 from txt1.bridges.registry import Desk, Desks
 from txt1.fleet.fleet import Fleet
+from txt1.fleet.messages import Answer
 from txt1.kernel.loop import run
 
 
@@ -32,3 +34,22 @@ def test_a_request_is_one_robot_s_and_one_without_a_name_is_everybody_s() -> Non
             assert all(robot.runtime.gate.stopped for robot in fleet.robots.values())
 
     run(main(), speed="max")
+
+
+def test_a_stop_is_answered_by_what_the_robot_reports_of_its_gate_and_nothing_else() -> None:
+    now = 0
+    gate = Gate(lambda: now)
+    assert gate.answer("a") == Answer(False, "its program is silent")
+    gate.reported({"/member": {"armed": True}})
+    assert gate.answer("a") == Answer(False, "it has not obeyed yet")
+    gate.reported({"/member": {"armed": False}})
+    assert gate.answer("a") == Answer(False, "it has not obeyed yet"), "it was disarmed for another reason"
+    gate.reported({"/member": {"armed": False}, "/fleet_stops": ["a"]})
+    assert gate.answer("a") == Answer(True)
+    gate.reported({"/member": {"armed": True}, "/fleet_stops": ["a", "b"]})
+    assert gate.answer("a") == Answer(False, "it was armed again")
+    gate.reported({"/fleet_stops": ["a"]})
+    assert not gate.answer("a").closed, "a robot that says nothing of its gate"
+    gate.reported({"/member": {"armed": False}, "/fleet_stops": ["a"]})
+    now += 600_000_000
+    assert gate.answer("a") == Answer(False, "its program is silent")

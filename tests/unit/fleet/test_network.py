@@ -10,7 +10,9 @@ import pytest
 
 from txt1.bridges.web.network import Network
 from txt1.errors import CommandRefused, ConfigError
-from txt1.fleet.network import SIZE, Hooks, Peer, configuration
+from txt1.fleet.messages import SIZE, Answer
+from txt1.fleet.network import OTHERS_MAX, Hooks, Peer, configuration
+from txt1.fleet.stopping import Standing
 
 pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
 
@@ -23,20 +25,25 @@ class Team:
     def __init__(self) -> None:
         self.peers: list[Peer] = []
         self.stopped: list[tuple[str, str]] = []
+        self.armed: set[str] = set()  # those whose gates stay open
+        self._obeyed: set[tuple[str, str]] = set()
         self.driven: list[tuple[str, float, float]] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
         self._never = threading.Event()
         self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
-    def join(self, name: str, loss: float = 0.0) -> Peer:
-        def stop(who: str) -> None:
-            self.stopped.append((name, who))
+    def join(self, name: str, loss: float = 0.0, console: bool = False) -> Peer:
+        def stop(who: str, identity: str) -> Answer | None:
+            if not identity or (name, identity) not in self._obeyed:
+                self._obeyed.add((name, identity))
+                self.stopped.append((name, who))
             if len(self.stopped) >= self.waits_for:
                 self.all_stopped.set()
+            return None if console else Answer(name not in self.armed, "it was armed again" * (name in self.armed))
 
         hooks = Hooks(stop, lambda who, v, omega: self.driven.append((name, v, omega)))
-        peer = Peer(name, hooks=hooks, loss=loss, space=self.space)
+        peer = Peer(name, hooks=hooks, loss=loss, space=self.space, console=console)
         self.peers.append(peer)
         return peer
 
@@ -86,8 +93,89 @@ def test_a_stop_of_all_reaches_all_once_with_a_third_of_the_messages_lost(team: 
     said = peers[0].stop_all()
     assert team.all_stopped.wait(5.0)
     said.join(10.0)
-    assert peers[0].answered() == {"net01", "net02", "net03"}
+    assert standing(peers[0]) == Standing(("net01", "net02", "net03")) and standing(peers[0]).complete
     assert sorted(team.stopped) == [(name, "net00") for name in ("net01", "net02", "net03")]
+
+
+def standing(peer: Peer) -> Standing:
+    last = peer.standing()
+    assert last is not None
+    return last[0]
+
+
+def test_every_stop_is_obeyed_whoever_says_it_and_whatever_was_said_before(team: Team) -> None:
+    team.join("net01")
+    stranger = Stranger(team.space)
+    try:
+        for number, message in enumerate(
+            (
+                {"from": "console1", "number": 2**60},
+                {"from": "console1", "number": 0},
+                {},
+                {"stop": "0" * 32},
+                b"\xff",
+                1,
+            )
+        ):
+            stranger.put("stop/console1", message)
+            assert team.until(lambda number=number: len(team.stopped) == number + 1), message
+        for number in range(2):
+            console = team.join("console1", console=True)
+            console.stop_all().join(20.0)
+            assert standing(console) == Standing(("net01",))
+            assert len(team.stopped) == 7 + number
+            console.close()
+    finally:
+        stranger.close()
+
+
+def test_who_is_not_stopped_and_who_does_not_answer_is_named(team: Team) -> None:
+    console, one, two = team.join("console1", console=True), team.join("net01"), team.join("net02")
+    gone, _ = team.join("net03"), team.join("console2", console=True)
+    team.armed.add("net02")
+
+    def heard() -> bool:
+        for peer in (one, two, gone):
+            peer.tell(STATE)
+        return len(console.heard()) == 3
+
+    assert team.until(heard)
+    gone.close()
+    console.stop_all(["net09"])
+    expected = Standing(("net01",), (("net02", "it was armed again"),), ("net03", "net09"))
+    assert team.until(lambda: standing(console) == expected), standing(console)
+    assert not expected.complete
+    assert str(expected) == "stopped: net01; not stopped: net02 (it was armed again); no answer: net03, net09"
+    team.armed.clear()
+    assert team.until(lambda: standing(console).stopped == ("net01", "net02")), "it is said on"
+
+
+def test_where_no_robot_is_nobody_was_stopped(team: Team) -> None:
+    console, _ = team.join("console1", console=True), team.join("console2", console=True)
+    console.stop_all().join(20.0)
+    assert standing(console) == Standing() and not standing(console).complete
+    assert str(standing(console)) == "no robot of the fleet is heard"
+
+
+def test_an_answer_that_does_not_say_closed_is_no_stop(team: Team) -> None:
+    console, stranger, heard = team.join("console1", console=True), Stranger(team.space), []
+    try:
+        stranger.listen("stop/console1", heard.append)
+        console.stop_all(["net01"])
+        assert team.until(lambda: heard)
+        stop = json.loads(heard[0])["stop"]
+        for answer in (
+            {"stop": stop},
+            {"stop": stop, "closed": 1},
+            {"stop": "0" * 32, "closed": True},
+            {"closed": True},
+        ):
+            stranger.put("stopped/console1", {"from": "net01", **answer})
+        assert team.until(lambda: standing(console) == Standing(others=(("net01", ""),)))
+        stranger.put("stopped/console1", {"from": "net01", "stop": stop, "closed": True})
+        assert team.until(lambda: standing(console) == Standing(("net01",)))
+    finally:
+        stranger.close()
 
 
 def test_a_velocity_is_for_one(team: Team) -> None:
@@ -136,9 +224,66 @@ def test_beyond_loopback_a_key_is_asked_for(tmp_path: Path) -> None:
     assert configuration("eth0", key) is not None
 
 
+class Stranger:
+    """Somebody in the fleet who puts anything on any key."""
+
+    def __init__(self, space: str) -> None:
+        config = configuration()
+        config.insert_json5("listen/endpoints", "[]")
+        self._session, self._space = pytest.importorskip("zenoh").open(config), space
+
+    def put(self, key: str, message: object) -> None:
+        payload = message if isinstance(message, bytes) else json.dumps(message).encode()
+        self._session.put(f"{self._space}/{key}", payload)
+
+    def listen(self, key: str, hear: Callable[[bytes], object]) -> None:
+        self._session.declare_subscriber(f"{self._space}/{key}", lambda sample: hear(bytes(sample.payload)))
+
+    def close(self) -> None:
+        self._session.close()
+
+
+NONSENSE = (
+    b"", b"{", b"null", b"[]", b"\xff", b"[" * 5000, {}, {"from": 7}, {"from": "net07"}, {"from": "a/**"},
+    {"from": "net07", "sent": "x", "began": [], "x": "boom", "number": [], "v": {}},
+    {"from": "net07", "sent": 10**400, "began": 10**400, "x": 10**400, "v": 10**400, "omega": 10**400},
+    {"from": "net07", "sent": -1, "began": float("inf"), "v": float("nan"), "omega": 0, "stop": [1], "closed": "x"},
+    {"from": "net07", **STATE, "data": "boom"}, {"from": "net07", **STATE, "battery": "full"},
+    {"from": "net07", **STATE, "driver": {}}, {"from": "net07", **STATE, "data": [[1]]},
+)  # fmt: skip
+
+
+def test_nothing_that_a_stranger_says_harms_a_peer(team: Team, capfd: pytest.CaptureFixture[str]) -> None:
+    one, two, stranger = team.join("net01"), team.join("net02"), Stranger(team.space)
+    try:
+        for message in NONSENSE:
+            for key in ("state", "learned", "drive", "ping", "pong", "stopped", "stop"):
+                for name in ("net01", "net07"):
+                    stranger.put(f"{key}/{name}", message)
+        for number in range(2 * OTHERS_MAX):
+            stranger.put("state/x", {"from": f"name{number}", **STATE})
+
+        def heard() -> bool:
+            two.tell(STATE)
+            return "net02" in one.heard() and one.refused() and len(one.members()) >= OTHERS_MAX - 2
+
+        assert team.until(heard)
+        assert one.refused()["net07"]
+        assert len(one.heard()) <= OTHERS_MAX and "net07" not in one.heard()
+        assert set(team.driven) == {("net01", 0.3, 0.1)}, "of some of them these fields are proper"
+        assert capfd.readouterr() == ("", ""), "no traceback of a thread"
+    finally:
+        stranger.close()
+
+
+def test_a_name_that_no_other_would_hear_is_refused() -> None:
+    with pytest.raises(ConfigError, match="name: 'TXT/01': in a fleet a name has small letters"):
+        Peer("TXT/01")
+
+
 @pytest.mark.long
 def test_a_page_of_the_fleet_shows_all_stops_all_though_messages_are_lost_and_drives_one(team: Team) -> None:
-    console, one, two = team.join("console1", 0.3), team.join("net01", 0.3), team.join("net02", 0.3)
+    console, one, two = team.join("console1", 0.3, console=True), team.join("net01", 0.3), team.join("net02", 0.3)
     page = Network(console)
 
     def shown() -> bool:

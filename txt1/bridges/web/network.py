@@ -12,7 +12,7 @@ import socket
 import threading
 from contextlib import suppress
 from math import inf
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from txt1.errors import CommandRefused
 from txt1.fleet.members import Member
@@ -61,6 +61,9 @@ class Network:
         members = self._peer.members()
         there = [one for one in members if one.alive and one.pose is not None]
         told = [_telemetry(self._seen(one), there, members, self._peer.now - self._began) for one in there]
+        if (stop := self._peer.standing()) is not None:
+            for each in told:
+                each["topics"]["/fleet_stop"] = str(stop[0])
         return json.dumps(told).encode()
 
     def request(self, name: str, /, **fields: object) -> None:
@@ -85,7 +88,7 @@ class Network:
             self._theirs.send(b".")
 
 
-def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], time: float) -> dict[str, object]:
+def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], time: float) -> dict[str, Any]:
     assert one.pose is not None
     x, y, theta = one.pose
     topics: dict[str, object] = {

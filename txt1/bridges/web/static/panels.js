@@ -53,7 +53,7 @@ const fleet = (know, panel) => {
     table(["robot", "state", "drives", "m/s", "heard"], all.map((one) => [
       one.name, state(one), one.driver || "–", one.alive ? format(Math.round(100 * one.v) / 100) : "–",
       one.age == null ? "here" : `${one.age.toFixed(1)} s ago`]), [3, 4]),
-    quiet("STOP stops all of them."))
+    know.topics["/fleet_stop"] ? element("p", {}, `stop of all: ${know.topics["/fleet_stop"]}`) : "", quiet("STOP stops all of them."))
 }
 
 const sensors = (know, panel) => {

@@ -1,0 +1,113 @@
+"""Messages of other peers: arbitrary ones are refused by a ValueError at most, proper ones come through unchanged."""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from txt1.beside import LINE_MAX
+from txt1.bridges.fleet import fitting
+from txt1.fleet.messages import (
+    LARGEST,
+    SIZE,
+    TEXT_MAX,
+    Answer,
+    answer_of,
+    drive_of,
+    message_of,
+    state_of,
+    stop_of,
+    time_of,
+)
+
+PROPER = {"from": "txt01", "sent": 7, "x": 1.0, "y": 2, "theta": 0.5, "v": 0.3, "omega": -0.1}
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+    | st.sampled_from([10**400, -(10**400), 1e308, 2**60, "boom", "\x1b[2J", []]),
+    lambda inner: st.lists(inner, max_size=20) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=20,
+)  # fmt: skip
+FIELDS = (
+    "from", "sent", "began", "x", "y", "theta", "v", "omega", "data", "armed", "reason", "driver", "battery", "silent",
+    "stop", "number", "closed", "why",
+)  # fmt: skip
+MESSAGES = st.dictionaries(st.sampled_from(FIELDS), JSON).map(lambda given: {**PROPER, **given}) | JSON
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=40) | MESSAGES.map(lambda value: json.dumps(value).encode()))
+@example(b"[" * 5000)
+@example(b'{"from": "txt01", "x": ' + b"9" * 5000 + b"}")
+def test_nothing_but_a_value_error_comes_of_a_message(payload: bytes) -> None:
+    assert isinstance(stop_of(payload), str)
+    message = message_of(payload)
+    if message is None:
+        return
+    for read in (state_of, drive_of, answer_of, lambda m: time_of(m, "sent"), lambda m: time_of(m, "began")):
+        try:
+            read(message)  # type: ignore[operator]
+        except ValueError as error:
+            assert "\n" not in str(error) and len(str(error)) < TEXT_MAX
+
+
+@settings(max_examples=300, deadline=None)
+@given(MESSAGES.map(lambda value: json.dumps(value).encode()))
+def test_a_state_that_is_accepted_is_finite_and_small(payload: bytes) -> None:
+    message = message_of(payload)
+    try:
+        state = state_of(message or {})
+    except ValueError:
+        return
+    assert all(isfinite(value) and abs(value) <= LARGEST for value in (*state[:5], *state.data))
+    assert all(len(each) <= TEXT_MAX and each.isprintable() for each in (state.reason, state.driver, state.silent))
+
+
+def test_a_proper_state_comes_through() -> None:
+    told = {**PROPER, "data": [1, 2.5], "armed": True, "reason": "", "driver": "team", "battery": 12.1, "silent": None}
+    message = message_of(json.dumps(told).encode())
+    assert message is not None
+    assert state_of(message) == (1.0, 2.0, 0.5, 0.3, -0.1, (1.0, 2.5), True, "", "team", 12.1, "")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"x": "boom"}, "x: it is no number"),
+        ({"v": float("nan")}, "v: it is not finite, or beyond 1e+06"),
+        ({"theta": 10**400}, "theta: it is not finite, or beyond 1e+06"),
+        ({"omega": True}, "omega: it is no number"),
+        ({"data": [0.0] * 17}, "data: give at most 16 numbers"),
+        ({"reason": ["x"]}, "reason: it is no text"),
+    ],
+)
+def test_a_wrong_state_is_refused_by_its_field(wrong: dict[str, Any], why: str) -> None:
+    with pytest.raises(ValueError) as refused:
+        state_of({**PROPER, **wrong})
+    assert str(refused.value) == why
+
+
+@pytest.mark.parametrize("name", ["", "TXT", "a/b", "*", "a b", "1st", "x" * 65, 7, None, ["txt01"]])
+def test_a_message_of_a_name_that_is_none_is_no_message(name: object) -> None:
+    assert message_of(json.dumps({**PROPER, "from": name}).encode()) is None
+
+
+def test_a_message_too_long_is_none() -> None:
+    assert message_of(json.dumps({**PROPER, "more": "x" * SIZE}).encode()) is None
+
+
+def test_only_true_is_closed() -> None:
+    assert answer_of({"closed": True}) == Answer(True)
+    for other in (1, "yes", [1], None):
+        assert answer_of({"closed": other, "why": "armed"}) == Answer(False, "armed")
+
+
+def test_the_list_of_the_others_has_room_in_a_message_to_the_robot() -> None:
+    others = [["x" * 64, "é" * TEXT_MAX] for _ in range(200)]
+    kept = list(fitting(others))
+    assert 10 < len(kept) < 200 and 2 * len(json.dumps(kept)) < LINE_MAX
+    assert list(fitting(others[:3])) == others[:3]

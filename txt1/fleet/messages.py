@@ -1,0 +1,115 @@
+"""Messages of other peers, checked as they arrive: whoever is in the fleet may send anything.
+
+Each function takes the JSON object of a message and returns its values, or raises ValueError that says what is wrong.
+A stop is the exception: it is one whatever its message says.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any, Final, NamedTuple
+
+SIZE: Final = 1 << 15  # bytes of the longest message that is read
+NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a console
+LARGEST: Final = 1e6  # of a number: m, rad, m/s, rad/s, V
+DATA_MAX: Final = 16  # numbers of a law
+TEXT_MAX: Final = 100  # letters of a reason; of a longer one the rest is cut off
+TIME_MAX: Final = 1 << 63  # ns of a clock
+STOP: Final = re.compile(r"[0-9a-f]{32}")  # the identity of a stop of all
+
+
+class State(NamedTuple):
+    """What a robot tells of itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and how it is."""
+
+    x: float
+    y: float
+    theta: float
+    v: float
+    omega: float
+    data: tuple[float, ...]
+    armed: bool
+    reason: str
+    driver: str
+    battery: float | None
+    silent: str
+
+
+class Answer(NamedTuple):
+    """A robot's answer to a stop of all, as the robot itself reports: whether its gate is closed, and if not why."""
+
+    closed: bool
+    why: str = ""
+
+
+def message_of(payload: bytes) -> dict[str, Any] | None:
+    """Return the JSON object of a message from a peer with a proper name; None for anything else."""
+    try:
+        message = json.loads(payload) if len(payload) <= SIZE else None
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(message, dict) or not is_name(message.get("from")):
+        return None
+    return message
+
+
+def is_name(name: object) -> bool:
+    """Whether a peer may be called that."""
+    return isinstance(name, str) and NAME.fullmatch(name) is not None
+
+
+def state_of(message: Mapping[str, Any]) -> State:
+    """Return what a robot tells of itself."""
+    data = message.get("data", ())
+    if not isinstance(data, list | tuple) or len(data) > DATA_MAX:
+        raise ValueError(f"data: give at most {DATA_MAX} numbers")
+    x, y, theta, v, omega = (number(message, name) for name in ("x", "y", "theta", "v", "omega"))
+    return State(
+        x, y, theta, v, omega, tuple(number({"data": each}, "data") for each in data), message.get("armed") is True,
+        text(message, "reason"), text(message, "driver"),
+        None if message.get("battery") is None else number(message, "battery"), text(message, "silent"),
+    )  # fmt: skip
+
+
+def drive_of(message: Mapping[str, Any]) -> tuple[float, float]:
+    """Return a velocity for this robot, m/s and rad/s."""
+    return number(message, "v"), number(message, "omega")
+
+
+def stop_of(payload: bytes) -> str:
+    """Return the identity of a stop; "" for one without, which is obeyed whenever it is said."""
+    stop = (message_of(payload) or {}).get("stop")
+    return stop if isinstance(stop, str) and STOP.fullmatch(stop) else ""
+
+
+def answer_of(message: Mapping[str, Any]) -> Answer:
+    """Return how a robot is after a stop."""
+    return Answer(message.get("closed") is True, text(message, "why"))
+
+
+def time_of(message: Mapping[str, Any], name: str) -> int:
+    """Return a time of a peer's clock, ns."""
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < TIME_MAX:
+        raise ValueError(f"{name}: it is no time in ns")
+    return value
+
+
+def number(message: Mapping[str, Any], name: str) -> float:
+    """Return a field that is a finite number, and not a huge one."""
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name}: it is no number")
+    if not abs(value) <= LARGEST or not isfinite(value):
+        raise ValueError(f"{name}: it is not finite, or beyond {LARGEST:g}")
+    return float(value)
+
+
+def text(message: Mapping[str, Any], name: str) -> str:
+    """Return a field of text, "" where there is none, in one line and without what a terminal could obey."""
+    value = message.get(name)
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        raise ValueError(f"{name}: it is no text")
+    return "".join(letter if letter.isprintable() else " " for letter in value[:TEXT_MAX])
