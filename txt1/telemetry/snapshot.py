@@ -165,6 +165,11 @@ def _names(kind: Any) -> tuple[str, ...]:
     return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else getattr(kind, "_fields", ())
 
 
+def read_as(kind: Any, value: Any) -> Any:
+    """The value of type `kind` that JSON's words, or `txt1.telemetry.exact`'s, are of; None of None."""
+    return _reader(kind)(value)
+
+
 @cache
 def _reader(kind: Any) -> Convert:
     """The function that makes a value of type `kind`, or None, of JSON's words for it."""
