@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from txt1.config import Config, checked, flatten, load, origin_of
+from txt1.config import Config, checked, flatten, load, origin_of, recorded
+from txt1.config.renamed import RENAMED, translated
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import ConfigError
@@ -447,3 +448,39 @@ def test_the_options_of_a_part_are_checked_as_the_configuration_is() -> None:
         with pytest.raises(ConfigError) as error:
             checked(Noise, options, "learning.options")
         assert str(error.value).startswith(message)
+
+
+# -- settings that were renamed ----------------------------------------------------------------------------------
+
+NAMES = {"car.weight": "body.mass", "wheels": "body.wheels", "gear": "body.drive.gear"}
+
+
+def test_a_recordings_settings_get_their_present_names() -> None:
+    tree = {"car": {"weight": 5, "colour": "red"}, "wheels": {"count": 4}, "gear": 2, "body": {"length": 0.5}}
+    assert translated(tree, NAMES) == {
+        "car": {"colour": "red"}, "body": {"length": 0.5, "mass": 5, "wheels": {"count": 4}, "drive": {"gear": 2}},
+    }  # fmt: skip
+    assert tree["gear"] == 2, "the recording's own is left as it was"
+    assert translated({"car.weight": 5, "wheels.count": 4, "seed": 1}, NAMES) == {
+        "body.mass": 5, "body.wheels.count": 4, "seed": 1,
+    }  # fmt: skip
+
+
+def test_every_present_name_is_a_setting_and_no_former_one_is() -> None:
+    for former, now in RENAMED.items():
+        assert now in KEYS
+        assert former not in KEYS
+
+
+def test_a_configuration_of_an_older_recording_is_read() -> None:
+    assert recorded({"learning": {"gamma": 0.7, "goal_radius": 0.4}}).learning.thesis.gamma == 0.7
+    assert recorded({}, {"learning.gamma": 0.6}).learning.thesis.gamma == 0.6
+    with pytest.raises(ConfigError, match=r"learning\.goal: 1\.0: unknown key \(from the recording\)"):
+        recorded({"learning": {"goal": 1.0}})
+
+
+def test_a_renamed_setting_is_refused_with_its_present_name(write: Write) -> None:
+    path = write("learning: {gamma: 0.7}")
+    told = f"learning.gamma: renamed, it is 'learning.thesis.gamma' now (from {path}); use that name"
+    assert refusal(path) == told
+    assert "it is 'learning.thesis.alpha' now (from --set learning.alpha=1)" in refusal(None, ["learning.alpha=1"])

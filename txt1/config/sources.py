@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
+from txt1.config.renamed import name_now, translated
 from txt1.config.schema import Config
 from txt1.errors import ConfigError
 from txt1.shipped import shipped
@@ -98,6 +99,18 @@ def load(
         return LoadedConfig(Config.model_validate(tree), origins)
     except ValidationError as error:
         raise ConfigError(_explain(error, origins)) from None
+
+
+def recorded(tree: Mapping[str, Any], values: Mapping[str, Any] | None = None) -> Config:
+    """The configuration of a recording, and perhaps a robot's own `values` by dotted key; renamed ones are translated.
+
+    Raises ConfigError as `load` does.
+    """
+    try:
+        config = Config.model_validate(translated(tree))
+    except ValidationError as error:
+        raise ConfigError(_explain(error, {"": "the recording"})) from None
+    return config if values is None else with_values(config, translated(values))
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
@@ -242,6 +255,8 @@ def _check(setting: Setting) -> None:
     """Refuse a key that does not exist, with the nearest one that does, and yes or no in place of a number."""
     kind: Any = Config
     key = ".".join(setting.path)
+    if (now := name_now(key)) is not None:
+        raise ConfigError(f"{key}: renamed, it is '{now}' now (from {setting.origin}); use that name")
     for depth, name in enumerate(setting.path):
         if get_origin(kind) is dict:
             kind = get_args(kind)[1]

@@ -14,8 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from txt1.config import Config, flatten
-from txt1.errors import RecordingError
+from txt1.config import flatten, recorded
+from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.clock import NS_PER_S
 from txt1.record.reading import Decoding, Item, Reading, robot_in, robots_in
 from txt1.record.summary import TopicSummary
@@ -214,8 +214,8 @@ def _changed(text: str) -> list[tuple[str, str]]:
     """Every setting of a recorded configuration, dotted."""
     tree = json.loads(text)
     try:
-        config = Config.model_validate(tree)
-    except ValueError:  # another version's
+        config = recorded(tree)
+    except ConfigError:  # another version's
         return [(key, json.dumps(value)) for key, value in tree.items()]
     return [(key, json.dumps(value)) for key, value in flatten(config)]
 

@@ -1,0 +1,53 @@
+"""Settings that have another name now: in recordings they are translated, in files they are refused by the new name."""
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from typing import Any, Final
+
+_OF_THE_THESIS: Final = (
+    "period", "remedy", "policy", "alpha", "rate", "gamma", "temperature", "temperature_decay", "temperature_floor",
+    "filtered", "direction", "training", "learn_on",
+)  # fmt: skip
+
+RENAMED: Final = {f"learning.{name}": f"learning.thesis.{name}" for name in _OF_THE_THESIS}
+"""The present name of a setting or a section, by the name that it had."""
+
+
+def name_now(key: str, renamed: Mapping[str, str] = RENAMED) -> str | None:
+    """The present name of a dotted key that was renamed, or that is in a section that was; None of any other."""
+    parts = key.split(".")
+    for end in range(len(parts), 0, -1):
+        now = renamed.get(".".join(parts[:end]))
+        if now is not None:
+            return ".".join((now, *parts[end:]))
+    return None
+
+
+def translated(tree: Mapping[str, Any], renamed: Mapping[str, str] = RENAMED) -> dict[str, Any]:
+    """A recording's configuration with the present names: a nested mapping, or one of values by dotted key."""
+    found = deepcopy(dict(tree))
+    for key in [key for key in found if "." in key]:
+        found[name_now(key, renamed) or key] = found.pop(key)
+    for old, now in renamed.items():
+        *sections, last = old.split(".")
+        holder = _section(found, sections)
+        if holder is not None and last in holder:
+            value = holder.pop(last)
+            *sections, last = now.split(".")
+            _make(found, sections)[last] = value
+    return found
+
+
+def _section(tree: dict[str, Any], path: Sequence[str]) -> dict[str, Any] | None:
+    """The section at a path; None where there is none."""
+    here: Any = tree
+    for name in path:
+        here = here.get(name) if isinstance(here, dict) else None
+    return here if isinstance(here, dict) else None
+
+
+def _make(tree: dict[str, Any], path: Sequence[str]) -> dict[str, Any]:
+    """The section at a path, made where there is none."""
+    for name in path:
+        tree = tree.setdefault(name, {})
+    return tree
