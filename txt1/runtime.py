@@ -23,6 +23,7 @@ from txt1.estimation.readings import fusable
 from txt1.estimation.task import ENCODERS, FILTERED, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
 from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.hal.channels import rewired
+from txt1.hal.witness import witnessed
 from txt1.kernel import collector
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
@@ -31,7 +32,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
-from txt1.sensors.base import SENSORS, Sensor, Setup
+from txt1.sensors.base import SENSORS, Reading, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.readings import ImuReading, Scan
 from txt1.sensors.registry import create
@@ -52,6 +53,8 @@ TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
 """Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
 
 OnFault = Callable[[str, BaseException], None]
+Through = Callable[[str, Sensor[Any]], Sensor[Any]]
+"""Given the name of a configured sensor and the sensor, not opened yet, returns the one to be read in its place."""
 
 
 class Runtime:
@@ -64,7 +67,8 @@ class Runtime:
         limits: of the safety gate; None takes the configured ones.
         name: on the screens; None takes the HAL's.
         scheduler: made with the function that is told of a task that raised.
-        sensing: whether the configured sensors are opened: on the robot itself, on no board and in no replay.
+        sensing: whether this is the robot itself, with its sensors, guards and estimate: no board is.
+        through: in a replay, every configured sensor passes it, and the recorded readings are given again there.
         tasks: makes others of it than the robot's own: the firmware of another board.
 
     """
@@ -79,10 +83,15 @@ class Runtime:
         name: str | None = None,
         scheduler: Callable[[OnFault], Scheduler] = Scheduler,
         sensing: bool = False,
+        through: Through | None = None,
         tasks: Callable[["Runtime"], Iterable[Row]] | None = None,
     ) -> None:
         self.config = config
-        hal = self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
+        self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+        self._stepwise = sensing and not self._virtual  # a replay takes the very steps of this run
+        self._witnessed = self._stepwise and not hal.capabilities.repeats
+        self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
+        hal = self._io = witnessed(self.hal, partial(self._report, "hal")) if self._witnessed else self.hal
         self.name = config.name or hal.name if name is None else name
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
@@ -95,9 +104,9 @@ class Runtime:
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
         self.estimator: Estimator | None = None
         """The filter that makes one odometry of all sensors, where there is one."""
-        self._source = ""  # the user's or the driver's task that is at work
-        self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+        self._source = ""  # the task of the user's, of the driver's or of a sensor that is at work
         self._sensing = sensing
+        self._through = through
         self._send = send
         self._make_tasks = Runtime._own_tasks if tasks is None else tasks
         self.inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
@@ -115,7 +124,7 @@ class Runtime:
         self._offer_to_snapshots()
 
     def _switch(self, switch: Switch, on: bool, now: float) -> None:
-        serial.switch_power(self.state, self.hal, switch, on, now)
+        serial.switch_power(self.state, self._io, switch, on, now)
 
     def _offer(self) -> None:
         """Offer the topics: causes before effects, as a replay names the first difference."""
@@ -205,16 +214,19 @@ class Runtime:
 
     async def start(self) -> None:
         """Open the hardware and start the tasks; raises HalError when it cannot be opened."""
-        if self._virtual and not self.hal.capabilities.simulated:
+        needs_simulated = self._virtual and self._through is None  # what a replay has reports again
+        if needs_simulated and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
         configured = self._configured_sensors() if self._sensing else {}
-        made = {name: self.make_sensor(name, given) for name, given in configured.items()}
+        made = {name: self.make_sensor(name, settings) for name, settings in configured.items()}
         for name, sensor in made.items():
-            if self._virtual and not sensor.simulated:
+            if needs_simulated and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
+        if self._sensing:
+            self._report("hal", "hardware", self.hal.name, self.hal.capabilities)
         for name, priority, period, task in self._make_tasks(self):
             if period is None:
                 self._notify_serial = self.scheduler.add_sporadic(name, priority, self._watched(name, task))
@@ -222,7 +234,9 @@ class Runtime:
             else:
                 self._add(name, priority, period, task)
         for name, sensor in made.items():
-            await self.sensors.add(name, sensor, configured[name].period)
+            own = partial(self._add, named=self.bus.wanted(inputs.INPUT))
+            given = sensor if self._through is None else self._through(name, sensor)
+            await self.sensors.add(name, given, configured[name].period, own, self._note_reading)
         if self._sensing and self.config.estimation.names:
             self._begin_estimation()
         if self._sensing:
@@ -232,7 +246,7 @@ class Runtime:
 
     def _own_tasks(self) -> Iterable[Row]:
         """The robot's tasks, in the order in which those of equal priority run (thesis 3.3.3)."""
-        state, hal, gate, send, geometry = self.state, self.hal, self.gate, self._send, self.config.geometry
+        state, hal, gate, send, geometry = self.state, self._io, self.gate, self._send, self.config.geometry
         loops: controller.Loops
         if hal.capabilities.blind:
             loops = OpenLoop(geometry, self.config.control.speed_map)
@@ -241,7 +255,7 @@ class Runtime:
         controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops)
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
-            answered=lambda accepted: self._put(PidResponse(accepted), self.now),
+            answered=lambda accepted: (self.post if self._witnessed else self._put)(PidResponse(accepted), self.now),
             reason_to_keep_atx=self.reason_to_keep_atx,
         )  # fmt: skip
         watch = self.watch
@@ -309,8 +323,8 @@ class Runtime:
             while watch is not None and not watch.settled and self.now < ends:
                 await asyncio.sleep(standstill.PERIOD)
                 now, neutral = self.now, self.gate.neutral(self.state.servos)
-                encoder.take_odometry(self.state, self.hal.read(now), now)
-                self.hal.write(neutral, now)
+                encoder.take_odometry(self.state, self._io.read(now), now)
+                self._io.write(neutral, now)
                 watch.step(now, neutral)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
@@ -352,16 +366,15 @@ class Runtime:
         for name in kinds:
             self.sensors[name].listeners.append(partial(estimator.take, name))
 
-        def offer(estimate: Estimate) -> None:
+        def offer(estimate: Estimate, now: float) -> None:
             x, y, theta, v, omega = estimate[:5]
-            self.post(CombinedOdometry(x, y, theta, v, omega), self.now)
+            self._put(CombinedOdometry(x, y, theta, v, omega), now)
 
-        task = partial(
-            estimation, estimator=estimator, wheels=self.wheels, offer=offer if config.loops else None, tell=self.tell
-        )
+        given = offer if config.loops else None
+        task = partial(estimation, estimator=estimator, wheels=self.wheels, offer=given, tell=self.state.tell)
         self.bus.offer(FILTERED, lambda: estimator.estimate)
         self.bus.offer(TRUSTS, estimator.trusts)
-        self.add_task("estimation", PRIORITY, controller.PERIOD, task)
+        self._add("estimation", PRIORITY, controller.PERIOD, task)
 
     @property
     def now(self) -> float:
@@ -422,7 +435,7 @@ class Runtime:
             return "the ESC is off: switch it on first (e, or Robot.switch_power)"
         if state.power.atx is False:
             return "the ATX supply is off, so the encoders see nothing: switch it on first"
-        if self.hal.read(now).cut_off:
+        if self._io.read(now).cut_off:
             return "the batteries are cut off: change them first"
         if state.battery.exhausted:
             return "batteries bad: change them first"
@@ -457,13 +470,13 @@ class Runtime:
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
-        self.hal.place(x, y, theta, self._begin("place", values=(x, y, theta)))
+        self._io.place(x, y, theta, self._begin("place", values=(x, y, theta)))
         if self.estimator is not None:
             self.estimator.fusion.lifted()
 
     def look(self) -> Inputs:
         """The hardware's report now, for a task of the user's: a simulation is moved on by being looked at."""
-        return self.hal.read(self._begin("look"))
+        return self._io.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
@@ -478,9 +491,19 @@ class Runtime:
             self.bus.publish(inputs.INPUT, event, now)
         return now
 
+    def _report(self, source: str, kind: str, text: str = "", value: Any = None, time: float = 0.0) -> None:
+        """Tell what was read; a replay gives it again."""
+        if self.bus.wanted(inputs.REPORT):
+            report = inputs.Report(self.scheduler.steps, source, kind, text, time, value)
+            self.bus.publish(inputs.REPORT, report, self.now)
+
+    def _note_reading(self, task: str, kind: str, text: str, reading: Reading[Any] | None) -> None:
+        time, value = (0.0, None) if reading is None else reading
+        self._report(task, kind, text, value, time)
+
     def make_safe(self, now: float) -> None:
         """Put neutral outputs on the hardware at `now`, without waiting for a tick."""
-        self.hal.write(self.gate.neutral(self.state.servos), now)
+        self._io.write(self.gate.neutral(self.state.servos), now)
 
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task of the user's (see `Scheduler.add`)."""
@@ -493,9 +516,7 @@ class Runtime:
 
     def _watched(self, name: str, task: PeriodicTask, named: bool = False) -> PeriodicTask:
         """The task, its steps told where somebody wants to know; `named`: what comes in meanwhile comes from it."""
-        # a run can be repeated only when its steps are known: a simulation on the real clock, no line
-        lone = self.name == self.hal.name and not hasattr(self.hal, "tap_line")
-        told = lone and self.hal.capabilities.simulated and not self._virtual and self.bus.wanted(inputs.STEP)
+        told = self._stepwise and self.bus.wanted(inputs.STEP)
         if not told and not named:
             return task
         number = len(self._reports)

@@ -39,8 +39,8 @@ from txt1.robot import Robot
 Capture = pytest.CaptureFixture[str]
 CONFIG = load().config
 OVER = -1
-OUTSIDE = ("/light", "/learning/step", "/sensors", "/driver", "/snapshot")
-"""Topics of those who command the robot, which a verification has not, and the snapshot, which tells of them."""
+OUTSIDE = ("/light", "/learning/step", "/sensors", "/driver", "/reports")
+"""Topics of those who command the robot, which a verification has not, and the readings that it is given."""
 
 
 @pytest.fixture

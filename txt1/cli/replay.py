@@ -42,9 +42,13 @@ def main(arguments: argparse.Namespace) -> int:
 
         run(play(Snapshots(arguments.file, arguments.robot), arguments.speed, arguments.start, arguments.loop))
         return OK
+    from txt1.record.comparison import CLOSE
     from txt1.record.verify import verify
 
     with busy(f"running {arguments.file} again"):
-        compared, difference = verify(arguments.file, arguments.robot)
-    print(f"{arguments.file}: {difference or f'no difference in {compared} messages'}")
-    return OK if difference is None else FAULT
+        verdict = verify(arguments.file, arguments.robot)
+    within = "" if verdict.exact else f", numbers compared within {CLOSE:g}: recorded with another processor or library"
+    print(f"{arguments.file}: {verdict.difference or f'no difference in {verdict.compared} messages'}{within}")
+    if verdict.lacks:
+        print(f"{arguments.file}: {verdict.lacks}")
+    return OK if verdict.difference is None else FAULT

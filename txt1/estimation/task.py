@@ -204,8 +204,8 @@ async def estimation(
     ticks: Ticks,
     estimator: Estimator,
     wheels: Callable[[], Wheels],
-    offer: Callable[[Estimate], None] | None,
-    tell: Callable[[str], None],
+    offer: Callable[[Estimate, float], None] | None,
+    tell: Callable[[float, str], None],
 ) -> None:
     """Make an estimate every tick, and offer its velocities to the loops where they are good enough.
 
@@ -223,14 +223,14 @@ async def estimation(
                 estimator.fail(error)
         if changes:
             for change in changes:
-                tell(f"estimation: {change}")
+                tell(now, f"estimation: {change}")
             changes.clear()
         estimate = estimator.estimate
         if estimator.failure:
             off = True
-            tell(f"the estimate is off: {estimator.failure}; the loops go by the encoders")
+            tell(now, f"the estimate is off: {estimator.failure}; the loops go by the encoders")
         elif offer is not None and estimate is not None and usable(estimate):
-            offer(estimate)
+            offer(estimate, now)
 
 
 def missing(names: Sequence[str], configured: Mapping[str, object]) -> list[str]:

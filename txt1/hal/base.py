@@ -70,6 +70,8 @@ class Capabilities:
     """Knows the robot's true pose in the room: a simulator."""
     simulated: bool = False
     """Moves nothing real, so the robot arms by itself."""
+    repeats: bool = False
+    """Its reports follow from the calls and their times alone, also on the real clock: a replay runs it again."""
 
     @property
     def blind(self) -> bool:

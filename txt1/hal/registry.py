@@ -44,6 +44,7 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
     from txt1.sim.world import World
 
     sim, room = config.sim, config.sim.room
+    alone = world is None
     if world is None:
         world = World(Room(room.length, room.width), room.light, sim.obstacles)
     parameters = sim.vehicle, config.geometry, sim.battery, sim.noise
@@ -54,7 +55,7 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
         raise ConfigError(f"sim.start: {error}; {remedy}") from None
     vehicle.faults = sim.faults
     ground = Ground(sim.ground, config.geometry, config.own_seed) if sim.ground.height else None
-    return SimHal(vehicle, ground, sim.channels)
+    return SimHal(vehicle, ground, sim.channels, alone)
 
 
 # simulated ports by name; anything else is a device

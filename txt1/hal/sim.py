@@ -21,7 +21,7 @@ BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
 
 
 class SimHal:
-    """A simulated TXT-1.
+    """A simulated TXT-1; `alone`: no other robot is ever in its world, so all that it does repeats.
 
     It has no task of its own: whoever reads or writes at a later time moves the vehicle there first, so it costs what
     is used and repeats exactly; `txt1.sim.world` says how several move on together.
@@ -40,9 +40,13 @@ class SimHal:
         simulated=True,
     )
 
-    def __init__(self, vehicle: Vehicle, ground: Ground | None = None, wiring: Channels = STRAIGHT) -> None:
+    def __init__(
+        self, vehicle: Vehicle, ground: Ground | None = None, wiring: Channels = STRAIGHT, alone: bool = False
+    ) -> None:
         if not vehicle.body.counts_per_rev:
             self.capabilities = replace(self.capabilities, ticks=False)
+        if alone:
+            self.capabilities = replace(self.capabilities, repeats=True)
         self.vehicle = vehicle
         self._ground = ground
         self._wiring = None if wiring == STRAIGHT else wiring

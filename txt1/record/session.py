@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
 """With which recordings are read; without mcap_ros2 they can still be written."""
-LIBRARIES: Final = ("numpy", "pydantic", "mcap")
+LIBRARIES: Final = ("pydantic", "mcap")
 VIEW_BATCH: Final = 0.1  # real s between two batches for a live view
 MEGABYTE: Final = 1_000_000
 
@@ -39,12 +40,25 @@ def need(feature: str, extra: str, *modules: str) -> None:
         raise MissingExtra(feature, extra)
 
 
+@cache
+def machine() -> dict[str, str]:
+    """The processor and the libraries on which the last bits of results depend."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    except OSError:  # not Linux
+        models = []
+    processor = " ".join((platform.machine(), *(models[:1] or [platform.processor()]))).strip()
+    return {"processor": processor, "libm": " ".join(platform.libc_ver()).strip(), "numpy": version("numpy")}
+
+
 def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[str, str]:
     """A recording's metadata: configuration, versions, seed, clock, the command's options, wall start."""
     return {
         "txt1": __version__,
         "python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
+        **machine(),
         "seed": str(config.seed),
         "hal": config.hal,
         "clock": "real" if speed is None else "virtual",

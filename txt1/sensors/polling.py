@@ -22,6 +22,8 @@ CLOSING_MAX: Final = 5.0  # s in which a sensor must have closed
 
 AddTask = Callable[[str, int, float, PeriodicTask], None]
 Tell = Callable[[float, str], None]
+Note = Callable[[str, str, str, Reading[Any] | None], None]
+"""Notes what came of an attempt to read, for a replay: the task, the kind of `txt1.tasks.inputs.Report`, an error."""
 
 
 @dataclass
@@ -45,17 +47,28 @@ class Polled(Generic[T]):
         reason = self.reason or ("" if last else "no reading yet")
         return SensorState(self.name, topic.units, values, time, not reason, reason, self.readings, self.failures)
 
-    async def poll(self, ticks: Ticks, bus: Bus, tell: Tell) -> None:
+    @property
+    def task(self) -> str:
+        """The name of the task that reads it."""
+        return f"sensor {self.name}"
+
+    async def poll(self, ticks: Ticks, bus: Bus, tell: Tell, note: Note) -> None:
         """Read the sensor at every tick and tell its readings."""
         stale = max(STALE_PERIODS * self.period, STALE_MIN)
         since = 0.0  # when it was last asked for the first time in vain
+        asked = True
         async for now in ticks:
-            if not self.needed():
+            needed = self.needed()
+            if needed is not asked:
+                asked = needed
+                note(self.task, "asked" if asked else "idle", "", None)
+            if not needed:
                 since = now
                 continue
             try:
                 reading = self.sensor.read(now)
             except (HalError, OSError) as error:
+                note(self.task, "fails", f"{error}", None)
                 self.failures += 1
                 self._ails(f"{error}", now, tell)
                 continue
@@ -63,6 +76,7 @@ class Polled(Generic[T]):
                 if now - since > stale:
                     self._ails(f"no reading for {stale:g} s", now, tell)
                 continue
+            note(self.task, "reading", "", reading)
             since = now
             self.last = reading
             self.readings += 1
@@ -88,8 +102,18 @@ class Sensors(dict[str, Polled[Any]]):
         self._bus, self._add_task, self._tell = bus, add_task, tell
         self._opened = AsyncExitStack()
 
-    async def add(self, name: str, sensor: Sensor[T], period: float | None = None) -> Polled[T]:
-        """Open a sensor and read it from now on; ValueError when the name is taken."""
+    async def add(
+        self,
+        name: str,
+        sensor: Sensor[T],
+        period: float | None = None,
+        add_task: AddTask | None = None,
+        note: Note = lambda task, kind, text, reading: None,
+    ) -> Polled[T]:
+        """Open a sensor and read it from now on; ValueError when the name is taken.
+
+        Its task is added by `add_task`; None: as one of the user's. `note` is told what came of each attempt to read.
+        """
         if name in self:
             raise ValueError(f"there is a sensor '{name}' already; choose another name")
         polled = Polled(name, sensor, sensor.period if period is None else period)
@@ -97,7 +121,8 @@ class Sensors(dict[str, Polled[Any]]):
         # from here on `close` closes it, also when opening fails half-way
         self._opened.push_async_callback(settled, who, "closed", sensor.close, CLOSING_MAX)
         await settled(who, "opened", sensor.open)
-        self._add_task(f"sensor {name}", PRIORITY, polled.period, partial(polled.poll, bus=self._bus, tell=self._tell))
+        poll = partial(polled.poll, bus=self._bus, tell=self._tell, note=note)
+        (add_task or self._add_task)(polled.task, PRIORITY, polled.period, poll)
         self[name] = polled
         return polled
 

@@ -1,8 +1,9 @@
 """Everything given to the tasks from outside, exact and with its place among their steps: what a replay needs."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from txt1.protocol.messages import Velocity
+from txt1.telemetry import exact
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -30,10 +31,49 @@ INPUT: Final = declare(Topic(
     ),
     Rule.EVENT, "everything given to the tasks from outside", make=lambda given: given,
 ))  # fmt: skip
+
+
+class Report(NamedTuple):
+    """Something that was read: a sensor's reading, or the hardware's report.
+
+    `step` counts the scheduler's steps before it, that of the reading task included. The `source` is "hal" or the name
+    of the task that reads a sensor. The kinds: "reading", or "fails" with the error's `text`; "idle" when nobody needs
+    a sensor any more, and "asked" when somebody does again; of the hardware "read", the same call that fails, with the
+    error's text, "write" and its like, and once "hardware", with its name and `Capabilities`.
+    """
+
+    step: int
+    source: str
+    kind: str
+    text: str = ""
+    time: float = 0.0  # when a reading was taken, s of the run
+    value: Any = None
+
+
+def _report(report: Report) -> dict[str, Any]:
+    """The fields of a report's message; without data where the value has no exact bytes, which a replay says."""
+    told: dict[str, Any] = report._asdict()
+    value = told.pop("value")
+    try:
+        told["data"] = b"" if value is None else exact.encode(value)
+    except (TypeError, ValueError, ArithmeticError):
+        told["data"] = b""
+    return told
+
+
+REPORT: Final = declare(Topic(
+    "/reports", Report, "s",
+    define(
+        "txt1_msgs/Report",
+        "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 time\nuint8[] data",
+    ),
+    Rule.EVENT, "every reading of a sensor, and on real hardware what it reported, exactly",
+    {"header": {"frame_id": ""}}, make=_report,
+))  # fmt: skip
 STEP: Final = declare(Topic[tuple[int, float, int]](
     "/steps", tuple, "",
     define("txt1_msgs/Step", "std_msgs/Header header\nuint32 task\nfloat64 time\nuint32 missed"), Rule.EVENT,
-    "each step of a task and the cycles missed before it, in simulation on the real clock",
+    "each step of a task and the cycles missed before it, on the real clock",
     {}, ("task", "time", "missed"), lambda step: step,
 ))  # fmt: skip
 COMMAND: Final = declare(Topic(

@@ -42,7 +42,7 @@ STANDARD: Final[dict[str, tuple[str, Quality]]] = {
 }
 """Topics of the table that have a name of ROS's own."""
 
-NOT_TOLD: Final = frozenset({"/tf_room", "/markers", "/snapshot", "/input", "/steps", "/link", "/cmd_vel"})
+NOT_TOLD: Final = frozenset({"/tf_room", "/markers", "/snapshot", "/input", "/reports", "/steps", "/link", "/cmd_vel"})
 """Topics for recordings and the live view alone.
 
 ``/cmd_vel``: the velocities asked for have come from ROS, or are in ``~/setpoint``; ``/markers``: RViz has the

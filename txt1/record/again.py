@@ -1,0 +1,319 @@
+"""What was given to a robot when it was recorded, given again: messages, readings, the hardware's reports, steps."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final, NamedTuple, cast
+
+from txt1.errors import HalError, NotArmed, RecordingError
+from txt1.hal.base import Button, Capabilities, Hal, Inputs
+from txt1.hal.witness import CALLS
+from txt1.kernel.clock import NS_PER_S
+from txt1.kernel.scheduler import PeriodicTask, Scheduler
+from txt1.kernel.ticks import Ticks
+from txt1.protocol.layout import from_numbers
+from txt1.runtime import OnFault, Runtime
+from txt1.sensors.base import Reading, Sensor
+from txt1.tasks.inputs import INPUT, REPORT, Input, Report
+from txt1.telemetry import exact
+
+EARLY: Final = 0.4 / NS_PER_S
+"""s by which an input's timer is ahead of the tasks' timer for the same ns of virtual time."""
+
+TURNS_MAX: Final = 100
+"""Turns of the event loop that an input waits for the steps of its own instant."""
+
+
+@dataclass
+class Step:
+    """A step of a task: its number, its time, the cycles missed before it, and what the hardware reported in it."""
+
+    task: int
+    time: float
+    missed: int
+    reports: list[Report] = field(default_factory=list)
+
+
+class Given(NamedTuple):
+    """Something that was given at a time, s of the run."""
+
+    time: float
+    what: Input | Report
+
+
+class UserError(Exception):
+    """Stands for an error that a task of the user's raised when it was recorded."""
+
+
+class RecordedHal:
+    """Hardware that reports again what it reported, and obeys nobody."""
+
+    def __init__(self, name: str, capabilities: Capabilities) -> None:
+        self.name, self.capabilities = name, capabilities
+        self._reports: deque[Report] = deque()
+        self._inputs = Inputs()
+        for method in CALLS:
+            setattr(self, method, partial(self._call, method))
+
+    def expect(self, reports: Sequence[Report]) -> None:
+        """Report this in the course of what comes next."""
+        while self._reports:  # what nobody has read is how it is now, all the same
+            self._inputs = self._reports.popleft().value or self._inputs
+        self._reports.extend(reports)
+
+    async def open(self) -> None:
+        """Nothing to be opened."""
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Inputs:
+        """The report of then; HalError: it failed then."""
+        self._call("read", now)
+        return self._inputs
+
+    def _call(self, method: str, *arguments: object) -> None:
+        del arguments
+        if self._reports and self._reports[0].kind == method:
+            report = self._reports.popleft()
+            if report.text:
+                raise HalError(report.text)
+            self._inputs = report.value
+
+    def as_hal(self) -> Hal:
+        """This as the hardware layer that it is."""
+        return cast("Hal", self)
+
+
+class RecordedSensor:
+    """A sensor that reads again what was read, in the same steps; `made` is what its driver would read."""
+
+    simulated = True
+
+    def __init__(self, name: str, made: Sensor[Any], script: Script) -> None:
+        self.topic, self.period = made.topic, made.period
+        self._name, self._script = name, script
+        self._given = script.of(f"sensor {name}")
+        self._needed = True
+
+    async def open(self) -> None:
+        """Nothing to be opened."""
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def needed(self) -> bool:
+        """Whether somebody needed it in this step."""
+        while self._due() and self._given[0].what.kind in ("idle", "asked"):
+            self._needed = self._given.popleft().what.kind == "asked"
+        return self._needed
+
+    def read(self, now: float) -> Reading[Any] | None:
+        """The reading of this step, None where there was none; HalError: it failed."""
+        del now
+        reading = None
+        while self._due():
+            time, what = self._given.popleft()
+            if isinstance(what, Input):  # such as a look at where a simulated robot is
+                self._script.give(time, what)
+            elif what.kind == "fails":
+                raise HalError(what.text)
+            elif what.kind == "reading":
+                reading = Reading(what.time, self._value(what))
+        return reading
+
+    def _due(self) -> bool:
+        return bool(self._given) and self._given[0].what.step <= self._script.steps
+
+    def _value(self, report: Report) -> Any:
+        try:
+            return exact.decode(self.topic.type, report.value)
+        except ValueError as error:
+            self._script.fail(
+                f"{REPORT.name}: a reading of '{self._name}' at {report.time:.3f} s cannot be given again: {error}"
+            )
+            raise
+
+
+class Script:
+    """Gives what is recorded again, each part at its time and behind the step that it came behind."""
+
+    def __init__(self, runtime: Runtime, given: Sequence[Given]) -> None:
+        self._runtime = runtime
+        self._scheduler = runtime.scheduler
+        self._loop = asyncio.get_running_loop()
+        self._outside: deque[Given] = deque()
+        self._by_source: dict[str, deque[Given]] = {}
+        for each in given:
+            inside = each.what.source not in ("", "hal") and each.what.kind != "task"
+            (self.of(each.what.source) if inside else self._outside).append(each)
+        self._end_step = self._outside[-1].what.step if self.has_end else None
+        self.ended: asyncio.Future[None] = self._loop.create_future()
+        self._turns = 0  # of the loop in which an input was waiting in vain
+        self.failure: RecordingError | None = None
+        """The reason why the recording cannot be given again."""
+
+    def fail(self, reason: str) -> None:
+        """Note that the recording cannot be given again."""
+        self.failure = self.failure or RecordingError(reason)
+
+    def of(self, source: str) -> deque[Given]:
+        """What a task gives, or a sensor reads."""
+        return self._by_source.setdefault(source, deque())
+
+    @property
+    def steps(self) -> int:
+        """Steps of all tasks so far."""
+        return self._scheduler.steps
+
+    @property
+    def has_end(self) -> bool:
+        """Whether the recording goes on to the end of the run."""
+        return bool(self._outside) and self._outside[-1].what.kind == "end"
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether inputs are left that come behind the steps there were."""
+        return self.has_end and self._outside[0].what.step <= self.steps
+
+    def start(self) -> None:
+        """Give what came before the first step, and set a timer for what came next."""
+        try:
+            self.give_due()
+        except RecordingError as error:  # in a timer, where it would only be logged
+            self.ended.set_exception(error)
+            return
+        if self._outside:
+            ahead = self._outside[0].time - self._runtime.now
+            self._turns = 0 if ahead > 0.0 else self._turns + 1
+            # one that waits for a step of this instant, which does not come, is given a nanosecond later
+            ahead = 1.0 / NS_PER_S if self._turns > TURNS_MAX else ahead - EARLY
+            self._loop.call_at(self._loop.time() + ahead, self.start)
+
+    def give_due(self) -> None:
+        """Give the inputs from outside that are due behind this step."""
+        outside = self._outside
+        while outside:
+            (time, given), now = outside[0], self._runtime.now
+            if time > now or (time == now and given.step > self.steps):  # behind its time it is given in any case
+                break
+            self.give(*outside.popleft())
+        if self._end_step == self.steps:
+            self._scheduler.end_at(self._runtime.now)  # no step came any more
+
+    def give_up_to(self, step: int) -> None:
+        """Give the inputs from outside that came behind this step or one before it."""
+        while self._outside and self._outside[0].what.step <= step:
+            self.give(*self._outside.popleft())
+
+    def give(self, time: float, given: Input | Report) -> None:
+        """Give this now."""
+        runtime = self._runtime
+        if isinstance(self._scheduler, StepByStep):
+            self._scheduler.time = time
+        if isinstance(given, Report):
+            if isinstance(runtime.hal, RecordedHal):
+                runtime.hal.expect([given])
+            return
+        with suppress(NotArmed, HalError, ValueError):  # what was refused then is refused now
+            self._do(given)
+
+    def _do(self, given: Input) -> None:
+        runtime, text, values = self._runtime, given.text, given.values
+        match given.kind:
+            case "task":
+                runtime.add_task(text, round(values[0]), values[1], partial(self._repeat, self.of(text)))
+            case "end":
+                if not self.ended.done():
+                    self.ended.set_result(None)
+            case "failure":
+                raise UserError(text)
+            case "look":
+                runtime.look()
+            case "tell":
+                runtime.tell(text)
+            case "arm":
+                runtime.arm()
+            case "disarm":
+                runtime.disarm(text)
+            case "slept":
+                runtime.slept(values[0])
+            case "stop":
+                runtime.emergency_stop()
+            case "press":
+                runtime.press(Button(round(values[0])))
+            case "place":
+                runtime.place(*values)
+            case _:
+                try:
+                    runtime.post(from_numbers(given.kind, values), given.given)
+                except ValueError as error:
+                    raise RecordingError(f"{INPUT.name}: {error}") from None
+
+    async def _repeat(self, inputs: deque[Given], ticks: Ticks) -> None:
+        """Stand for a task of the user's: give what it gave, in the same steps."""
+        async for _ in ticks:
+            while inputs and inputs[0].what.step <= self.steps:
+                time, what = inputs.popleft()
+                if isinstance(what, Input):  # nobody here consumes the readings of a user's sensor
+                    self.give(time, what)
+
+
+class Following(Scheduler):
+    """Calls `after` behind every step."""
+
+    def __init__(self, on_fault: OnFault) -> None:
+        super().__init__(on_fault)
+        self.after: Callable[[], None] = lambda: None
+
+    def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> Any:
+        def followed(ticks: Ticks) -> Coroutine[Any, Any, None]:
+            coroutine = task(ticks)
+            ends = ticks.ends
+
+            def ended() -> None:
+                if ends is not None:
+                    ends()
+                self.after()
+
+            ticks.ends = ended
+            return coroutine
+
+        return super()._add(name, priority, period, followed)
+
+
+class StepByStep(Scheduler):
+    """Runs a task's step when it is told to, at the time that it is told; no other clock plays a part."""
+
+    time = 0.0  # s of the run
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+        return self.time
+
+    def add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
+        """Add a task; that it is due is for the recording to say."""
+        self._add(name, priority, period, task)
+
+    def add_sporadic(self, name: str, priority: int, task: PeriodicTask) -> Callable[[], None]:
+        """Add a task that runs on arrival; the same holds for it."""
+        self._add(name, priority, None, task)
+        return lambda: None
+
+    def step(self, number: int, now: float, missed: int) -> None:
+        """Run a cycle of the task that was added as this one, at `now`, so many having been missed before it."""
+        if not number < len(self._entries):
+            raise RecordingError(f"a step of task {number}, and there are {len(self._entries)} tasks")
+        entry = self._entries[number]
+        self.time, entry.ticks.missed = now, missed
+        self.steps += 1
+        try:
+            entry.send(now)
+        except Exception as error:
+            self._fault(entry, error)
