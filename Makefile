@@ -27,7 +27,7 @@ test: $(VENV)/.dev  ## the tests, two at a time; four minutes
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal $(AGAIN)
 
 test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
-	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m "not browser"
+	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
 
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
 	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'

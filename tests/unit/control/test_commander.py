@@ -275,7 +275,7 @@ class Traffic(RuleBasedStateMachine):
         self.before = name
 
 
-Traffic.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=80, stateful_step_count=40)
 TestTraffic = Traffic.TestCase
 
 

@@ -38,7 +38,7 @@ def by_chance(random: Random) -> Reading:
     return Reading(down, {name: abs(value) if "trigger" in name else value for name, value in axes.items()})
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(steps)
 def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
     does_what_the_manual_says(sequence)
@@ -76,7 +76,7 @@ def does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
         before = down
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.dictionaries(st.integers(0, 2), readings)), max_size=25))
 def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, Reading]]]) -> None:
     pads, now, driver = Pads(ORIGINAL, R), 0.0, None

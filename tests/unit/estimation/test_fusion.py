@@ -98,7 +98,7 @@ def test_positions_alone_tell_the_heading_when_it_has_driven_some_way() -> None:
     assert drive.error()[1] < 0.1
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.randoms(use_true_random=False))
 def test_the_order_in_which_readings_arrive_makes_no_difference(random: object) -> None:
     one, two = Drive(), Drive()

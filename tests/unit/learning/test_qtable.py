@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.table_5_3 import TABLE_5_3
@@ -94,7 +94,6 @@ JSON = st.recursive(
     st.dictionaries(st.text(), JSON, max_size=4),
 )
 @example([[1.7e308]], {"paths": {2: 0, 10: 0}})
-@settings(deadline=None)
 def test_whatever_finite_table_was_saved_can_be_loaded(rows: list[list[float]], about: dict[str, Any]) -> None:
     with TemporaryDirectory() as directory:
         path = Path(directory, "qtable.json")

@@ -3,7 +3,7 @@
 from math import inf
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.learning.survey import NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted
@@ -19,7 +19,6 @@ def read(x: float, y: float, survey: np.ndarray = SURVEY) -> np.ndarray:
     return np.asarray(survey[:4] - survey[POWER] * np.log(np.hypot(*apart.T)))
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(0.6, 3.0), st.floats(-3.1, 3.1))
 def test_the_light_is_where_the_readings_put_it(distance: float, bearing: float) -> None:
     x, y = distance * np.cos(bearing), distance * np.sin(bearing)
@@ -27,7 +26,6 @@ def test_the_light_is_where_the_readings_put_it(distance: float, bearing: float)
     assert np.hypot(place[0] - x, place[1] - y) < 0.02 * distance and cost == 0.0
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.lists(st.floats(-7.0, 7.0), min_size=4, max_size=4), st.integers(0, 3))
 def test_the_likeliest_place_comes_first_however_ill_readings_fit(z: list[float], dead: int) -> None:
     noise = np.full(4, 1e-4)

@@ -4,7 +4,7 @@ from itertools import pairwise
 from math import hypot, inf, pi
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.model.kinematics import wrap_angle
@@ -19,7 +19,6 @@ places = st.floats(-1.9, 1.9)  # 0.6 m from the walls
 poses = st.tuples(places, places, st.floats(-pi, pi))
 
 
-@settings(deadline=None)
 @given(poses, poses)
 def test_it_leads_to_the_goal_inside_the_room(start: Pose, goal: Pose) -> None:
     for make in (plan, plan_with_run_up):
@@ -30,7 +29,6 @@ def test_it_leads_to_the_goal_inside_the_room(start: Pose, goal: Pose) -> None:
         assert stays_inside(start, path, ROOM, BODY)
 
 
-@settings(deadline=None)
 @given(poses, poses)
 def test_it_leaves_the_steering_a_tenth_to_correct_with(start: Pose, goal: Pose) -> None:
     assert all(abs(segment.curvature) <= 1.0 / (1.1 * BODY.radius_min) + 1e-9 for segment in plan(start, goal, ROOM))

@@ -127,7 +127,7 @@ GARBAGE = st.one_of(
 
 
 @pytest.mark.parametrize("role", Role)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.data())
 def test_any_mixture_in_any_pieces_delivers_what_the_rule_says(role: Role, data: st.DataObject) -> None:
     stream = b"".join(data.draw(st.lists(st.one_of(ANY_FRAME, FRAMES[role], GARBAGE), max_size=10)))

@@ -279,7 +279,7 @@ def values(found: list[Any]) -> list[str]:
 
 
 @each
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_it_does_not_matter_where_a_stream_is_torn(name: str, data: st.DataObject) -> None:
     make, stream = CODECS[name]
@@ -295,7 +295,7 @@ def test_it_does_not_matter_where_a_stream_is_torn(name: str, data: st.DataObjec
 
 
 @each
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_damage_costs_no_more_than_the_readings_it_touches(name: str, data: st.DataObject) -> None:
     make, stream = CODECS[name]

@@ -40,7 +40,7 @@ def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
 @pytest.mark.long
 def test_a_vehicle_moves_in_the_batch_as_alone(p: Parameters, seed: int, dt: float) -> None:

@@ -224,7 +224,7 @@ def test_a_wall_stops_the_vehicle_and_lets_it_back_out(theta: float, motor: int)
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_no_corner_ever_enters_a_wall(seed: int) -> None:
     rng = random.Random(seed)
     room = Room(1.6, 1.2)
