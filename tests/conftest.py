@@ -1,8 +1,18 @@
-"""What holds for all tests: random ones repeat."""
+"""What holds for all tests: random ones repeat, and those that wait in real time are marked."""
 
 from __future__ import annotations
 
+import sys
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
 import hypothesis
+import pytest
+
+from tests.patience import STALLED, VARIABLE
+
+HERE = Path(__file__).parent
 
 # No example has a deadline, and none is drawn too slowly, as both say how busy the machine is. A change is judged by
 # the same examples each time, so what fails is the change's; `make test-long` looks for others.
@@ -10,3 +20,38 @@ BUSY = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_s
 hypothesis.settings.register_profile("same", **BUSY, derandomize=True)
 hypothesis.settings.register_profile("others", **BUSY, print_blob=True)
 hypothesis.settings.load_profile("same")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of modules that have something of tests/patience.py: `make steady` repeats them."""
+    for item in items:
+        if isinstance(item, pytest.Function) and any(map(has_patience, modules_of(item.module.__name__))):
+            item.add_marker(pytest.mark.waits)
+
+
+@cache
+def modules_of(name: str) -> frozenset[str]:
+    """A module of the tests, and the modules of the tests from which it has something, however indirectly."""
+    found, new = {name}, [name]
+    while new:
+        for value in vars(sys.modules[new.pop()]).values():
+            origin = getattr(value, "__module__", None)
+            file = getattr(sys.modules.get(origin), "__file__", None) if isinstance(origin, str) else None
+            if file is not None and origin not in found and HERE in Path(file).parents:
+                found.add(origin)
+                new.append(origin)
+    return frozenset(found)
+
+
+@cache
+def has_patience(name: str) -> bool:
+    """Whether a module imports tests/patience.py."""
+    return "\nfrom tests.patience import " in Path(str(sys.modules[name].__file__)).read_text("utf-8")
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test's robots, here and in processes that it starts, live through stalls of the machine."""
+    monkeypatch.setenv(*VARIABLE)
+    for module, name, value in STALLED:
+        monkeypatch.setattr(import_module(module), name, value)

@@ -1,0 +1,76 @@
+"""How long tests wait in real time, in one unit, so that none fails because the machine is slow.
+
+Whatever waits for something to come true has `LIMIT`, and ends as soon as it is true: patience costs nothing. Pauses in
+which nothing may happen are so many `S`. A machine that is too slow even so is given more time by `TXT_PATIENCE=5`.
+
+A robot in real time takes a stall of the machine for a fault, as it should. The fixture `patient` (tests/conftest.py)
+and the settings `PATIENT` let the robots of a test live through stalls; `TXT1` starts such a robot as a process of its
+own. Tests of the rules on stalls are in virtual time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from importlib import import_module
+from math import inf
+from typing import Final
+
+S: Final = float(os.environ.get("TXT_PATIENCE", "1"))
+"""A second of the tests' patience."""
+LIMIT: Final = 120.0 * S
+"""s for something to come true."""
+LOOK: Final = 0.005
+"""s between two looks at whether it has."""
+
+PATIENT: Final = ("safety.missed_ticks_max=1000000",)
+"""Settings of a robot that goes on after the machine let its controller miss cycles."""
+OPTIONS: Final = ("--set", *PATIENT)
+"""The same as words of a command."""
+VARIABLE: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
+"""The same as a variable of the environment."""
+TXT1: Final = (sys.executable, "-m", "tests.patience")
+"""The command `txt1`, of which a robot lives through stalls of the machine; in the folder of the tests' own folder."""
+
+STALLED: Final = (
+    ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
+    ("txt1.tasks.mode", "VELOCITY_MIN", -1),
+    ("txt1.hal.serial", "LOST", inf),
+)
+"""The numbers by which odometry, the host or the board is lost: after a stall of the machine all of them seem to be."""
+
+
+async def until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
+    """Wait for something to come true, in the event loop's time; TimeoutError when it does not."""
+    async with asyncio.timeout(limit):
+        while not condition():
+            await asyncio.sleep(look)
+
+
+def wait_until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
+    """Wait for something to come true, in real time, without an event loop; TimeoutError when it does not."""
+    ends = time.monotonic() + limit
+    while not condition():
+        if time.monotonic() > ends:
+            raise TimeoutError(f"not within {limit:g} s")
+        time.sleep(look)
+
+
+def main() -> None:
+    """Do what the command `txt1` does, with a robot that lives through stalls of the machine."""
+    from txt1 import __main__ as command
+
+    for each in command.SIGNALS:
+        signal.signal(each, command.leave)  # before the imports, as the command does
+    os.environ.setdefault(*VARIABLE)
+    for module, name, value in STALLED:
+        setattr(import_module(module), name, value)
+    command.main()
+
+
+if __name__ == "__main__":
+    main()
