@@ -35,12 +35,12 @@ def ask(connection: Connection, topics: list[str] | None = None, asked: list[lis
 
 def drive_then_hang(connection: Connection) -> None:
     connection.request("drive", v=0.5, omega=0.0)
-    time.sleep(60.0)
+    time.sleep(3600.0)
 
 
 def hang(connection: Connection) -> None:
     connection.request("drive", v=0.5, omega=0.0)
-    time.sleep(60.0)
+    time.sleep(3600.0)
 
 
 def flood(connection: Connection, rate: float = 1e5) -> None:

@@ -11,6 +11,7 @@ import pytest
 from txt1pico import store, wifi
 from txt1pico.core import Core
 
+from tests.patience import LIMIT, S
 from txt1.protocol.layout import encode
 from txt1.protocol.messages import Velocity
 
@@ -49,7 +50,7 @@ class Host:
 
     def __init__(self, line: wifi.Wireless, core: Core) -> None:
         self.line, self.core = line, core
-        self.socket = socket.create_connection(("127.0.0.1", line.port), timeout=2.0)
+        self.socket = socket.create_connection(("127.0.0.1", line.port), timeout=LIMIT)
         self.poll()
         self.challenge = self.socket.recv(100).split()[1]
 
@@ -110,7 +111,7 @@ def test_a_silent_host_is_dropped_after_a_second_and_another_may_come(
 
 def test_a_second_host_waits_until_the_first_is_gone(line: wifi.Wireless, call: Callable[[], Host]) -> None:
     call().prove(SECRET)
-    with socket.create_connection(("127.0.0.1", line.port), timeout=0.1) as second:
+    with socket.create_connection(("127.0.0.1", line.port), timeout=0.1 * S) as second:
         line.poll(Core(), 20)
         with pytest.raises(TimeoutError):
             second.recv(10)

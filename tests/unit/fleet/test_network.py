@@ -3,11 +3,13 @@
 import json
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
 import pytest
 
+from tests.patience import LIMIT, wait_until
 from txt1.bridges.web.network import Network
 from txt1.errors import CommandRefused, ConfigError
 from txt1.fleet.messages import SIZE, Answer
@@ -30,7 +32,6 @@ class Team:
         self.driven: list[tuple[str, float, float]] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
-        self._never = threading.Event()
         self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
     def join(self, name: str, loss: float = 0.0, console: bool = False) -> Peer:
@@ -48,8 +49,11 @@ class Team:
         return peer
 
     def until(self, true: Callable[[], object]) -> bool:
-        """Whether something comes true within ten seconds."""
-        return any(true() or self._never.wait(0.05) for _ in range(200))
+        """Whether something comes true in the end."""
+        with suppress(TimeoutError):
+            wait_until(true, look=0.05)
+            return True
+        return False
 
 
 @pytest.fixture
@@ -91,8 +95,8 @@ def test_a_stop_of_all_reaches_all_once_with_a_third_of_the_messages_lost(team: 
     team.waits_for = 3
     peers[0].listen(0.5)
     said = peers[0].stop_all()
-    assert team.all_stopped.wait(5.0)
-    said.join(10.0)
+    assert team.all_stopped.wait(LIMIT)
+    said.join(LIMIT)
     assert standing(peers[0]) == Standing(("net01", "net02", "net03")) and standing(peers[0]).complete
     assert sorted(team.stopped) == [(name, "net00") for name in ("net01", "net02", "net03")]
 

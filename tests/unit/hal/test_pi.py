@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.patience import LIMIT
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.devices.i2c import Desk, FakeBus, FileBus, pulse_of
@@ -385,7 +386,7 @@ def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path) -
         await hal.open()
         try:
             ready: list[bool] = []
-            while loop.time() - began < 20.0 and ready.count(True) < 2:
+            while loop.time() - began < LIMIT and ready.count(True) < 2:
                 await asyncio.sleep(0.02)
                 link = hal.read(loop.time() - began).link
                 assert link is not None

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from tests.patience import LIMIT
 from txt1.config import load
 from txt1.control.parameters import Safety
 from txt1.hal.registry import create_sim
@@ -65,7 +66,7 @@ def test_and_so_it_does_without_numba() -> None:
     without = "import sys; sys.modules['numba'] = None; from tests.unit.learning import test_batch as t; "
     shown = subprocess.run(
         [sys.executable, "-c", without + "print(t.held_against_the_runtime(100))"],
-        capture_output=True, text=True, check=True, timeout=120,
+        capture_output=True, text=True, check=True, timeout=LIMIT,
     )  # fmt: skip
     assert float(shown.stdout) < 1e-9
 

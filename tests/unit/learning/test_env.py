@@ -13,6 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import txt1
+from tests.patience import LIMIT
 from txt1.config import load
 from txt1.hal.registry import create_sim
 from txt1.learning import env
@@ -32,7 +33,7 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
 
 def test_who_imports_gymnasium_and_txt1_has_the_environments() -> None:
     program = "import gymnasium, txt1; print(gymnasium.make('txt1/LightSeeking-v0').reset(seed=1)[0].shape)"
-    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=LIMIT)
     assert shown.stdout == "(6,)\n"
 
 

@@ -8,13 +8,14 @@ import sys
 import numpy as np
 import pytest
 
+from tests.patience import LIMIT
 from txt1.config import load
 from txt1.learning.trial import Start, starts
 
 
 def test_without_stable_baselines3_one_line_names_the_extra() -> None:
     program = "import sys; sys.modules['stable_baselines3'] = None; import txt1.learning.sb3"
-    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT, check=False)
     assert "pip install 'txt1[sb3]'" in shown.stderr.splitlines()[-1]
 
 

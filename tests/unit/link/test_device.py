@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from link_ends import FRAME, End, host_at, opened_pty, refusal, run_quietly, until
+from link_ends import FRAME, End, host_at, opened_pty, refusal, run_quietly
 from serial import SerialException
 
+from tests.patience import LIMIT, until
 from txt1.errors import HalError, LinkLost
 from txt1.link import device
 from txt1.link.device import STANDARD_BAUDS, baud_warning, open_link
@@ -97,7 +98,7 @@ def test_opening_that_nobody_waits_for_any_more_leaves_nothing_open(monkeypatch:
     ports: list[Any] = []
 
     def slow(*given: Any) -> Any:
-        go.wait(30.0)
+        go.wait(LIMIT)
         port, explain = really_open(*given)
         ports.append(port)
         opened.set()

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from link_ends import EVERY_BYTE, FRAME, Echo, End, run_quietly, turns, until
+from link_ends import EVERY_BYTE, FRAME, Echo, End, run_quietly, turns
 
+from tests.patience import until
 from txt1.errors import LinkLost
 from txt1.link.base import End as EndProtocol
 from txt1.link.base import Listener, connect

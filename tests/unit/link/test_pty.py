@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from link_ends import EVERY_BYTE, FRAME, End, host_at, run_quietly, turns, until, waiting
+from link_ends import EVERY_BYTE, FRAME, End, host_at, run_quietly, turns, waiting
 
+from tests.patience import until
 from txt1.errors import HalError
 from txt1.kernel.loop import PunctualSelector, run
 from txt1.link.pty import is_left_behind, listen_pty

@@ -7,8 +7,9 @@ import socket
 from contextlib import closing
 
 import pytest
-from link_ends import EVERY_BYTE, FRAME, End, refusal, run_quietly, until
+from link_ends import EVERY_BYTE, FRAME, End, refusal, run_quietly
 
+from tests.patience import until
 from txt1.errors import HalError, LinkLost
 from txt1.kernel.loop import run
 from txt1.link import tcp

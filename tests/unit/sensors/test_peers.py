@@ -9,11 +9,13 @@ import socket
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import count
 from math import cos, sin
 from pathlib import Path
 
 import pytest
 
+from tests.patience import LIMIT, until
 from txt1.devices.gps import nmea
 from txt1.devices.vicon import FakeVicon
 from txt1.link.tcp import listen_tcp
@@ -41,6 +43,12 @@ async def process(*command: str) -> AsyncIterator[asyncio.subprocess.Process]:
             await started.wait()
 
 
+def listens(port: int) -> bool:
+    """Whether a program serves a port of this computer."""
+    with socket.socket() as knock:
+        return knock.connect_ex(("127.0.0.1", port)) == 0
+
+
 @pytest.mark.skipif(not (GPSFAKE and GPSD), reason="needs Debian's gpsd and gpsfake: apt-get install gpsd gpsd-clients")
 async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
     pytest.importorskip("utm")
@@ -60,14 +68,10 @@ async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
     fed = [GPSFAKE, "-1", "-q", "-c", "0.01", "-P", str(port), str(log)]
     sensor = Streamed(fix_topic("peer_gps"), 0.1, f"socket://127.0.0.1:{port}", lambda: Decoder(DATUM))
     async with process(*fed):
-        for _ in range(200):  # until gpsd listens
-            await asyncio.sleep(0.05)
-            with socket.socket() as knock:
-                if knock.connect_ex(("127.0.0.1", port)) == 0:
-                    break
+        await until(lambda: listens(port))
         await sensor.open()
         begun, found = asyncio.get_running_loop().time(), []
-        while len(found) < 20 and asyncio.get_running_loop().time() < begun + 15.0:
+        while len(found) < 20 and asyncio.get_running_loop().time() < begun + LIMIT:
             await asyncio.sleep(0.05)
             if (reading := sensor.read(asyncio.get_running_loop().time() - begun + 60.0)) is not None:
                 found.append(reading.value)
@@ -84,7 +88,7 @@ async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
 CLIENT = """
 import json, sys, motioncapture
 client = motioncapture.connect("vrpn", {"hostname": sys.argv[1]})
-for _ in range(500):
+while True:
     client.waitForNextFrame()
     if "txt01" in client.rigidBodies:
         body = client.rigidBodies["txt01"]
@@ -109,12 +113,12 @@ async def test_vrpns_own_client_reads_our_vicon() -> None:
         async with process(sys.executable, "-c", CLIENT, address) as client:
 
             async def show() -> None:
-                for k in range(3000):
+                for k in count():
                     device.show(Reading(0.01 * k, pose))
                     await asyncio.sleep(0.01)
 
             showing = asyncio.create_task(show())
-            out, err = await asyncio.wait_for(client.communicate(), 20.0)
+            out, err = await asyncio.wait_for(client.communicate(), LIMIT)
             showing.cancel()
     finally:
         listener.close()

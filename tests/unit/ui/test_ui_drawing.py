@@ -16,6 +16,7 @@ import pytest
 from ui_snapshots import full
 from ui_tty import Tty
 
+from tests.patience import LIMIT
 from txt1.telemetry.snapshot import Snapshot
 
 ROOT = Path(__file__).parents[3]
@@ -27,7 +28,7 @@ class Drawing:
     def __init__(self) -> None:
         self.tty = Tty()
         self.link, theirs = socket.socketpair()
-        self.link.settimeout(15.0)
+        self.link.settimeout(LIMIT)
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "txt1.beside", str(theirs.fileno()), "txt1.ui.drawing:main", "0.02", "{}"],

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -15,6 +15,7 @@ import pytest
 from ui_snapshots import full
 from ui_tty import Tty
 
+from tests.patience import S
 from txt1.beside import Request
 from txt1.errors import CommandRefused, TerminalLost
 from txt1.hal.base import Button
@@ -58,12 +59,22 @@ class Running:
                 return int(stat.parent.name)
         raise AssertionError("no drawing process")
 
-    def drive(self, seconds: float) -> None:
-        """Hold w."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self.tty.type(b"w")
-            self.tty.read(0.05)
+    def drive(self, until: Callable[[], object]) -> None:
+        """Hold w until something is true."""
+        self.tty.until(lambda: self.tty.type(b"w") or until())
+
+    def rests(self) -> int:
+        """Wait until nothing more is written down, and return how much there is."""
+        lines, since = len(self.lines()), time.monotonic()
+
+        def quiet() -> bool:
+            nonlocal lines, since
+            if len(self.lines()) > lines:
+                lines, since = len(self.lines()), time.monotonic()
+            return time.monotonic() > since + 0.4 * S
+
+        self.tty.until(quiet)
+        return lines
 
     def finish(self) -> None:
         self.tty.until(lambda: self.process.poll() is not None)
@@ -103,21 +114,19 @@ def test_keys_reach_the_robot_and_q_leaves_the_terminal_as_it_was(start) -> None
 
 def test_a_hung_or_killed_drawing_process_stops_the_robot(start) -> None:  # type: ignore[no-untyped-def]
     running = start()
-    running.drive(0.2)
-    running.until_log("command 0.50 0.00")
+    running.drive(lambda: "command 0.50 0.00" in running.lines())
     child = running.child()
 
     # it hangs: no heartbeat, no command, whatever is typed
     os.kill(child, signal.SIGSTOP)
-    time.sleep(0.2)  # what is on its way arrives
-    silent = len(running.lines())
-    running.drive(0.4)
+    silent = running.rests()
+    ends = time.monotonic() + 0.4 * S
+    running.drive(lambda: time.monotonic() > ends)
     assert len(running.lines()) == silent
 
     # it goes on
     os.kill(child, signal.SIGCONT)
-    running.drive(0.2)
-    running.tty.until(lambda: len(running.lines()) > silent)
+    running.drive(lambda: len(running.lines()) > silent)
 
     # it dies
     os.kill(child, signal.SIGKILL)

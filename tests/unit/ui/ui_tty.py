@@ -12,6 +12,8 @@ from typing import Any
 
 import pyte
 
+from tests.patience import LIMIT
+
 
 class Tty:
     """A pty of 80 x 24 cells; `slave` is what a program gets as its standard input and output."""
@@ -46,11 +48,11 @@ class Tty:
         self.read()
         return "\n".join(self.screen.display)
 
-    def until(self, condition: Callable[[], bool], limit: float = 15.0) -> None:
+    def until(self, condition: Callable[[], object], limit: float = LIMIT) -> None:
         """Wait for a condition, taking output meanwhile."""
-        deadline = time.monotonic() + limit
+        ends = time.monotonic() + limit
         while not condition():
-            assert time.monotonic() < deadline, "\n".join(self.screen.display) + repr(self.output[-300:])
+            assert time.monotonic() < ends, "\n".join(self.screen.display) + repr(self.output[-300:])
             self.read()
 
     def restored(self) -> bool:
