@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 import hypothesis
 import pytest
 
-from tests.patience import STALLED, VARIABLE
+from tests.patience import surviving
 
 HERE = Path(__file__).parent
 
@@ -50,8 +50,7 @@ def has_patience(name: str) -> bool:
 
 
 @pytest.fixture
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+def patient() -> Iterator[None]:
     """The test's robots, here and in processes that it starts, live through stalls of the machine."""
-    monkeypatch.setenv(*VARIABLE)
-    for module, name, value in STALLED:
-        monkeypatch.setattr(import_module(module), name, value)
+    with surviving():
+        yield

@@ -4,8 +4,8 @@ Whatever waits for something to come true has `LIMIT`, and ends as soon as it is
 which nothing may happen are so many `S`. A machine that is too slow even so is given more time by `TXT_PATIENCE=5`.
 
 A robot in real time takes a stall of the machine for a fault, as it should. The fixture `patient` (tests/conftest.py)
-and the settings `PATIENT` let the robots of a test live through stalls; `TXT1` starts such a robot as a process of its
-own. Tests of the rules on stalls are in virtual time.
+lets the robots of a test live through stalls, and `TXT1` starts such a robot as a process of its own. Tests of the
+rules on stalls are in virtual time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from math import inf
 from typing import Final
@@ -27,12 +28,8 @@ LIMIT: Final = 120.0 * S
 LOOK: Final = 0.005
 """s between two looks at whether it has."""
 
-PATIENT: Final = ("safety.missed_ticks_max=1000000",)
-"""Settings of a robot that goes on after the machine let its controller miss cycles."""
-OPTIONS: Final = ("--set", *PATIENT)
-"""The same as words of a command."""
-VARIABLE: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
-"""The same as a variable of the environment."""
+MISSED: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
+"""The setting of a robot that goes on after the machine let its controller miss cycles, for it and its children."""
 TXT1: Final = (sys.executable, "-m", "tests.patience")
 """The command `txt1`, of which a robot lives through stalls of the machine; in the folder of the tests' own folder."""
 
@@ -40,8 +37,9 @@ STALLED: Final = (
     ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
     ("txt1.hal.serial", "LOST", inf),
+    ("txt1.beside", "START", LIMIT),
 )
-"""The numbers by which odometry, the host or the board is lost: after a stall of the machine all of them seem to be."""
+"""The numbers by which odometry, the host, the board or a bridge is lost, as all of them seem to be after a stall."""
 
 
 async def until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
@@ -60,13 +58,25 @@ def wait_until(condition: Callable[[], object], limit: float = LIMIT, look: floa
         time.sleep(look)
 
 
+@contextmanager
+def surviving() -> Iterator[None]:
+    """Let robots live through stalls of the machine, here and in processes that are started meanwhile."""
+    import pytest  # not when it is the command
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(*MISSED)
+        for module, name, value in STALLED:
+            patch.setattr(import_module(module), name, value)
+        yield
+
+
 def main() -> None:
     """Do what the command `txt1` does, with a robot that lives through stalls of the machine."""
     from txt1 import __main__ as command
 
     for each in command.SIGNALS:
         signal.signal(each, command.leave)  # before the imports, as the command does
-    os.environ.setdefault(*VARIABLE)
+    os.environ.setdefault(*MISSED)
     for module, name, value in STALLED:
         setattr(import_module(module), name, value)
     command.main()

@@ -7,16 +7,16 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import AsyncExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
+from tests.patience import LIMIT, TXT1, surviving, wait_until
 from txt1.bridges.registry import bridge
 from txt1.cli.app import real_time
 from txt1.cli.errands import Errands
@@ -31,8 +31,6 @@ CHROMIUM = next((path for path in ("/usr/bin/chromium", "/usr/bin/chromium-brows
 FLAGS = (
     "--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update", "--no-first-run",
 )  # fmt: skip
-PATIENT = ("safety.missed_ticks_max=100000",)
-"""The robot does not stop because a busy computer lets its controller miss cycles, as it should."""
 
 
 class Sample(NamedTuple):
@@ -68,14 +66,11 @@ class Live:
         """What `do` returns, called in the robot's loop."""
         answer: Future[T] = Future()
         self.loop.call_soon_threadsafe(lambda: answer.set_result(do(self.robot)))
-        return answer.result(10.0)
+        return answer.result(LIMIT)
 
-    def until(self, condition: Callable[[Robot], object], limit: float = 20.0) -> None:
-        """Wait until something is true of the robot."""
-        ends = monotonic() + limit
-        while not self.call(condition):
-            assert monotonic() < ends, f"not within {limit:g} s"
-            sleep(0.01)
+    def until(self, condition: Callable[[Robot], object], limit: float = LIMIT) -> None:
+        """Wait until something is true of the robot; TimeoutError when it does not come true."""
+        wait_until(lambda: self.call(condition), limit)
 
     async def watch(self, ticks: Ticks) -> None:
         state = self.robot.runtime.state
@@ -107,21 +102,22 @@ def live(
     given = {"port": port, "folder": str(folder), "speed": speed, **options}
     main = partial(_main, started, hal, settings, given, folder, realtime)
     thread = threading.Thread(target=run, args=(main(),), name="robot")
-    thread.start()
-    try:
-        here = started.result(120.0)
-        yield here
-    finally:
-        if started.done() and started.exception() is None:
-            here.loop.call_soon_threadsafe(here.ended.set)  # type: ignore[attr-defined]
-        thread.join(30.0)
+    with surviving():
+        thread.start()
+        try:
+            here = started.result(LIMIT)
+            yield here
+        finally:
+            if started.done() and started.exception() is None:
+                here.loop.call_soon_threadsafe(here.ended.set)  # type: ignore[attr-defined]
+            thread.join(LIMIT)
 
 
 async def _main(
     started: Future[Live], hal: str, settings: Sequence[str], given: dict[str, Any], folder: Path, realtime: bool
 ) -> None:
     try:
-        async with Robot.open(hal=hal, seed=1, settings=(*PATIENT, *settings)) as robot, AsyncExitStack() as rights:
+        async with Robot.open(hal=hal, seed=1, settings=settings) as robot, AsyncExitStack() as rights:
             if realtime:
                 rights.enter_context(real_time(robot))
             await robot.load_gains()
@@ -153,9 +149,7 @@ async def _main(
 def command(*words: str) -> Iterator[str]:
     """A command with a page, and the page's address."""
     port = free_port()
-    with subprocess.Popen(
-        [sys.executable, "-m", "txt1", *words, "--web", str(port), "--headless"], stdout=subprocess.DEVNULL
-    ) as process:
+    with subprocess.Popen([*TXT1, *words, "--web", str(port), "--headless"], stdout=subprocess.DEVNULL) as process:
         try:
             yield f"http://127.0.0.1:{port}/"
         finally:
@@ -164,10 +158,12 @@ def command(*words: str) -> Iterator[str]:
 
 def arrive(page: Any, url: str) -> None:
     """Open a page of a robot that is still on its way up."""
-    for _ in range(60):
+
+    def answers() -> bool:
         try:
             page.goto(url)
-            return
+            return True
         except Exception:
-            sleep(0.5)
-    raise AssertionError(f"nobody answers at {url}")
+            return False
+
+    wait_until(answers, look=0.5)

@@ -104,3 +104,26 @@ def reject_gains(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
         raise ValueError
 
     return lambda: monkeypatch.setattr("txt1.tasks.serial.Schedule", reject)
+
+
+class Passed(NamedTuple):
+    """A speed that passed the safety gate, m/s: when, and when it was given, s of the run."""
+
+    time: float
+    given: float
+    v: float
+
+
+def passing(robot: Robot) -> list[Passed]:
+    """Speeds that pass the robot's safety gate; the list grows by one per controller period while it drives."""
+    passed: list[Passed] = []
+
+    def note(v: float, omega: float, now: float) -> tuple[float, float]:
+        command = robot.runtime.state.command
+        assert command is not None
+        if v:
+            passed.append(Passed(now, command.time, v))
+        return v, omega
+
+    robot.runtime.gate.guards.append(note)
+    return passed

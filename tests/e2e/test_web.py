@@ -17,6 +17,7 @@ import aiohttp
 import pytest
 
 from tests.browser.live import Live, live
+from tests.patience import LIMIT, S, until
 from txt1.bridges.web.door import Door, visitors_token
 from txt1.bridges.web.routes import MESSAGE_MAX, STRANGER
 from txt1.bridges.web.server import CONNECTIONS_MAX
@@ -102,13 +103,17 @@ async def page(car: Live, token: str = TOKEN) -> AsyncIterator[Browser]:
         yield browser
 
 
-async def within(car: Live, condition: Callable[[Any], object], limit: float = 2.0) -> bool:
-    ends = monotonic() + limit
-    while monotonic() < ends:
-        if car.call(condition):
-            return True
-        await asyncio.sleep(0.02)
-    return False
+async def comes(car: Live, condition: Callable[[Any], object]) -> None:
+    """Wait until something is true of the robot."""
+    await until(lambda: car.call(condition), look=0.02)
+
+
+async def driven(car: Live, browser: Browser, condition: Callable[[Any], object], v: float, omega: float = 0.0) -> None:
+    """Hold a page's stick until something is true of the robot."""
+    async with asyncio.timeout(LIMIT):
+        while not car.call(condition):
+            await browser.command(do="drive", v=v, omega=omega)
+            await asyncio.sleep(0.04)
 
 
 def go(work: Any) -> None:
@@ -134,13 +139,9 @@ def test_a_page_sees_the_robot_and_drives_it(car: Live) -> None:
     async def main() -> None:
         async with page(car) as browser:
             assert {"/odom", "/surroundings", "/events", "/battery1"} <= browser.topics.keys()
-            for _ in range(8):
-                await browser.command(do="drive", v=0.5, omega=0.0)
-                await asyncio.sleep(0.04)
-            assert await within(car, drives)
-            assert car.call(lambda robot: robot.driver.name) == "web"
+            await driven(car, browser, lambda robot: drives(robot) and robot.driver.name == "web", 0.5)
             await browser.send(do="release")
-            assert await within(car, stands)
+            await comes(car, stands)
 
     go(main())
 
@@ -161,9 +162,19 @@ def test_a_late_command_and_one_from_the_future_do_nothing(car: Live, late: floa
 def test_what_is_sent_again_does_nothing(car: Live) -> None:
     async def main() -> None:
         async with page(car) as browser:
-            message = {"do": "drive", "v": 0.5, "omega": 0.0, "n": 1, "t": monotonic() + browser.OFFSET}
-            await browser.send(**message)
-            assert await within(car, drives)
+            seen, message = len(car.samples), {}
+
+            async def sent_anew() -> None:  # it may have come too late
+                nonlocal message
+                browser.number += 1
+                now = monotonic() + browser.OFFSET
+                message = {"do": "drive", "v": 0.5, "omega": 0.0, "n": browser.number, "t": now}
+                await browser.send(**message)
+
+            async with asyncio.timeout(LIMIT):
+                while not any(each.v > 0.1 for each in car.samples[seen:]):
+                    await sent_anew()
+                    await asyncio.sleep(0.3 * S)
             car.call(lambda robot: robot.stop())
             car.call(lambda robot: robot.arm())
             for _ in range(5):
@@ -182,10 +193,7 @@ def test_a_visitor_is_slower_and_changes_nothing(car: Live) -> None:
             await visitor.send(do="gains", linear=[1, 2, 3], angular=[[1.5, 1, 2, 3]])
             await visitor.send(do="record", on=True)
             await visitor.send(do="limit", speed=1.5)
-            for _ in range(8):
-                await visitor.command(do="drive", v=1.5, omega=1.5)
-                await asyncio.sleep(0.04)
-            assert car.call(lambda robot: robot.runtime.state.control.v) == 0.5
+            await driven(car, visitor, lambda robot: robot.runtime.state.control.v == 0.5, 1.5, 1.5)
             assert car.call(lambda robot: robot.runtime.state.gains) == before
             assert len(visitor.told) == 3
             await visitor.send(do="release")
@@ -197,15 +205,31 @@ def test_the_wheel_comes_free_when_its_page_goes(car: Live) -> None:
     async def main() -> None:
         async with page(car) as watching:
             async with page(car) as driving:
-                await driving.command(do="drive", v=0.5, omega=0.0)
-                assert await within(car, drives)
+                await driven(car, driving, drives, 0.5)
                 await watching.command(do="drive", v=-0.5, omega=0.0)
+                await driving.command(do="drive", v=0.5, omega=0.0)
                 await asyncio.sleep(0.05)
                 assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
-            assert await within(car, stands, 0.2), "at once, not only when the command is stale"
-            await watching.command(do="drive", v=-0.5, omega=0.0)
-            assert await within(car, lambda robot: robot.runtime.state.control.v < -0.1)
+            await comes(car, stands)
+            await driven(car, watching, lambda robot: robot.runtime.state.control.v < -0.1, -0.5)
             await watching.send(do="release")
+
+    go(main())
+
+
+def test_the_wheel_comes_free_at_once_and_not_only_when_the_command_is_stale(car: Live) -> None:
+    async def rested() -> float:
+        """How old the last command of a page was when the robot was told to stand, s; more where something was late."""
+        async with page(car) as driving:
+            await driven(car, driving, drives, 0.5)
+        await comes(car, stands)
+        drove = max(k for k, each in enumerate(car.samples) if each.v > 0.1)
+        return car.samples[drove + 1].origin - car.samples[drove].origin
+
+    async def main() -> None:
+        async with asyncio.timeout(LIMIT):
+            while await rested() > 0.2:
+                pass
 
     go(main())
 
@@ -280,12 +304,11 @@ def test_messages_that_are_none_harm_nobody(car: Live) -> None:
         async with page(car) as browser:
             for text in NONSENSE:
                 await browser.socket.send_str(text)
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(LIMIT):
                 while browser.page["counts"].get("malformed", 0) < 12:
                     browser.pinged.clear()
                     await browser.pinged.wait()
-            await browser.command(do="drive", v=0.5, omega=0.0)
-            assert await within(car, drives)
+            await driven(car, browser, drives, 0.5)
 
     go(main())
 
@@ -294,9 +317,7 @@ def test_a_message_too_long_ends_its_page_alone(car: Live) -> None:
     async def main() -> None:
         async with page(car) as watching, page(car) as browser:
             await browser.socket.send_str("x" * (MESSAGE_MAX + 1))
-            async with asyncio.timeout(2.0):
-                while not browser.socket.closed:
-                    await asyncio.sleep(0.01)
+            await until(lambda: browser.socket.closed)
             watching.pinged.clear()
             await watching.pinged.wait()
 
@@ -314,13 +335,12 @@ def test_a_flood_is_dropped_and_its_page_sent_away_while_another_drives(car: Liv
                     await asyncio.sleep(0.005)
 
             task = asyncio.create_task(flood())
-            began = monotonic()
-            while not task.done() and monotonic() < began + 8.0:
-                await driving.command(do="drive", v=0.4, omega=0.0)
-                await asyncio.sleep(0.04)
-                assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
-            assert task.done(), "it was not sent away"
-            assert car.call(drives)
+            async with asyncio.timeout(LIMIT):
+                while not task.done():  # until it is sent away
+                    await driving.command(do="drive", v=0.4, omega=0.0)
+                    await asyncio.sleep(0.04)
+                    assert car.call(lambda robot: robot.runtime.state.control.v) >= 0.0
+            await driven(car, driving, drives, 0.4)
             await driving.send(do="release")
             await asyncio.gather(task, return_exceptions=True)
 
@@ -333,7 +353,7 @@ def test_a_stop_comes_through_whoever_sends_it_and_however_much_else(car: Live) 
             for _ in range(400):
                 await browser.socket.send_str("{}")
             await browser.send(do="stop")
-            assert await within(car, lambda robot: robot.runtime.gate.stopped)
+            await comes(car, lambda robot: robot.runtime.gate.stopped)
 
     go(main())
 
@@ -342,7 +362,7 @@ def test_a_stop_comes_through_whoever_sends_it_and_however_much_else(car: Live) 
 def test_five_hundred_connections_leave_room_for_one_that_asks(car: Live) -> None:
     strangers = [socket.create_connection(("127.0.0.1", car.port)) for _ in range(500)]
     try:
-        ends = monotonic() + STRANGER + 5.0
+        ends = monotonic() + STRANGER + LIMIT
         while True:
             try:
                 with socket.create_connection(("127.0.0.1", car.port), 2.0) as raw:
@@ -425,7 +445,7 @@ def test_half_a_frame_and_a_head_without_an_end_are_closed(car: Live) -> None:
         frame.sendall(b"\x81\xfe\x10\x00\x01\x02\x03\x04half")  # says 4096 bytes, sends four
         head.sendall(b"GET / HTTP/1.1\r\nX-Endless: ")
         for each in (frame, head):
-            each.settimeout(15.0)
+            each.settimeout(LIMIT)
             while each.recv(65536):
                 pass
 
@@ -436,7 +456,7 @@ def test_a_page_that_reads_nothing_is_sent_away_and_costs_the_others_nothing(car
         async with page(car) as watching:
             with upgraded(car):
                 for pages in (2, 1):
-                    async with asyncio.timeout(20.0):
+                    async with asyncio.timeout(LIMIT):
                         while watching.page["pages"] != pages:
                             watching.pinged.clear()
                             await watching.pinged.wait()

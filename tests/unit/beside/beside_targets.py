@@ -34,7 +34,9 @@ def ask(connection: Connection, topics: list[str] | None = None, asked: list[lis
 
 
 def drive_then_hang(connection: Connection) -> None:
-    connection.request("drive", v=0.5, omega=0.0)
+    for _ in range(20):
+        connection.request("drive", v=0.5, omega=0.0)
+        time.sleep(0.05)
     time.sleep(3600.0)
 
 
