@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from playwright.sync_api import sync_playwright
 
-from tests.browser.live import CHROMIUM, FLAGS, PATIENT, Live, arrive, command, live
+from tests.browser.live import CHROMIUM, FLAGS, Live, arrive, command, live
 
 FOLDER: Final = Path(__file__).parent / "web"
 BOX: Final = "{kind: box, x: 1.6, y: 1.5, length: 0.6, width: 0.4, theta: 0.4}"
@@ -97,7 +97,7 @@ def shoot_fleet(browser: Any) -> None:
 
 def shoot_learner(browser: Any) -> None:
     """A learner at its sixteenth episode, eight times as fast as in reality."""
-    room = ("sim.room.length=6", "sim.room.width=6", *PATIENT)
+    room = ("sim.room.length=6", "sim.room.width=6")
     settings = [word for setting in room for word in ("--set", setting)]
     with command("run", "--hal", "sim", "--learn", "sweeps", "--seed", "1", "--speed", "8", *settings) as url:
         page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme="light")

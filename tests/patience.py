@@ -30,13 +30,13 @@ LOOK: Final = 0.005
 
 MISSED: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
 """The setting of a robot that goes on after the machine let its controller miss cycles, for it and its children."""
-TXT1: Final = (sys.executable, "-m", "tests.patience")
-"""The command `txt1`, of which a robot lives through stalls of the machine; in the folder of the tests' own folder."""
+TXT1: Final = (sys.executable, "-P", __file__)
+"""The command `txt1` with a robot that lives through stalls of the machine."""
 
 STALLED: Final = (
     ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
-    ("txt1.hal.serial", "LOST", inf),
+    ("txt1.hal.serial", "LOST", LIMIT),
     ("txt1.beside", "START", LIMIT),
 )
 """The numbers by which odometry, the host, the board or a bridge is lost, as all of them seem to be after a stall."""

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.browser.live import CHROMIUM, FLAGS, Live, live
+from tests.patience import LIMIT
 
 
 @pytest.fixture(scope="session")
@@ -42,18 +43,24 @@ def page(browser: Any, car: Live) -> Iterator[Any]:
     yield from opened(browser, car)
 
 
+def fresh(browser: Any, **about: Any) -> Any:
+    """A blank page in a context of its own, 1280 x 800."""
+    context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **about})
+    context.set_default_timeout(1000.0 * LIMIT)
+    return context.new_page()
+
+
 def opened(browser: Any, car: Live, **about: Any) -> Iterator[Any]:
     car.call(lambda robot: robot.arm())
     car.until(lambda robot: robot.odometry.v == 0.0)
     car.call(lambda robot: robot.place(0.0, 0.0, 0.0) if robot.hal.capabilities.place else None)
-    context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **about})
     errors: list[str] = []
-    page = context.new_page()
+    page = fresh(browser, **about)
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.goto(car.url)
     page.wait_for_function("() => document.getElementById('state').textContent === 'armed'")
     page.wait_for_function("() => document.getElementById('link').textContent.endsWith('ms')")
     yield page
-    context.close()
+    page.context.close()
     assert not errors
