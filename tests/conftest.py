@@ -23,9 +23,11 @@ hypothesis.settings.load_profile("same")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of modules that have something of tests/patience.py: `make steady` repeats them."""
+    """Mark tests that are patient, and those of modules with something of tests/patience.py, for `make steady`."""
     for item in items:
-        if isinstance(item, pytest.Function) and any(map(has_patience, modules_of(item.module.__name__))):
+        if isinstance(item, pytest.Function) and (
+            "patient" in item.fixturenames or any(map(has_patience, modules_of(item.module.__name__)))
+        ):
             item.add_marker(pytest.mark.waits)
 
 

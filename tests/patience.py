@@ -14,6 +14,7 @@ import asyncio
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +31,8 @@ LOOK: Final = 0.005
 
 MISSED: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
 """The setting of a robot that goes on after the machine let its controller miss cycles, for it and its children."""
+PATIENT: Final = ("safety.missed_ticks_max=1000000",)
+"""The same for a configuration that is made without the environment."""
 TXT1: Final = (sys.executable, "-P", __file__)
 """The command `txt1` with a robot that lives through stalls of the machine."""
 
@@ -38,8 +41,9 @@ STALLED: Final = (
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
     ("txt1.hal.serial", "LOST", LIMIT),
     ("txt1.beside", "START", LIMIT),
+    ("txt1.ui.terminal", "BACKLOG", LIMIT),
 )
-"""The numbers by which odometry, the host, the board or a bridge is lost, as all of them seem to be after a stall."""
+"""After a stall odometry, host, board or bridge seem to be lost, and a key is too old: the numbers that decide it."""
 
 
 async def until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
@@ -56,6 +60,26 @@ def wait_until(condition: Callable[[], object], limit: float = LIMIT, look: floa
         if time.monotonic() > ends:
             raise TimeoutError(f"not within {limit:g} s")
         time.sleep(look)
+
+
+@contextmanager
+def lateness() -> Iterator[Callable[[], float]]:
+    """How much too late a thread of this process woke up at worst meanwhile, s: so late may all else be."""
+    done, worst = threading.Event(), 0.0
+
+    def look() -> None:
+        nonlocal worst
+        before = time.monotonic()
+        while not done.wait(LOOK):
+            worst, before = max(worst, time.monotonic() - before - LOOK), time.monotonic()
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        yield lambda: worst
+    finally:
+        done.set()
+        thread.join()
 
 
 @contextmanager

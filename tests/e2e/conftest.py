@@ -12,6 +12,7 @@ from blockbuster import BlockBuster, blockbuster_ctx
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
+from txt1.runtime import Runtime
 
 ENDLESS = ("sim.room.length=.inf", "sim.room.width=.inf")
 
@@ -60,6 +61,7 @@ def blocking_calls_fail() -> Iterator[BlockBuster]:
         may_block(blockbuster, "txt1/sensors/registry.py", "create")
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread
         may_block(blockbuster, "txt1/record/recorder.py", "_encode_here")  # at full speed nothing is late by it
+        may_block(blockbuster, "tests/patience.py", "lateness")
         yield blockbuster
 
 
@@ -114,16 +116,16 @@ class Passed(NamedTuple):
     v: float
 
 
-def passing(robot: Robot) -> list[Passed]:
-    """Speeds that pass the robot's safety gate; the list grows by one per controller period while it drives."""
+def passing(runtime: Runtime) -> list[Passed]:
+    """Speeds that pass the safety gate; the list grows by one per controller period while it drives."""
     passed: list[Passed] = []
 
     def note(v: float, omega: float, now: float) -> tuple[float, float]:
-        command = robot.runtime.state.command
+        command = runtime.state.command
         assert command is not None
         if v:
             passed.append(Passed(now, command.time, v))
         return v, omega
 
-    robot.runtime.gate.guards.append(note)
+    runtime.gate.guards.append(note)
     return passed

@@ -124,7 +124,7 @@ def test_the_commands_of_a_silent_bridge_go_stale_in_time(what: str) -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:
             await robot.load_gains()
-            passed = passing(robot)
+            passed = passing(robot.runtime)
             async with bridge(robot, "drive_then_hang" if what == "hangs" else "drive", silence=None) as beside:
                 await until(lambda: passed)
                 silent = inf

@@ -11,9 +11,10 @@ from blockbuster import BlockBuster
 
 from benchmarks.dead_hosts import device_without_host, guard_without_host
 from tests.e2e.conftest import may_block
+from tests.patience import lateness
 from txt1.kernel.loop import run
 
-LATE = 0.15  # s that a busy machine may be late by
+LATE = 0.15  # s from one look to the next, of the device as well
 
 
 @pytest.fixture(autouse=True)
@@ -24,8 +25,10 @@ def made_before_anything_runs(blocking_calls_fail: BlockBuster) -> None:
 
 @pytest.mark.parametrize("hal", ["vesc", pytest.param("waveshare", marks=pytest.mark.long)])
 def test_the_device_stops_by_itself(hal: str, tmp_path: Path) -> None:
-    took = run(device_without_host(hal, tmp_path))
-    assert 0.5 - 0.1 <= took <= 0.5 + LATE, f"outputs at rest {took:.3f} s after the kill"
+    with lateness() as late:
+        took = run(device_without_host(hal, tmp_path))
+    slack = 5.0 * late()  # of host and device, and of the loop that looks
+    assert 0.5 - 0.1 - slack <= took <= 0.5 + LATE + slack, f"outputs at rest {took:.3f} s after the kill"
 
 
 @pytest.mark.parametrize(
@@ -36,5 +39,6 @@ def test_the_device_stops_by_itself(hal: str, tmp_path: Path) -> None:
     ],
 )
 def test_the_guard_of_a_raspberry_pi_puts_out_neutral(number: signal.Signals, limit: float, tmp_path: Path) -> None:
-    took = run(guard_without_host(number, tmp_path))
-    assert took <= limit + LATE, f"neutral {took:.3f} s after the signal"
+    with lateness() as late:
+        took = run(guard_without_host(number, tmp_path))
+    assert took <= limit + LATE + 5.0 * late(), f"neutral {took:.3f} s after the signal"

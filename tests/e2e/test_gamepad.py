@@ -29,7 +29,7 @@ def test_a_pad_drives_and_the_robot_stops_when_it_is_gone(what: str, monkeypatch
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1, settings=ENDLESS) as robot:
             await robot.load_gains()
-            passed = passing(robot)
+            passed = passing(robot.runtime)
             async with bridge(robot, "gamepad", {"unplugged": what == "unplugged"}) as beside:
                 await until(lambda: passed and passed[-1].v == 1.5 and robot.driver.name == "gamepad")
                 if what == "killed":
