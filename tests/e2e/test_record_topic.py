@@ -15,9 +15,10 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from websockets.sync.client import connect
 
+from tests.patience import LIMIT, PATIENT
 from txt1.cli import execute
 from txt1.cli.app import report
-from txt1.config import Config
+from txt1.config import Config, load
 from txt1.kernel.loop import Speed, run
 from txt1.record.session import open_view, recording
 from txt1.robot import Robot
@@ -134,17 +135,18 @@ def test_with_a_name_the_robots_stands_before_its_topics(topics: dict[Rule, Topi
     assert execute(["report", str(path)]) == 0
 
 
+@pytest.mark.usefixtures("patient")
 def test_who_joins_the_live_view_late_sees_what_was_told_last(topics: dict[Rule, Topic[Compass]]) -> None:
-    config, view = Config(), open_view("127.0.0.1", 0, control=False, token=None)
+    config, view = load(overrides=PATIENT).config, open_view("127.0.0.1", 0, control=False, token=None)
 
     def look() -> dict[str, list[bytes]]:
         """The first messages on what is told seldom, after a second."""
         wanted = {"/test/change", "/test/event", "/mode", "/faults", "/rosout"}
         found: dict[str, list[bytes]] = {}
         subscribed: dict[int, str] = {}
-        with connect(view.address, subprotocols=["foxglove.sdk.v1"], max_size=None) as client:  # type: ignore[list-item]
+        with connect(view.address, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=LIMIT) as client:  # type: ignore[list-item]
             while wanted - found.keys():
-                data = client.recv(timeout=10.0)
+                data = client.recv(timeout=LIMIT)
                 if isinstance(data, bytes):
                     number, _ = struct.unpack_from("<IQ", data, 1)
                     found.setdefault(subscribed[number], []).append(data[13:])

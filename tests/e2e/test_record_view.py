@@ -9,7 +9,6 @@ import re
 import socket
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +25,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from tests.patience import LIMIT, TXT1, S
 from txt1.cli import app, execute
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -38,16 +38,13 @@ from txt1.telemetry.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 MESSAGE_DATA = 1
-PATIENT = ("--set", "safety.missed_ticks_max=100000")
-"""The robot of these tests does not stop because a busy computer lets its controller miss cycles, as it should."""
-
 TOKEN = "a-word-that-nobody-guesses"
 
 
 @contextmanager
 def running(*words: str, start: tuple[str, ...] = ("run", "--headless")) -> Iterator[str]:
     """The address of the live view of a robot that runs in real time."""
-    command = [sys.executable, "-m", "txt1", *start, "--duration", "60", *PATIENT, *words]
+    command = [*TXT1, *start, "--duration", "3600", *words]
     process = subprocess.Popen(
         command, cwd=ROOT, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
@@ -58,13 +55,13 @@ def running(*words: str, start: tuple[str, ...] = ("run", "--headless")) -> Iter
         yield found[1]
     finally:
         process.terminate()
-        assert process.wait(20.0) == 143
+        assert process.wait(LIMIT) == 143
         assert process.stderr is not None
         process.stderr.close()
 
 
 def client_at(address: str, **options: Any) -> ClientConnection:
-    return connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None, **options)
+    return connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=LIMIT, **options)
 
 
 @contextmanager
@@ -77,7 +74,7 @@ def served(*words: str) -> Iterator[ClientConnection]:
 def text(client: ClientConnection, operation: str) -> dict[str, Any]:
     """The next text message of a kind."""
     while True:
-        message = client.recv(timeout=20.0)
+        message = client.recv(timeout=LIMIT)
         if isinstance(message, str) and json.loads(message)["op"] == operation:
             parsed: dict[str, Any] = json.loads(message)
             return parsed
@@ -93,7 +90,7 @@ def subscribed(client: ClientConnection, topic: str) -> Any:
     """What decodes the messages of a topic, now that it is subscribed to."""
     channel = next(c for channels in advertised(client) for c in channels if c["topic"] == topic)
     assert channel["encoding"] == "cdr" and channel["schemaEncoding"] == "ros2msg"
-    time.sleep(0.2)  # the server may not know a channel yet in the instant in which it advertises it
+    time.sleep(0.2 * S)  # the server may not know a channel yet in the instant in which it advertises it
     client.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel["id"]}]}))
     schema = Schema(id=1, data=channel["schema"].encode(), encoding="ros2msg", name=channel["schemaName"])
     return DecoderFactory().decoder_for("cdr", schema)
@@ -102,7 +99,7 @@ def subscribed(client: ClientConnection, topic: str) -> Any:
 def messages(client: ClientConnection, decode: Any) -> Iterator[tuple[float, Any]]:
     """Log time in s and content of every message on the subscription."""
     while True:
-        data = client.recv(timeout=20.0)
+        data = client.recv(timeout=LIMIT)
         if isinstance(data, bytes) and data[0] == MESSAGE_DATA:
             subscription, stamp = struct.unpack_from("<IQ", data, 1)
             assert subscription == 7
@@ -127,7 +124,7 @@ def test_a_client_receives_live_odometry() -> None:
         times = []
         for at, odometry in stream:
             times.append(at)
-            if odometry.twist.twist.linear.x > 0.2:
+            if len(times) > 20 and odometry.twist.twist.linear.x > 0.2:
                 break
         assert odometry.header.frame_id == "odom"
         steps = [later - earlier for earlier, later in pairwise(times)]
@@ -141,14 +138,14 @@ def test_a_virtual_board_is_seen_live() -> None:
 
 
 def assert_it_drives(client: ClientConnection) -> None:
-    """The robot obeys this client within 15 s."""
+    """The robot obeys this client."""
     stream = messages(client, subscribed(client, "/odom"))
     advertise(client)
     for at, odometry in stream:
         drive(client, 0.5)
         if odometry.twist.twist.linear.x > 0.2:
             break
-        assert at < 15.0
+        assert at < LIMIT
 
 
 def test_a_command_is_refused_without_view_control() -> None:
@@ -159,7 +156,7 @@ def test_a_command_is_refused_without_view_control() -> None:
         for at, odometry in stream:
             drive(client, 0.5)
             assert odometry.twist.twist.linear.x == 0.0
-            if at > 3.0:
+            if at > 2.0:
                 break
 
 
@@ -177,7 +174,7 @@ def test_a_turn_alone_is_driven_on_the_smallest_circle_as_the_teleop_panel_says_
             twist = odometry.twist.twist
             if twist.angular.z > 0.4:
                 break
-            assert at < 15.0
+            assert at < LIMIT
         assert twist.linear.x / twist.angular.z == pytest.approx(0.56, abs=0.15)
 
 
@@ -200,7 +197,7 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
             while not sent or loop.time() < sent[0] + 0.3:
                 pass  # the loop is busy
             await commanding
-            return await asyncio.wait_for(age, 20.0)
+            return await asyncio.wait_for(age, LIMIT)
         finally:
             await asyncio.to_thread(view.close, 0)
 
@@ -242,7 +239,7 @@ def test_who_talks_something_else_at_the_door_costs_nothing(tmp_path: Path) -> N
         port = int(address.rpartition(":")[2])
         for said in (b"", b"\xff" * 100 + b"\r\n\r\n", b"GET /?token=%zz HTTP/1.1\r\n\r\n", b"x" * 100_000):
             # it may hang up before all is said
-            with socket.create_connection(("127.0.0.1", port), timeout=20.0) as stranger, suppress(OSError):
+            with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as stranger, suppress(OSError):
                 stranger.sendall(said)
                 stranger.shutdown(socket.SHUT_WR)
                 heard = stranger.recv(100)
@@ -321,7 +318,7 @@ def test_a_token_that_somebody_makes_meanwhile_is_taken(tmp_path: Path, monkeypa
 def door(token: str | None = TOKEN) -> Iterator[tuple[int, socket.socket]]:
     """The port at which the token is asked for, if there is one, and what listens for those who are let through."""
     with socket.create_server(("127.0.0.1", 0)) as inner:
-        inner.settimeout(20.0)
+        inner.settimeout(LIMIT)
         front = ViewProxy("127.0.0.1", 0, inner.getsockname()[1], token)
         try:
             yield front.port, inner
@@ -339,7 +336,7 @@ def test_who_is_connected_at_the_end_is_let_go_without_a_word(caplog: pytest.Log
     with ExitStack() as clients:
         with door() as (port, inner):
             silent, client = (
-                clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20.0)) for _ in range(2)
+                clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=LIMIT)) for _ in range(2)
             )
             client.sendall(f"GET /?token={TOKEN} HTTP/1.1\r\n\r\n".encode())
             passed_on = clients.enter_context(inner.accept()[0])
@@ -351,7 +348,7 @@ def test_who_is_connected_at_the_end_is_let_go_without_a_word(caplog: pytest.Log
 
 @pytest.mark.parametrize("target", ["//[", "//[?token=wrong", "?", "", "/?token=%ff", "/#?token"])
 def test_any_address_without_the_token_gets_a_401(target: str, caplog: pytest.LogCaptureFixture) -> None:
-    with door() as (port, _), socket.create_connection(("127.0.0.1", port), timeout=20.0) as stranger:
+    with door() as (port, _), socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as stranger:
         stranger.sendall(f"GET {target} HTTP/1.1\r\n\r\n".encode())
         assert stranger.recv(100).startswith(b"HTTP/1.1 401 ")
     assert not caplog.records
@@ -362,7 +359,7 @@ def test_who_is_silent_keeps_out_only_those_at_its_own_address() -> None:
     with door() as (port, inner), ExitStack() as silent:
         for _ in range(STRANGERS_ALIKE_MAX):
             silent.enter_context(socket.create_connection(("127.0.0.1", port)))
-        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as client, suppress(ConnectionError):
+        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as client, suppress(ConnectionError):
             client.sendall(request)
             assert client.recv(1) == b""
         with socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0)) as client:
@@ -378,17 +375,17 @@ def test_no_more_clients_are_let_through_than_the_robot_has_room_for(token: str 
     request = f"GET /?token={token} HTTP/1.1\r\n\r\n".encode()
     with door(token) as (port, inner), ExitStack() as clients:
         for _ in range(CLIENTS_MAX):
-            client = clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20.0))
+            client = clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=LIMIT))
             client.sendall(request)
             passed_on = clients.enter_context(inner.accept()[0])
-        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as one_more:
+        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as one_more:
             one_more.sendall(request)
             assert one_more.recv(1000).startswith(b"HTTP/1.1 503 ")
         client.close()
         assert passed_on.recv(1000).startswith(b"GET / HTTP/1.1")
         assert passed_on.recv(1) == b""
         passed_on.close()
-        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as next_one:
+        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as next_one:
             next_one.sendall(request)
             inner.accept()[0].close()  # there is room again
 
