@@ -7,16 +7,20 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from array import array
 from collections.abc import Sequence
 from contextlib import ExitStack
+from fcntl import ioctl
+from functools import partial
 from pathlib import Path
+from termios import FIONREAD
 from typing import Any
 
 import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
+from tests.patience import LIMIT, TXT1, wait_until
 from txt1.board import Board
 from txt1.cli import COMMANDS, execute
 from txt1.config import Config
@@ -27,6 +31,7 @@ from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 
 ROOT = Path(__file__).parents[2]
+COMMAND = (sys.executable, "-m", "txt1")
 SIM = ("run", "--hal", "sim", "--headless", "--speed", "max")
 
 Capture = pytest.CaptureFixture[str]
@@ -70,10 +75,12 @@ def complaint(capsys: Capture, words: Sequence[str], code: int = 2) -> str:
     return err.removesuffix("\n")
 
 
-def start(*words: str, **options: Any) -> subprocess.Popen[str]:
+def start(
+    *words: str, program: Sequence[str] = (sys.executable, "-m", "txt1"), **options: Any
+) -> subprocess.Popen[str]:
     """`txt1` as a process of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "txt1", *words],
+        [*program, *words],
         cwd=ROOT,
         text=True,
         stdin=subprocess.DEVNULL,
@@ -230,9 +237,16 @@ def test_a_reader_that_stops_reading_cannot_keep_the_run_alive(tmp_path: Path) -
     with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=ROOT) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(1.0)  # nobody reads: the pipe is full long since
+        wait_until(partial(full, process.stdout.fileno()))  # nobody reads
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10.0) == 143
+        assert process.wait(LIMIT) == 143
+
+
+def full(pipe: int) -> bool:
+    """Whether there is no room in a pipe for another line."""
+    waiting = array("i", [0])
+    ioctl(pipe, FIONREAD, waiting)
+    return waiting[0] > 60_000
 
 
 @pytest.mark.parametrize("words", [["fly"], ["config"], ["config", "check"], ["--fly"]])
@@ -348,8 +362,8 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
         runs = {
             number: stack.enter_context(
                 start(
-                    "run", "--hal", "witness", "--headless", "--duration", "60", "--drive", "0.5,0",
-                    "--set", f"hal_options.report={witness / number.name}", stdout=subprocess.PIPE,
+                    "run", "--hal", "witness", "--headless", "--duration", "3600", "--drive", "0.5,0",
+                    "--set", f"hal_options.report={witness / number.name}", program=TXT1, stdout=subprocess.PIPE,
                 )
             )
             for number in signals
@@ -362,7 +376,7 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
                 pass
             run.send_signal(number)
         for number, run in runs.items():
-            _, err = run.communicate(timeout=20)
+            _, err = run.communicate(timeout=LIMIT)
             assert (run.returncode, err) == (signals[number], "")
             driven, last = (witness / number.name).read_text().split(" ", 1)
             assert int(driven) > 500
@@ -371,11 +385,11 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
 
 @pytest.mark.parametrize("speed", [[], ["--speed", "max"]], ids=["real time", "virtual time"])
 def test_a_signal_ends_a_run_that_has_no_end(speed: list[str]) -> None:
-    with start("run", "--headless", *speed, stdout=subprocess.PIPE) as run:
+    with start("run", "--headless", *speed, program=TXT1, stdout=subprocess.PIPE) as run:
         assert run.stdout is not None
         assert run.stdout.readline().startswith("t=")
         run.send_signal(signal.SIGINT)
-        _, err = run.communicate(timeout=20)
+        _, err = run.communicate(timeout=LIMIT)
     assert (run.returncode, err) == (130, "")
 
 
@@ -396,21 +410,21 @@ def test_a_reader_that_has_gone_is_no_traceback(words: list[str]) -> None:
     os.close(reading)
     with start(*words, stdout=writing) as process:
         os.close(writing)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=LIMIT)
     assert err == ""
     assert process.returncode in (0, 1)  # 0 if there was nothing more to say
 
 
 def test_the_head_of_a_run_can_be_taken() -> None:
     command = f"{sys.executable} -m txt1 run --headless --duration 600 --speed max | head -1"
-    done = subprocess.run(["sh", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=20, check=False)
+    done = subprocess.run(["sh", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("t=") and done.stdout.count("\n") == 1
 
 
 def test_a_mistake_costs_a_process_no_traceback() -> None:
     with start("run", "--hal", "nonsense", stdout=subprocess.PIPE) as process:
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=LIMIT)
     assert (process.returncode, out, err) == (
         2,
         "",

@@ -5,9 +5,7 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
-from collections.abc import Callable
 from contextlib import AsyncExitStack
 from io import StringIO
 from itertools import pairwise
@@ -20,6 +18,7 @@ from blockbuster import BlockBuster
 from rich.console import Console
 
 from tests.e2e.conftest import may_block
+from tests.patience import TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
 from txt1.cli.fleet import line
@@ -307,11 +306,6 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
     space = f"test{uuid4().hex}"
 
-    async def until(condition: Callable[[], object]) -> None:
-        async with asyncio.timeout(30.0):
-            while not condition():
-                await asyncio.sleep(0.01)
-
     def stranger_says(key: str, message: object) -> None:
         config = configuration()
         config.insert_json5("listen/endpoints", "[]")
@@ -395,8 +389,7 @@ def test_a_robot_learns_together_with_others_on_the_network_of_whom_some_lie(tmp
     peers = {f"{name}{os.getpid()}": Peer(f"{name}{os.getpid()}") for name in told}
     heard: list[Learned] = []
     try:
-        settings = ("--set", "learning.time_limit=2", "--set", "safety.missed_ticks_max=100000")
-        with subprocess.Popen([sys.executable, "-m", "txt1", *words, *settings], stdout=subprocess.DEVNULL) as robot:
+        with subprocess.Popen([*TXT1, *words, "--set", "learning.time_limit=2"], stdout=subprocess.DEVNULL) as robot:
             listener = next(iter(peers.values()))
             for _ in range(400):
                 for peer, value in zip(peers.values(), told.values(), strict=True):

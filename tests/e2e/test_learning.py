@@ -21,6 +21,7 @@ import pytest
 
 from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
+from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
 from txt1.cli.machines import Machines
 from txt1.cli.trials import conduct
@@ -474,11 +475,6 @@ def resumed(out: Path) -> list[list[Episode]]:
     return [one.episodes for one in outcomes]
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    while not condition():
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize(
     ("jobs", "number"),
     [
@@ -496,12 +492,12 @@ def test_a_signal_to_all_its_processes_ends_it_by_its_number_and_nothing_is_lost
     out = tmp_path / "out"
     learner = process(out, "--jobs", jobs)
     if jobs == "1":
-        wait_for((out / "trials" / "0001.json").exists)
+        wait_until((out / "trials" / "0001.json").exists)
     else:
-        wait_for((out / "experiment.json").exists)
+        wait_until((out / "experiment.json").exists)
         time.sleep(0.5)  # its processes are being born
     os.killpg(learner.pid, number)  # to all of them, as the terminal and `timeout` do
-    _, said = learner.communicate(timeout=60)
+    _, said = learner.communicate(timeout=LIMIT)
     assert "Traceback" not in said, said
     assert learner.returncode == 128 + number
     assert "--resume carries on" in said
@@ -514,10 +510,10 @@ def test_trials_that_were_completed_survive_the_death_of_the_program_and_its_pro
 ) -> None:
     out = tmp_path / "out"
     learner = process(out, "--jobs", "2")
-    wait_for(lambda: list((out / "trials").glob("*.json")))
+    wait_until(lambda: list((out / "trials").glob("*.json")))
     learner.kill()
-    learner.communicate(timeout=20)  # returns when the last process has closed standard error
-    wait_for(lambda: not alive(learner.pid))
+    learner.communicate(timeout=LIMIT)  # returns when the last process has closed standard error
+    wait_until(lambda: not alive(learner.pid))
     assert resumed(out) == uninterrupted
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.patience import TXT1
 from txt1.devices.installer import folder
 from txt1.devices.pico import interpreter
 from txt1.errors import MissingExtra
@@ -50,7 +50,7 @@ def doctor(port: int, secret: str, folder: Path) -> subprocess.CompletedProcess[
     file = folder / "secret"
     file.write_text(f"{secret}\n")
     return subprocess.run(
-        [sys.executable, "-m", "txt1", "doctor", "--port", f"socket://127.0.0.1:{port}", "--duration", "2",
+        [*TXT1, "doctor", "--port", f"socket://127.0.0.1:{port}", "--duration", "5",
          "--set", f"serial.secret_file={file}"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip

@@ -7,6 +7,7 @@ from math import inf, nan
 import pytest
 
 from tests.e2e.conftest import ENDLESS, Sample, recorder
+from tests.patience import until
 from txt1.config import Config
 from txt1.errors import CommandRefused, HalError, NotArmed, TaskFault
 from txt1.hal.base import Button, Inputs, Outputs
@@ -538,27 +539,30 @@ class Suspended:
         return self.slept_ns
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(("slept", "armed"), [(0.05, True), (7200.0, False)])
 def test_a_robot_whose_computer_slept_wakes_up_disarmed(slept: float, armed: bool) -> None:
     async def main() -> None:
         loop, clock = asyncio.get_running_loop(), Suspended()
         assert isinstance(loop, RealTimeLoop)
         loop.clock = clock
-        async with Robot.open("sim", seed=1) as robot:
+        async with Robot.open("sim", seed=1, settings=["safety.missed_ticks_max=1000"]) as robot:  # 20 s
             await robot.load_gains()
             source = robot.source("test")
-            source.command(0.5, 0.0)
-            await asyncio.sleep(0.12)
-            assert robot.runtime.state.control.v == 0.5
+            control = lambda: robot.runtime.state.control  # noqa: E731
+            cycles = lambda: robot.runtime.statistics()["controller"].cycles  # noqa: E731
+            await until(lambda: source.command(0.5, 0.0) and control().outputs.motor)
             clock.slept_ns += round(slept * 1e9)
-            await asyncio.sleep(0.03)
+            before = cycles()
+            await until(lambda: source.command(0.5, 0.0) and cycles() > before + 2 and bool(control().v) is armed)
             assert robot.armed is armed
-            assert (robot.runtime.state.control.outputs.motor != 0) is armed
+            assert (control().outputs.motor != 0) is armed
             if not armed:
                 assert robot.runtime.gate.reason == "the computer slept 7200.0 s"
                 assert "key m" in robot.runtime.state.events[-1].text
                 robot.arm()
-                await asyncio.sleep(0.03)
-                assert robot.runtime.state.control.v == 0.0  # asked for before it was armed again
+                before = cycles()
+                await until(lambda: cycles() > before + 2)
+                assert control().v == 0.0  # asked for before it was armed again
 
     run(main())

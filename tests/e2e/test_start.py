@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 import txt1
+from tests.patience import LIMIT
 from txt1.cli import COMMANDS, execute
 from txt1.errors import NotCapable, installs
 from txt1.hal.base import Capabilities, Hal
@@ -30,7 +31,7 @@ HEAVY = {"numpy", "pydantic", "rich", "yaml", "asyncio", "matplotlib"}
 
 def python(*words: str) -> str:
     """What an interpreter of its own prints."""
-    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=True)
     return done.stdout
 
 
@@ -92,7 +93,7 @@ def test_ctrl_c_at_any_moment_from_the_first_import_on_ends_it_with_130_and_no_t
                 time.sleep(0.001)
             time.sleep(chance.uniform(0.0, 1.5))
             process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=30)
+            _, err = process.communicate(timeout=LIMIT)
         assert "Traceback" not in err
         assert process.returncode == 130 or (command[0] == "experiment" and process.returncode == 0)
 
@@ -217,7 +218,7 @@ def test_a_silent_port_is_a_fault(tmp_path: Path) -> None:
     master, slave = os.openpty()
     words = ["run", "--port", os.ttyname(slave), "--headless", "--duration", "1"]
     done = subprocess.run(
-        [sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False
     )
     os.close(master)
     os.close(slave)
@@ -231,7 +232,7 @@ def test_an_output_that_nobody_reads_any_more_is_a_normal_end(command: str) -> N
     os.close(reading)
     done = subprocess.run(
         [sys.executable, "-m", "txt1", *command.split()],
-        cwd=ROOT, stdin=subprocess.DEVNULL, stdout=writing, stderr=subprocess.PIPE, timeout=30, check=False,
+        cwd=ROOT, stdin=subprocess.DEVNULL, stdout=writing, stderr=subprocess.PIPE, timeout=LIMIT, check=False,
     )  # fmt: skip
     os.close(writing)
     assert done.returncode == 0
@@ -242,7 +243,7 @@ def test_standard_streams_that_are_closed_are_no_numbers_for_files_of_the_robot(
     words = ["-m", "txt1", "run", "--headless", "--speed", "max", "--duration", "2"]
     words += ["--log", str(tmp_path / "run.mcap")]
     closed = f"import os, sys; os.close(0); os.close(1); os.execv(sys.executable, [sys.executable, *{words}])"
-    done = subprocess.run([sys.executable, "-c", closed], cwd=ROOT, stderr=subprocess.PIPE, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", closed], cwd=ROOT, stderr=subprocess.PIPE, timeout=LIMIT, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
     assert "MB, complete" in python("-m", "txt1", "log", "info", str(tmp_path / "run.mcap"))
 

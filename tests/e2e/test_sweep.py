@@ -3,15 +3,16 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.patience import wait_until
 from torture.campaign import main as campaign
 from txt1.cli import execute
 from txt1.cli.machines import Cluster, on_dask, on_processes
@@ -93,7 +94,7 @@ def test_a_trial_whose_process_is_killed_is_done_again(tmp_path: Path) -> None:
 def hours(text: str) -> str:
     """A trial that looks at nothing while it computes: says in a file that it has begun, and goes on for an hour."""
     Path(json.loads(text)).touch()
-    threading.Event().wait(3600.0)
+    threading.Event().wait()
     return ""
 
 
@@ -104,13 +105,19 @@ def test_a_trial_that_does_not_look_whether_it_is_to_end_does_not_hold_up_ctrl_c
     assert not begun[2].exists()
 
 
+def listens() -> bool:
+    """Whether the scheduler of the cluster is there."""
+    with socket.socket() as knock:
+        return knock.connect_ex(("127.0.0.1", 18786)) == 0
+
+
 @pytest.fixture
 def cluster() -> Iterator[tuple[str, list["subprocess.Popen[bytes]"]]]:
     pytest.importorskip("distributed", reason="Dask is not installed: the extra 'dask'")
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
     place = "tcp://127.0.0.1:18786"
     scheduler = subprocess.Popen([*dask, "--host", "127.0.0.1", "--port", "18786", "--no-dashboard"])
-    time.sleep(3.0)
+    wait_until(listens)
     worker = [
         sys.executable,
         "-m",
@@ -138,8 +145,8 @@ def test_a_cluster_makes_the_same_table_though_a_worker_is_killed(
     assert execute(["sweep", "--out", str(here), *settings, *RUN]) == 0
     words = [sys.executable, "-m", "txt1", "sweep", "--dask", place, "--out", str(there), *settings, *RUN]
     with subprocess.Popen(words) as sweep:
-        while not (there / "rows.jsonl").exists() or len((there / "rows.jsonl").read_text().splitlines()) < 5:
-            time.sleep(0.1)
+        rows = there / "rows.jsonl"
+        wait_until(lambda: rows.exists() and len(rows.read_text().splitlines()) >= 5)
         workers[0].kill()
         assert sweep.wait() == 0
     assert json.loads((there / "sweep.json").read_text())["settings"] == settings

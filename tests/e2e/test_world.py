@@ -11,6 +11,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
+from tests.patience import LIMIT
 from txt1.config import load
 from txt1.errors import ConfigError, NotArmed
 from txt1.hal.registry import in_world
@@ -55,6 +56,7 @@ async def drive(robot: Robot, seconds: float) -> None:
         assert "runaway" in str(error), "whoever stands against something is stopped by the gate"
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("speed", ["max", None])
 def test_two_robots_collide_and_stop_in_virtual_and_in_real_time(speed: Speed) -> None:
     async def main() -> None:
@@ -62,9 +64,11 @@ def test_two_robots_collide_and_stop_in_virtual_and_in_real_time(speed: Speed) -
         async with AsyncExitStack() as stack:
             one, two = await brought_up(stack, world, {"one": LEFT, "two": RIGHT})
             assert world.vehicles == [vehicle_of(one), vehicle_of(two)]
-            await asyncio.gather(drive(one, 1.5), drive(two, 1.5))
-            bodies = [each.outline(each.pose) for each in world.vehicles]
-            assert 0.0 <= gap(*bodies) < 0.05
+            async with asyncio.timeout(LIMIT):
+                while gap(*(each.outline(each.pose) for each in world.vehicles)) > 0.04:
+                    await asyncio.gather(drive(one, 0.1), drive(two, 0.1))
+            await asyncio.gather(drive(one, 0.3), drive(two, 0.3))
+            assert 0.0 <= gap(*(each.outline(each.pose) for each in world.vehicles)) < 0.05
             assert all(abs(each.state.v) < 0.1 for each in world.vehicles)
             assert (one.pose or LEFT)[0] < -0.2 < 0.2 < (two.pose or RIGHT)[0]
 

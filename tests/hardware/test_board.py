@@ -6,6 +6,7 @@ from statistics import median
 
 import pytest
 
+from tests.patience import S
 from txt1.errors import CommandRefused, NotArmed
 from txt1.robot import Robot
 
@@ -23,13 +24,13 @@ async def test_its_odometry_comes_20_times_a_second(robot: Robot) -> None:
     stream = robot.odometry_stream()
     times = []
     for _ in range(100):
-        await asyncio.wait_for(anext(stream), 1.0)
+        await asyncio.wait_for(anext(stream), S)
         times.append(robot.now)
     assert median(later - earlier for earlier, later in pairwise(times)) == pytest.approx(0.05, abs=0.005)
 
 
 async def test_it_acknowledges_the_gains(robot: Robot) -> None:
-    assert await robot.load_gains(timeout=5.0)
+    assert await robot.load_gains(timeout=5.0 * S)
 
 
 async def test_it_does_not_move_before_it_is_armed(robot: Robot) -> None:
@@ -44,7 +45,7 @@ async def test_it_does_not_move_before_it_is_armed(robot: Robot) -> None:
 @pytest.mark.usefixtures("wheels_up")
 @pytest.mark.parametrize("v", [0.3, -0.3])
 async def test_it_drives_at_the_speed_that_is_asked_for_and_stops(robot: Robot, v: float) -> None:
-    assert await robot.load_gains(timeout=5.0)
+    assert await robot.load_gains(timeout=5.0 * S)
     robot.arm()
     speeds = []
 
@@ -65,7 +66,7 @@ async def test_it_drives_at_the_speed_that_is_asked_for_and_stops(robot: Robot, 
 
 @pytest.mark.usefixtures("wheels_up")
 async def test_an_emergency_stop_stops_it_within_a_second(robot: Robot) -> None:
-    assert await robot.load_gains(timeout=5.0)
+    assert await robot.load_gains(timeout=5.0 * S)
     robot.arm()
     await robot.drive(0.5, 0.0, 2.0)
     robot.stop()

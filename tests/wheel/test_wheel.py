@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from tests.patience import LIMIT
+
 REPOSITORY = Path(__file__).parents[2]
 PARTS = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "config", "firmware", "txt1")
 RUN = ("run", "--hal", "sim", "--headless", "--json", "--speed", "max", "--seed", "7", "--drive", "0.5,0.5")
@@ -49,14 +51,16 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def pip(*arguments: str, environment: dict[str, str] | None = None) -> None:
     command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *arguments, "--no-deps"]
-    subprocess.run(command, env=os.environ | (environment or {}), check=True, timeout=600)
+    subprocess.run(command, env=os.environ | (environment or {}), check=True, timeout=10.0 * LIMIT)
 
 
 def python(package: Path, *arguments: str, folder: Path | None = None) -> str:
     """What Python prints with the txt1 package of a folder; it runs there or in another folder."""
     environment = os.environ | {"PYTHONPATH": str(package)}
     command = [sys.executable, *arguments]
-    done = subprocess.run(command, cwd=folder or package, env=environment, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(
+        command, cwd=folder or package, env=environment, capture_output=True, text=True, timeout=10.0 * LIMIT
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

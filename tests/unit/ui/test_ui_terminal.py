@@ -97,8 +97,9 @@ def start(tmp_path: Path) -> Iterator[object]:
 
 def test_keys_reach_the_robot_and_q_leaves_the_terminal_as_it_was(start) -> None:  # type: ignore[no-untyped-def]
     running = start()
-    running.tty.type(b"\x1b[Ccm w")
-    running.until_log("command 0.50 0.00")
+    running.tty.type(b"\x1b[Ccm ")
+    running.until_log("stop")
+    running.drive(lambda: "command 0.50 0.00" in running.lines())
     head = running.lines()
     told = [line for line in head if line != "release"]
     assert told[:5] == ["press RIGHT", "press CENTRE", "arm", "tell not today", "stop"]

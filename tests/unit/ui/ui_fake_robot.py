@@ -9,10 +9,12 @@ from pathlib import Path
 from blockbuster import BlockBuster
 from ui_snapshots import full
 
+from tests.patience import LIMIT
 from txt1.errors import CommandRefused
 from txt1.hal.base import Button
 from txt1.kernel.loop import run
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import terminal
 from txt1.ui.terminal import Terminal
 
 
@@ -68,8 +70,8 @@ async def main() -> None:
         del blocker.functions[name]
     blocker.activate()
     try:
-        async with Terminal(robot, keys=robot) as terminal:
-            reason = await terminal.wait()
+        async with Terminal(robot, keys=robot) as screens:
+            reason = await screens.wait()
             robot.write(f"reason {reason}")
             await asyncio.sleep(0.25)
     finally:
@@ -79,4 +81,5 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
+    terminal.BACKLOG = LIMIT  # s that a key may have waited for a machine that was busy
     run(main(), speed=float(sys.argv[2]) if len(sys.argv) > 2 else None)
