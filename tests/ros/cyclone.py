@@ -1,5 +1,6 @@
 """A participant of DDS without ROS: it drives with cmd_vel, and prints the speed that odom tells."""
 
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -84,7 +85,7 @@ reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.
 participant = DomainParticipant(int(sys.argv[1]))
 writer = DataWriter(participant, Topic(participant, "rt/cmd_vel", Twist), qos=reliable)
 reader = DataReader(participant, Topic(participant, "rt/odom", Odometry), qos=reliable)
-ends, speed = time.monotonic() + 40.0, 0.0
+ends, speed = time.monotonic() + 120.0 * float(os.environ.get("TXT_PATIENCE", "1")), 0.0
 while time.monotonic() < ends and speed < 0.25:
     writer.write(Twist(Vector3(x=0.4), Vector3()))
     time.sleep(0.1)

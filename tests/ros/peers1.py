@@ -1,6 +1,7 @@
 """A program of ROS 1 beside the robot, run by Debian's Python: it prints what it saw as one line of JSON."""
 
 import json
+import os
 import sys
 import time
 
@@ -11,8 +12,10 @@ from nav_msgs.msg import Odometry
 from txt_driver.msg import Battery, Pwm
 from txt_driver.srv import PidLoad, PwmTest, Shutdown, SwitchedPwr, SwitchedPwrRequest
 
+LIMIT = 120.0 * float(os.environ.get("TXT_PATIENCE", "1"))  # as in tests/patience.py, which this Python has not
 
-def until(true, limit=30.0):
+
+def until(true, limit=LIMIT):
     ends = time.monotonic() + limit
     while not true():
         if time.monotonic() > ends:

@@ -1,6 +1,7 @@
 """Programs of ROS 2 beside the robot, run by the Python that has ROS: each prints what it saw as one line of JSON."""
 
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -17,6 +18,9 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def kind(name):
     package, _, name = name.partition("/")
     return getattr(import_module(f"{package}.msg"), name)
+
+
+LIMIT = 120.0 * float(os.environ.get("TXT_PATIENCE", "1"))  # as in tests/patience.py, which this Python has not
 
 
 class Peer(Node):
@@ -39,7 +43,7 @@ class Peer(Node):
                 do()
             rclpy.spin_once(self, timeout_sec=0.01)
 
-    def until(self, true, limit=40.0):
+    def until(self, true, limit=LIMIT):
         ends = time.monotonic() + limit
         while not true():
             if time.monotonic() > ends:
@@ -55,7 +59,7 @@ class Peer(Node):
         package, _, kind_name = service.partition("/")
         found = getattr(import_module(f"{package}.srv"), kind_name)
         client = self.create_client(found, name)
-        assert client.wait_for_service(20.0), name
+        assert client.wait_for_service(LIMIT), name
         future = client.call_async(found.Request(**fields))
         self.until(future.done)
         return future.result()
@@ -246,7 +250,7 @@ def goal():
             peer.run(cancel_after)
             peer.until(handle.cancel_goal_async().done)
         result = handle.get_result_async()
-        peer.until(result.done, 60.0)
+        peer.until(result.done)
         found = result.result()
         return found.status, found.result.arrived, found.result.message, found.result.reached.x, found.result.reached.y
 
@@ -339,7 +343,7 @@ def stamped():
         return peer.last["/txt1/setpoint"].twist.linear.x
 
     def during(name, *what):
-        ends = time.monotonic() + 20.0
+        ends = time.monotonic() + LIMIT
         while not setpoint() and time.monotonic() < ends:
             peer.run(0.1, 0.1, lambda: give(*what))
         told[name] = setpoint()

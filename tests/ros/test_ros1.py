@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
+from tests.patience import LIMIT, TXT1, S
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.bridges.ros.python import SYSTEM, clean, ros1
 from txt1.bridges.ros.txt_driver import write_package
@@ -86,9 +87,9 @@ class Ros:
 
     def stop(self) -> None:
         self.master.terminate()
-        self.master.wait(10)
+        self.master.wait(LIMIT)
 
-    def ask(self, *words: str, limit: float = 90.0) -> str:
+    def ask(self, *words: str, limit: float = 2.0 * LIMIT) -> str:
         words = (*self.peers_place, *words)
         done = subprocess.run(words, env=self.environment, capture_output=True, text=True, timeout=limit)
         assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
@@ -107,18 +108,18 @@ def ros(package: Path) -> Iterator[Ros]:
 
 @contextmanager
 def robot(ros: Ros, *words: str, path: str = "") -> Iterator[subprocess.Popen[str]]:
-    """`txt1 run --ros1`, patient with a busy computer."""
-    patient = ["--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=40", "--set", "sim.room.width=40"]
+    """`txt1 run --ros1`."""
+    room = ["--set", "sim.room.length=40", "--set", "sim.room.width=40"]
     environment = {**os.environ, **ros.uri, "PYTHONPATH": str(ROOT), "PATH": f"{path}:{os.environ['PATH']}"}
     process = subprocess.Popen(
-        [*ros.place, sys.executable, "-m", "txt1", "run", "--headless", "--seed", "1", "--ros1", *patient, *words],
+        [*ros.place, *TXT1, "run", "--headless", "--seed", "1", "--ros1", *room, *words],
         env=environment, text=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
     try:
         yield process
     finally:
         process.terminate()
-        process.said = process.communicate(timeout=20)[0]  # type: ignore[attr-defined]
+        process.said = process.communicate(timeout=LIMIT)[0]  # type: ignore[attr-defined]
         print(process.said)  # type: ignore[attr-defined]
 
 
@@ -237,9 +238,9 @@ def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp
         process = subprocess.Popen(
             [str(client)], env=ros.environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
         )
-        time.sleep(14.0)
+        time.sleep(14.0 * S)
         process.terminate()
-        said = process.communicate(timeout=10)[0]
+        said = process.communicate(timeout=LIMIT)[0]
     print(said[-3000:])
     assert "PID Load Response: 1" in said and "PWR Response: 1" in said
     assert "PWM Response: 0" in said and "PWM Response: 1" not in said, "in manual mode only"
