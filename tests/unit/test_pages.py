@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.patience import LIMIT, S
 from txt1.cli import parsed
 from txt1.config import Config, checked, flatten, load
 from txt1.experiments.profile import Profile
@@ -32,7 +33,7 @@ PART = re.compile(r"`((?:benchmarks|config|docs|examples|firmware|image|tests|to
 FOLDERS = ("benchmarks", "docs", "torture")  # whose modules are run with python -m
 SUFFIXES = ("csv", "json", "png", "md", "py", "yaml")  # of files whose names are no settings
 TUTORIALS = ("task", "light", "tune", "car", "sensor", "fleet")
-PATIENCE = 2.0  # s that a command gets before Ctrl-C, as an operator ends what runs for ever
+PATIENCE = 2.0 * S  # that a command gets before Ctrl-C, as an operator ends what runs for ever
 
 
 def commands(page: Path) -> Iterator[list[str]]:
@@ -125,10 +126,10 @@ def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
         ) as process:  # fmt: skip
             endless = words[:2] == ["txt1", "run"] and "--duration" not in words
             try:
-                out, err = process.communicate(timeout=PATIENCE if endless else 600.0)
+                out, err = process.communicate(timeout=PATIENCE if endless else 10.0 * LIMIT)
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGINT)
-                out, err = process.communicate(timeout=30.0)
+                out, err = process.communicate(timeout=LIMIT)
         assert process.returncode == (130 if endless else 0), f"{shlex.join(words)}: {process.returncode}\n{out}\n{err}"
         if output is not None:
             output.write_text(out)
