@@ -38,6 +38,7 @@ from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
 
 PORTS: Final = range(7450, 7482)  # on loopback, of which each peer takes the first that is free
+HUNG: Final = 300  # ms after which a peer on loopback that does not answer is passed over: Zenoh's 10 s hold up a stop
 REPEAT: Final = 0.02  # s between two sayings of a stop
 LONGER: Final = 1.0  # s that it is said after all have answered
 STOP_FOR: Final = 30.0  # s after which whoever has not answered is given up
@@ -88,6 +89,7 @@ def configuration(interface: str = "", key: Path | None = None) -> Any:
     }  # fmt: skip
     if not interface:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
+        settings["transport/unicast/open_timeout"] = HUNG  # whoever comes looks at one port after the other
     else:
         if key is None:
             raise ConfigError(f"--fleet {interface}: beyond loopback all share a key; add --fleet-key FILE")

@@ -1,6 +1,7 @@
 """Peers of a fleet over Zenoh on loopback: names, clocks, stops with messages lost, and who is gone."""
 
 import json
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -13,8 +14,9 @@ from tests.patience import LIMIT, wait_until
 from txt1.bridges.web.network import Network
 from txt1.errors import CommandRefused, ConfigError
 from txt1.fleet.messages import SIZE, Answer
-from txt1.fleet.network import OTHERS_MAX, Hooks, Peer, configuration
+from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration
 from txt1.fleet.stopping import Standing
+from txt1.kernel.clock import NS_PER_S, RealClock
 
 pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
 
@@ -32,6 +34,7 @@ class Team:
         self.driven: list[tuple[str, float, float]] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
+        self.began = RealClock().now_ns() / NS_PER_S
         self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
     def join(self, name: str, loss: float = 0.0, console: bool = False) -> Peer:
@@ -161,6 +164,21 @@ def test_where_no_robot_is_nobody_was_stopped(team: Team) -> None:
     assert str(standing(console)) == "no robot of the fleet is heard"
 
 
+def test_a_peer_that_hangs_does_not_hold_up_a_stop_of_the_others(team: Team) -> None:
+    team.join("net01")
+    with socket.socket() as hung:
+        for port in PORTS:
+            with suppress(OSError):
+                hung.bind(("127.0.0.1", port))
+                break
+        hung.listen()  # and never answers
+        console = team.join("console1", console=True)
+        began = console.now
+        console.stop_all()
+        assert team.until(lambda: standing(console) == Standing(("net01",)))
+        assert began - team.began < 9.0, "Zenoh would wait for 10 s"
+
+
 def test_an_answer_that_does_not_say_closed_is_no_stop(team: Team) -> None:
     console, stranger, heard = team.join("console1", console=True), Stranger(team.space), []
     try:
@@ -233,7 +251,7 @@ class Stranger:
 
     def __init__(self, space: str) -> None:
         config = configuration()
-        config.insert_json5("listen/endpoints", "[]")
+        config.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
         self._session, self._space = pytest.importorskip("zenoh").open(config), space
 
     def put(self, key: str, message: object) -> None:
