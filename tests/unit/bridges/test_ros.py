@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from urdf_parser_py.urdf import URDF
 
+from txt1.bridges.ros.calls import Calls
 from txt1.bridges.ros.definitions import ACTIONS, SERVICES, own, write_package
 from txt1.bridges.ros.feed import Feed
 from txt1.bridges.ros.python import INSTALLED, ros2
@@ -208,3 +209,21 @@ def test_the_ros_2_of_the_shell_comes_before_all_others_and_one_that_is_too_old_
     monkeypatch.setenv("ROS_DISTRO", "humble")
     with pytest.raises(ConfigError, match=r"this shell's is humble: source Jazzy or later"):
         ros2()
+
+
+@pytest.mark.parametrize("fields", [{}, {"x": 10**400}, {"y": 1}])
+def test_whatever_a_node_calls_for_is_answered_and_does_not_end_the_run(fields: dict[str, object]) -> None:
+    async def main() -> list[tuple[int, bool, str]]:
+        unexpected: list[object] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: unexpected.append(context))
+        calls = Calls({"turn": lambda x: float(x)})
+        calls.call(1, "turn", fields)
+        calls.call(2, "turn", {"x": 2})
+        await asyncio.sleep(0.0)
+        await asyncio.sleep(0.0)
+        assert not unexpected
+        return calls.take()
+
+    first, second = asyncio.run(main())
+    assert first[:2] == (1, False) and "Error" in first[2]
+    assert second == (2, True, "2.0")

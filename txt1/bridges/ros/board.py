@@ -11,6 +11,7 @@ from txt1.beside import Request
 from txt1.board import Board, BoardEvent
 from txt1.bridges.ros.calls import Calls
 from txt1.bridges.ros.feed import Feed
+from txt1.errors import Txt1Error
 from txt1.hal.base import Button
 
 
@@ -43,6 +44,8 @@ class BoardDesk:
         try:
             if do is not None:
                 do(**request.fields)
+        except Txt1Error as error:
+            self.say(f": {error}")
         except Exception as error:  # whatever it asks for, the node lives on
             self.say(f": request '{request.name}' failed: {type(error).__name__}: {error}")
 
