@@ -306,13 +306,6 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
     space = f"test{uuid4().hex}"
 
-    def stranger_says(key: str, message: object) -> None:
-        config = configuration()
-        config.insert_json5("listen/endpoints", "[]")
-        with zenoh.open(config) as session:
-            for _ in range(5):
-                session.put(f"{space}/{key}", json.dumps(message))
-
     async def main() -> None:
         patient = ("safety.missed_ticks_max=100000",)
         async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
@@ -321,6 +314,13 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             beside = await stack.enter_async_context(at_work)
             console = await asyncio.to_thread(Peer, "console1", space=space, console=True)
             stack.callback(console.close)
+            listening = configuration()
+            listening.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
+            stranger = stack.enter_context(await asyncio.to_thread(zenoh.open, listening))
+
+            def says(key: str, message: object) -> None:
+                stranger.put(f"{space}/{key}", json.dumps(message))
+
             standing = lambda: (console.standing() or (None,))[0]  # noqa: E731
             await until(lambda: "net01" in console.heard())
             console.stop_all()
@@ -329,15 +329,13 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             robot.arm()
             await until(lambda: standing() == Standing(others=(("net01", "it was armed again"),)))
             assert robot.armed
-            await asyncio.to_thread(stranger_says, "stop/console1", {"from": "console1", "number": 2**60})
-            await until(lambda: not robot.armed)
-            await asyncio.sleep(0.5)
+            await until(lambda: says("stop/console1", {"from": "console1", "number": 2**60}) or not robot.armed)
+            refusal = "a message of net02 is refused: x: it is no number"
+            told = lambda: [event.text for event in robot.runtime.state.events]  # noqa: E731
+            await until(lambda: says("state/x", {"from": "net02", "x": "boom"}) or any(refusal in t for t in told()))
             robot.arm()
-            await asyncio.to_thread(stranger_says, "state/x", {"from": "net02", "x": "boom"})
             console.stop_all()
             await until(lambda: standing() == Standing(("net01",)))
-            refusal = "a message of net02 is refused: x: it is no number"
-            await until(lambda: any(event.text == refusal for event in robot.runtime.state.events))
             assert beside.counts["restarts"] == 0
 
     run(main())
