@@ -22,7 +22,8 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks import seeds
-from txt1.config.schema import EstimationConfig
+from txt1.estimation.filtering import wheels as wheels_of
+from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
 from txt1.experiments.figures import LOOKS
 from txt1.kernel.clock import NS_PER_S
@@ -91,7 +92,7 @@ async def laps(seed: int, count: float) -> dict[str, Errors]:
 
         async def measure(ticks: Ticks) -> None:
             async for now in ticks:
-                true, wheels = robot.pose, robot.runtime.wheels()
+                true, wheels = robot.pose, wheels_of(robot.runtime)
                 assert true is not None
                 for name, estimator in estimators.items():
                     estimate = estimator.step(now, wheels)
@@ -211,7 +212,7 @@ async def cost(delay: float) -> list[float]:
         async def step(ticks: Ticks) -> None:
             nonlocal spent
             async for now in ticks:
-                wheels = robot.runtime.wheels()
+                wheels = wheels_of(robot.runtime)
                 began = process_time_ns()
                 estimator.step(now, wheels)
                 taken.append((spent + process_time_ns() - began) / NS_PER_S * 1e6)

@@ -3,9 +3,9 @@
     python -m benchmarks.roll_over --seeds 100
 
 Every run: 10 s of full lock to either side, changed every second. The physics (`sim.dynamics`, `sim.ground`), the
-loops (`control.pid`) and the guard (`control.roll`) are the robot's own, stepped at 50 Hz without its tasks; speed and
-yaw rate are the true ones, the roll is the IMU's (0.005 rad of noise). Tipped is a car whose
-inner wheels lift once. Runs in which the ground alone is as steep somewhere are counted apart: there no guard helps.
+loops (`control.pid`) and the guard (`guards.roll_guard.guard`) are the robot's own, stepped at 50 Hz without its tasks;
+speed and yaw rate are the true ones, the roll is the IMU's (0.005 rad of noise). Tipped is a car whose inner wheels
+lift once. Runs in which the ground alone is as steep somewhere are counted apart: there no guard helps.
 """
 
 import argparse
@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks import seeds
 from txt1.config import load
 from txt1.control.limits import SetpointBounds
-from txt1.control.parameters import RollGuard
 from txt1.control.pid import VelocityLoops
-from txt1.control.roll import Guard, lean, tipping
+from txt1.guards.roll_guard.guard import Guard, lean, tipping
+from txt1.guards.roll_guard.settings import RollGuard
 from txt1.model.vehicle import Geometry
 from txt1.sim.dynamics import Motion, VehicleState, dynamics, move
 from txt1.sim.ground import Ground

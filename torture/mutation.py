@@ -41,11 +41,12 @@ from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 ROOT: Final = Path(__file__).parents[1]
 MODULES: Final = (
     "txt1/control", "txt1/protocol", "txt1/tasks/controller.py", "txt1/tasks/mode.py", "txt1/hal/serial.py",
+    "txt1/guards/obstacle_stop/free_distance.py", "txt1/guards/roll_guard/guard.py",
 )  # fmt: skip
 TESTS: Final = (
-    "tests/unit/control", "tests/unit/protocol", "tests/unit/tasks", "tests/unit/hal", "tests/e2e/test_safety.py",
-    "tests/e2e/test_commander.py", "tests/e2e/test_board.py", "tests/e2e/test_wire.py", "tests/e2e/test_robot.py",
-    "tests/e2e/test_closed_loop.py",
+    "tests/unit/control", "tests/unit/guards", "tests/unit/protocol", "tests/unit/tasks", "tests/unit/hal",
+    "tests/e2e/test_safety.py", "tests/e2e/test_commander.py", "tests/e2e/test_board.py", "tests/e2e/test_wire.py",
+    "tests/e2e/test_robot.py", "tests/e2e/test_closed_loop.py",
 )  # fmt: skip
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 4.0  # s of processor: tests that take longer are not asked

@@ -1,4 +1,4 @@
-"""Parts by name: ours from a table, those of other packages through entry points; imported when first used."""
+"""Parts by name: ours from a table or an addition, those of other packages through entry points; imported when used."""
 
 import asyncio
 import difflib
@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
+from txt1 import additions
 from txt1.errors import ConfigError, HalError, Txt1Error
 
 Factory = Callable[..., Any]
@@ -16,8 +17,14 @@ class Registry(NamedTuple):
 
     kind: str  # its word in error messages, such as "HAL"
     group: str  # of the entry points, such as "txt1.hal"
-    ours: Mapping[str, Factory | str]  # the package's own: the function that makes one, or "module:function"
+    table: Mapping[str, Factory | str]  # the spine's own: the function that makes one, or "module:function"
     error: type[Txt1Error] = Txt1Error  # raised when one cannot be imported or made
+
+    @property
+    def ours(self) -> Mapping[str, Factory | str]:
+        """The package's own, those of its additions, too."""
+        brought = [addition.parts.get(self.group, {}) for addition in additions.known().values()]
+        return {**self.table, **{name: place for each in brought for name, place in each.items()}}
 
     def names(self) -> list[str]:
         """The names of all that are installed."""

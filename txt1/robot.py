@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from math import inf, nan
 from typing import Any, Final, TypeVar
 
+from txt1.additions import load as load_text
+from txt1.additions import with_sections
 from txt1.config import Config, load
 from txt1.control.commander import Driver
 from txt1.control.limits import Fault
@@ -17,10 +19,10 @@ from txt1.control.schedule import GainSet
 from txt1.control.standstill import Stop
 from txt1.driver import REFRESH, CommandSource, Wheel, finite
 from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable, StopNotVerified
-from txt1.estimation.fusion import Estimate
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
 from txt1.kernel.ticks import Ticks
+from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.protocol.layout import encode
 from txt1.protocol.messages import (
@@ -95,6 +97,7 @@ class Robot:
         arm: bool | None = None,
         patience: float = 10.0,
         attach: Callable[[Runtime], None] | None = None,
+        additions: Mapping[str, object] | None = None,
     ) -> AsyncIterator[Robot]:
         """Start a robot and wait for its link; it is stopped safely when the block is left.
 
@@ -111,6 +114,7 @@ class Robot:
             arm: whether to arm now; None leaves it to ``safety.auto_arm``.
             patience: s to wait for the link; with 0 it neither waits nor arms, and the caller does both.
             attach: called with the runtime before it starts, such as a recorder that watches from the first tick on.
+            additions: by name, with their settings, those that take part though the configuration does not want them.
 
         Raises:
             ConfigError: a setting is wrong.
@@ -128,11 +132,13 @@ class Robot:
             effective = config.model_copy(update=options)
         else:
             effective = load(config, settings, os.environ, options).config
+        if additions:
+            effective = with_sections(effective, additions)
         if world is not None:
             effective = in_world(effective, world)
         robot: Robot
         layer = create(effective, world) if hal is None or isinstance(hal, str) else hal
-        runtime = Runtime(effective, lambda m: robot._receive(m), layer, sensing=True)
+        runtime = Runtime(effective, lambda m: robot._receive(m), layer, sensing=True, asked=additions)
         robot = Robot(runtime)
         if attach is not None:
             attach(runtime)
@@ -151,11 +157,12 @@ class Robot:
                 await runtime.start()
                 runtime.scheduler.ended.add_done_callback(interrupt)
                 runtime.add_task("driver", 3, REFRESH, robot._drive_messages)
-                if patience > 0.0:
-                    await robot.linked(patience)
-                    if robot.arms_by_itself if arm is None else arm:
-                        robot.arm()
-                yield robot
+                async with robot._beside():
+                    if patience > 0.0:
+                        await robot.linked(patience)
+                        if robot.arms_by_itself if arm is None else arm:
+                            robot.arm()
+                    yield robot
             except asyncio.CancelledError:
                 if not failed:
                     raise
@@ -172,6 +179,15 @@ class Robot:
             raise
         if robot.trouble:
             raise StopNotVerified(robot.trouble)
+
+    @asynccontextmanager
+    async def _beside(self) -> AsyncIterator[None]:
+        """Have the additions at work that want a robot that runs."""
+        async with AsyncExitStack() as stack:
+            for addition, settings in self.runtime.additions:
+                if addition.beside:
+                    await stack.enter_async_context(load_text(addition.beside)(self, settings))
+            yield
 
     async def linked(self, timeout: float = inf) -> None:
         """Wait until host and board hear each other; raises HalError when they do not within `timeout` s."""
@@ -205,8 +221,7 @@ class Robot:
     @property
     def estimate(self) -> Estimate | None:
         """Pose and velocities from all sensors together, with covariance; None while ``estimation`` is off."""
-        estimator = self.runtime.estimator
-        return None if estimator is None else estimator.estimate
+        return self.runtime.state.estimate
 
     @property
     def battery(self) -> Battery:

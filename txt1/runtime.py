@@ -2,25 +2,22 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from math import isfinite
 from operator import itemgetter
-from typing import Any, Final
+from typing import Any, TypeVar
 
+from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
-from txt1.control import roll
 from txt1.control.car import loops_for
 from txt1.control.limits import Fault, Gate
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.control.standstill import UNOBEYED
 from txt1.errors import ConfigError, HalError, NotArmed
-from txt1.estimation.fusion import Estimate
-from txt1.estimation.readings import fusable
-from txt1.estimation.task import ENCODERS, FILTERED, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
 from txt1.hal.base import LINK, Button, Hal, Inputs
 from txt1.hal.channels import rewired
 from txt1.hal.witness import witnessed
@@ -31,10 +28,9 @@ from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
-from txt1.protocol.messages import BoardMessage, CombinedOdometry, Message, PidResponse, Switch, Velocity
+from txt1.protocol.messages import BoardMessage, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Reading, Sensor, Setup
 from txt1.sensors.polling import Sensors
-from txt1.sensors.readings import ImuReading, Scan
 from txt1.sensors.registry import create
 from txt1.sim.battery import range_left
 from txt1.sim.obstacles import outline
@@ -42,16 +38,12 @@ from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel
 from txt1.tasks.diagnostics import FAULTS, TASKS, Reports
 from txt1.tasks.fields import GainTable
 from txt1.tasks.markers import MARKERS
-from txt1.tasks.obstacle_stop import LaserGuard
-from txt1.tasks.roll_guard import watching
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
 from txt1.telemetry.topics import Topic
 
-TWINS: Final = {"imu": "sim_imu", "gps": "sim_gps", "vicon": "sim_vicon"}
-"""Drivers of the sensors that a simulated robot gets by itself when they are to be fused."""
-
+T = TypeVar("T")
 OnFault = Callable[[str, BaseException], None]
 Through = Callable[[str, Sensor[Any]], Sensor[Any]]
 """Given the name of a configured sensor and the sensor, not opened yet, returns the one to be read in its place."""
@@ -70,6 +62,7 @@ class Runtime:
         sensing: whether this is the robot itself, with its sensors, guards and estimate: no board is.
         through: in a replay, every configured sensor passes it, and the recorded readings are given again there.
         tasks: makes others of it than the robot's own: the firmware of another board.
+        asked: additions that take part though the configuration does not want them, by name, with their settings.
 
     """
 
@@ -85,6 +78,7 @@ class Runtime:
         sensing: bool = False,
         through: Through | None = None,
         tasks: Callable[["Runtime"], Iterable[Row]] | None = None,
+        asked: Mapping[str, object] | None = None,
     ) -> None:
         self.config = config
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
@@ -102,8 +96,13 @@ class Runtime:
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
-        self.estimator: Estimator | None = None
-        """The filter that makes one odometry of all sensors, where there is one."""
+        self.additions = additions.active(config, asked) if sensing else ()
+        """What takes part beside the tasks."""
+        self._watching = AsyncExitStack()
+        self.parts: list[object] = []
+        """What the additions have put there, for `part`."""
+        self.on_place: list[Callable[[], None]] = []
+        """Called when the robot was put down elsewhere."""
         self._source = ""  # the task of the user's, of the driver's or of a sensor that is at work
         self._sensing = sensing
         self._through = through
@@ -217,13 +216,16 @@ class Runtime:
         needs_simulated = self._virtual and self._through is None  # what a replay has reports again
         if needs_simulated and not self.hal.capabilities.simulated:
             raise ConfigError(f"--speed: the HAL '{self.hal.name}' is not simulated and runs in real time only")
-        configured = self._configured_sensors() if self._sensing else {}
+        configured = self.config.sensors if self._sensing else {}
         made = {name: self.make_sensor(name, settings) for name, settings in configured.items()}
         for name, sensor in made.items():
             if needs_simulated and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
+        for addition, settings in self.additions:
+            if addition.watch:
+                await self._watching.enter_async_context(additions.load(addition.watch)(self, settings))
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
         if self._sensing:
             self._report("hal", "hardware", self.hal.name, self.hal.capabilities)
@@ -234,14 +236,10 @@ class Runtime:
             else:
                 self._add(name, priority, period, task)
         for name, sensor in made.items():
-            own = partial(self._add, named=self.bus.wanted(inputs.INPUT))
-            given = sensor if self._through is None else self._through(name, sensor)
-            await self.sensors.add(name, given, configured[name].period, own, self._note_reading)
-        if self._sensing and self.config.estimation.names:
-            self._begin_estimation()
-        if self._sensing:
-            self._guard_against_obstacles()
-            self._guard_against_rolling_over()
+            await self._open_sensor(name, sensor, configured[name].period)
+        for addition, settings in self.additions:
+            if addition.prepare:
+                self.parts.append(await additions.load(addition.prepare)(self, settings))
         self.scheduler.start()
 
     def _own_tasks(self) -> Iterable[Row]:
@@ -255,7 +253,7 @@ class Runtime:
         controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops)
         serving = partial(
             serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
-            answered=lambda accepted: (self.post if self._witnessed else self._put)(PidResponse(accepted), self.now),
+            answered=lambda accepted: (self.post if self._witnessed else self.put)(PidResponse(accepted), self.now),
             reason_to_keep_atx=self.reason_to_keep_atx,
         )  # fmt: skip
         watch = self.watch
@@ -274,31 +272,6 @@ class Runtime:
             ("button", 1, 0.1, partial(panel.button, presses=self.presses, state=state, hal=hal, gate=gate)),
         )
 
-    def _guard_against_obstacles(self) -> None:
-        """Let the laser scanner lower the speed in the safety gate, as configured."""
-        given = self.config.obstacle_stop
-        scanners = [name for name, polled in self.sensors.items() if issubclass(polled.sensor.topic.type, Scan)]
-        if given.enabled == "never" or (given.enabled == "auto" and not scanners):
-            return
-        name = given.sensor or (scanners[0] if len(scanners) == 1 else "")
-        if name not in scanners:
-            there = ", ".join(scanners) or "none"
-            raise ConfigError(f"obstacle_stop.sensor: {name!r} is no laser scanner; name one of: {there}")
-        polled = self.sensors[name]
-        guard = LaserGuard(lambda: polled.last, self.state, self.gate, self.config.geometry, given)
-        self.gate.guards.append(guard)
-
-    def _guard_against_rolling_over(self) -> None:
-        """Let the IMU's roll lower the speed in curves in the safety gate, as configured."""
-        given, body = self.config.roll_guard, self.config.geometry
-        if not given.enabled:
-            return
-        polled = self.sensors.get(given.sensor)
-        if polled is None or not issubclass(polled.sensor.topic.type, ImuReading):
-            raise ConfigError(f"roll_guard.sensor: there is no IMU '{given.sensor}'; configure sensors.{given.sensor}")
-        measured = watching(lambda: polled.last, self.state)
-        self.gate.guards.append(roll.Guard(given, body.track_width, body.radius_min, measured))
-
     async def stop(self) -> None:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
         if not self._open:
@@ -307,6 +280,7 @@ class Runtime:
         self._open = False
         self.gate.disarm("the run has ended")
         async with AsyncExitStack() as stack:  # whatever fails on the way; last in, first out
+            stack.push_async_callback(self._watching.aclose)
             stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
             stack.push_async_callback(self.sensors.close)
             stack.callback(collector.end)
@@ -336,45 +310,18 @@ class Runtime:
         pose = (lambda: self.look().pose) if self.hal.capabilities.pose else None
         return create(given, Setup(name, given.options, self.config, pose, self.hal))
 
-    def wheels(self) -> Wheels:
-        """The robot's own part of a cycle of the filter."""
-        state = self.state
-        outputs, v = state.control.outputs, state.control.v
-        steering, motor = (float(outputs.rear), float(outputs.motor)) if self.hal.capabilities.pwm else (None, None)
-        return Wheels(state.odometry, state.odometry_time, steering, v, motor)
+    async def open_sensor(self, name: str, options: SensorConfig) -> None:
+        """Open a sensor of the robot's own that is not configured, whose readings a replay gives again."""
+        await self._open_sensor(name, self.make_sensor(name, options), options.period)
 
-    def _configured_sensors(self) -> dict[str, SensorConfig]:
-        """The configured sensors, and simulated ones for those to be fused that are not among them."""
-        sensors = dict(self.config.sensors)
-        for name in missing(self.config.estimation.names, sensors):
-            if not self.hal.capabilities.pose or name not in TWINS:
-                raise ConfigError(
-                    f"estimation: there is no sensor '{name}' to be fused; configure sensors.{name}.driver, or choose "
-                    "others in estimation.sensors"
-                )
-            sensors[name] = SensorConfig(driver=TWINS[name])
-        return sensors
+    async def _open_sensor(self, name: str, sensor: Sensor[Any], period: float | None) -> None:
+        own = partial(self._add, named=self.bus.wanted(inputs.INPUT))
+        given = sensor if self._through is None else self._through(name, sensor)
+        await self.sensors.add(name, given, period, own, self._note_reading)
 
-    def _begin_estimation(self) -> None:
-        """Start the filter, and have it told what its sensors read."""
-        config = self.config.estimation
-        kinds = {name: self.sensors[name].sensor.topic.type for name in config.names if name != ENCODERS}
-        for name, kind in kinds.items():
-            if not fusable(kind):
-                raise ConfigError(f"estimation: '{name}' tells {kind.__name__}, which cannot be fused")
-        estimator = self.estimator = Estimator(config, kinds, self.config.geometry)
-        for name in kinds:
-            self.sensors[name].listeners.append(partial(estimator.take, name))
-
-        def offer(estimate: Estimate, now: float) -> None:
-            x, y, theta, v, omega = estimate[:5]
-            self._put(CombinedOdometry(x, y, theta, v, omega), now)
-
-        given = offer if config.loops else None
-        task = partial(estimation, estimator=estimator, wheels=self.wheels, offer=given, tell=self.state.tell)
-        self.bus.offer(FILTERED, lambda: estimator.estimate)
-        self.bus.offer(TRUSTS, estimator.trusts)
-        self._add("estimation", PRIORITY, controller.PERIOD, task)
+    def part(self, kind: type[T]) -> T | None:
+        """Return what an addition has put beside the tasks, by its class; None where there is none."""
+        return next((part for part in self.parts if isinstance(part, kind)), None)
 
     @property
     def now(self) -> float:
@@ -389,9 +336,10 @@ class Runtime:
                 self.bus.publish(inputs.COMMAND, message, now)
             else:
                 self._begin(type(message).__name__, "", numbers(message), time)
-        self._put(message, time)
+        self.put(message, time)
 
-    def _put(self, message: Message, time: float) -> None:
+    def put(self, message: Message, time: float) -> None:
+        """Hand the serial task a message of the robot's own, which a replay makes again."""
         if len(self.inbox) == self.inbox.maxlen:
             self.gate.count(Fault.OVERFLOW)
         self.inbox.append((message, time, self.gate.epoch))
@@ -471,8 +419,8 @@ class Runtime:
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
         self._io.place(x, y, theta, self._begin("place", values=(x, y, theta)))
-        if self.estimator is not None:
-            self.estimator.fusion.lifted()
+        for told in self.on_place:
+            told()
 
     def look(self) -> Inputs:
         """The hardware's report now, for a task of the user's: a simulation is moved on by being looked at."""
@@ -509,6 +457,10 @@ class Runtime:
         """Add a periodic task of the user's (see `Scheduler.add`)."""
         self._begin("task", name, (float(priority), period), 0.0)
         self._add(name, priority, period, task, named=self.bus.wanted(inputs.INPUT))
+
+    def add_own_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
+        """Add a periodic task of the robot's own, which a replay runs again."""
+        self._add(name, priority, period, task)
 
     def _add(self, name: str, priority: int, period: float, task: PeriodicTask, named: bool = False) -> None:
         self.scheduler.add(name, priority, period, self._watched(name, task, named))

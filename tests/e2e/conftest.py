@@ -57,6 +57,7 @@ def pytest_asyncio_loop_factories(config: pytest.Config, item: pytest.Item) -> d
 def blocking_calls_fail() -> Iterator[BlockBuster]:
     """A call that blocks the loop fails, but for those before the first tick and after the last."""
     with blockbuster_ctx("txt1") as blockbuster:
+        may_block(blockbuster, "txt1/additions.py", "ours", "strangers", "load")
         may_block(blockbuster, "txt1/hal/registry.py", "create", "names")
         may_block(blockbuster, "txt1/sensors/registry.py", "create")
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread

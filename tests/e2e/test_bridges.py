@@ -49,7 +49,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, blocking_calls_fail: BlockBuster)
     may_block(blocking_calls_fail, "tests/e2e/test_bridges.py", "runs")
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{TARGETS}")
     for name in ("ask", "drive", "drive_then_hang", "fail", "flood", "leak"):
-        monkeypatch.setitem(BRIDGES.ours, name, f"beside_targets:{name}")
+        monkeypatch.setitem(BRIDGES.table, name, f"beside_targets:{name}")
 
 
 def runs(process: int) -> bool:

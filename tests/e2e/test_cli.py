@@ -227,7 +227,7 @@ def test_virtual_time_is_refused_where_time_is_real(capsys: Capture, monkeypatch
         capabilities = Capabilities(ticks=True, pwm=True)
 
     vehicle = create(Config()).vehicle  # type: ignore[attr-defined]
-    monkeypatch.setitem(registry.HALS.ours, "floor", lambda config: Real(vehicle))
+    monkeypatch.setitem(registry.HALS.table, "floor", lambda config: Real(vehicle))
     message = complaint(capsys, ["run", "--hal", "floor", "--speed", "max"])
     assert "--speed" in message and "'floor'" in message
 

@@ -188,7 +188,7 @@ def in_its_state(estimator: Estimator, now: float) -> None:
 async def test_an_error_in_the_estimate_is_told_once_and_the_robot_drives_on_by_its_encoders(
     fused: Robot, mistake: Any, words: str
 ) -> None:
-    robot, estimator = fused, fused.runtime.estimator
+    robot, estimator = fused, fused.runtime.part(Estimator)
     assert estimator is not None
     mistake(estimator, robot.now)
     await robot.drive(0.4, 0.2, 3.0)

@@ -18,6 +18,7 @@ from tests.e2e.conftest import ENDLESS, may_block
 from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.errors import HalError, NotArmed, RecordingError
+from txt1.guards.obstacle_stop.settings import ObstacleStop
 from txt1.hal.base import Capabilities, Inputs
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
@@ -120,7 +121,7 @@ def test_another_guard_than_then_is_found_where_it_slows(tmp_path: Path) -> None
 
     def careful(about: dict[str, str]) -> dict[str, str]:
         config = json.loads(about["config"])
-        config["obstacle_stop"]["margin"] += 0.1
+        config["obstacle_stop"] = {"margin": ObstacleStop().margin + 0.1}
         return about | {"config": json.dumps(config)}
 
     difference = verify(rewritten(path, tmp_path / "careful.mcap", careful)).difference
@@ -174,7 +175,7 @@ class Thermometer:
 
 @pytest.fixture
 def thermometer(monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setitem(DRIVERS.ours, "warmth", lambda setup: Thermometer())  # type: ignore[arg-type]
+    monkeypatch.setitem(DRIVERS.table, "warmth", lambda setup: Thermometer())  # type: ignore[arg-type]
     return "sensors.inside.driver=warmth"
 
 
@@ -309,7 +310,7 @@ def test_an_older_recording_says_what_it_lacks(tmp_path: Path, capsys: Any) -> N
 def test_a_recording_with_former_names_of_settings_is_run_again(tmp_path: Path) -> None:
     def former(about: dict[str, str]) -> dict[str, str]:
         config = json.loads(about["config"])
-        config["learning"]["gamma"] = config["learning"]["thesis"].pop("gamma")
+        config["learning"] = {"gamma": 0.25}
         return about | {"config": json.dumps(config)}
 
     path = recorded(tmp_path / "run.mcap", drive)

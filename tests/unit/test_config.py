@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from txt1.config import Config, checked, flatten, load, origin_of, recorded
+from txt1.config import Config, checked, completed, flatten, load, origin_of, recorded
 from txt1.config.renamed import RENAMED, translated
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
@@ -23,7 +23,7 @@ from txt1.sim.parameters import Noise
 
 ROBOT = Path(__file__).parents[2] / "config" / "txt1.yaml"
 
-KEYS = [key for key, _ in flatten(Config())]
+KEYS = [key for key, _ in flatten(completed(Config()))]
 
 Write = Callable[[str], Path]
 
@@ -380,7 +380,7 @@ def test_every_setting_is_documented() -> None:
 
 
 def test_flatten_lists_every_value_by_its_key() -> None:
-    values = dict(flatten(load(overrides=["control.linear.kp=9", "hal_options.a.b=1"]).config))
+    values = dict(flatten(completed(load(overrides=["control.linear.kp=9", "hal_options.a.b=1"]).config)))
     assert values["control.linear.kp"] == 9.0
     assert values["hal_options"] == {"a": {"b": 1}}
     assert values["sim.start"] == [0.0, 0.0, 0.0]
@@ -422,7 +422,7 @@ def test_a_configuration_written_as_yaml_loads_as_the_same(write: Write, overrid
 
 
 def test_the_robots_file_is_the_defaults() -> None:
-    assert load(ROBOT).config == Config()
+    assert load(ROBOT).config == completed(Config())
 
 
 def test_the_robots_file_sets_every_key() -> None:

@@ -15,7 +15,7 @@ from importlib import import_module
 from types import FrameType
 from typing import Final, NoReturn
 
-from txt1 import __version__
+from txt1 import __version__, additions
 from txt1.errors import ConfigError, NotArmed, StopNotVerified, Txt1Error
 
 OK: Final = 0  # all went as asked, or the reader of the output had enough of it
@@ -68,6 +68,20 @@ COMMANDS: Final = {
     "completion": "print a script that completes words in your shell",
 }
 """Each is a module of this package, with `add_arguments(parser)` and `main`: from the arguments to the exit code."""
+
+
+def commands() -> dict[str, tuple[str, str]]:
+    """Return the module and the line of help of every command: ours, then those that additions bring."""
+    found = {name: (f"txt1.cli.{name}", about) for name, about in COMMANDS.items()}
+    for addition in additions.known().values():
+        for name, told in addition.commands.items():
+            if name in found:
+                raise ConfigError(
+                    f"the addition '{addition.name}' brings a command '{name}', which there is already; uninstall it"
+                )
+            found[name] = told
+    return found
+
 
 STDOUT: Final = 1
 
@@ -143,18 +157,23 @@ class _Parser(argparse.ArgumentParser):
         self.exit(USAGE, f"txt1: {message}; see '{self.prog} --help'\n")
 
 
-def parser(named: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:
-    """Return the parser; only the commands that are named have their modules imported, and know their options."""
+def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
+    """Return the parser; only the commands that are named have their modules imported, and know their options.
+
+    None: every command, also those of strangers' additions.
+    """
+    if named is None:
+        additions.strangers()
     whole = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
     whole.add_argument("--version", action="version", version=f"txt1 {__version__}")
-    commands = whole.add_subparsers(required=True, metavar="COMMAND")
-    for name, about in COMMANDS.items():
-        command = commands.add_parser(name, help=about, epilog=EPILOG)
-        if name in named:
-            module = import_module(f"txt1.cli.{name}")
+    parsers = whole.add_subparsers(required=True, metavar="COMMAND")
+    for name, (place, about) in commands().items():
+        command = parsers.add_parser(name, help=about, epilog=EPILOG)
+        if named is None or name in named:
+            module = import_module(place)
             command.set_defaults(main=getattr(module, "main", None))
             module.add_arguments(command)
-    whole.set_defaults(parsers=commands.choices)
+    whole.set_defaults(parsers=parsers.choices)
     return whole
 
 
@@ -162,8 +181,13 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     """Return the arguments that words are; a mistake in them is told, and ends the process (SystemExit)."""
     words = _joined(argv)
     named = next((word for word in words if not word.startswith("-")), "")
+    if named not in commands() or not {"-h", "--help"}.isdisjoint(words):
+        find_strangers()
     whole = parser({named})
     arguments, unknown = whole.parse_known_args(words)
+    if unknown and find_strangers():
+        whole = parser({named})
+        arguments, unknown = whole.parse_known_args(words)
     if unknown:
         command = whole.get_default("parsers").get(named, whole)
         actions = command.get_default("parsers") or {}
@@ -171,6 +195,16 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         late = "; options come first" if "--" in unknown else ""
         asked.error(f"unrecognized arguments: {' '.join(unknown)}{late}")
     return arguments
+
+
+def find_strangers() -> bool:
+    """Find the additions of other packages, whose commands and options count from now on; tell which cannot be used.
+
+    Returns whether there are any.
+    """
+    for reason in additions.strangers().wrong.values():
+        print(f"txt1: {reason}", file=sys.stderr)
+    return bool(additions.strangers().found)
 
 
 def helps() -> Iterator[tuple[str, str]]:

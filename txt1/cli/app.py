@@ -122,17 +122,18 @@ class App:
         about: Mapping[str, object] | None = None,
         view: LiveView | None = None,
         hal: Hal | None = None,
+        additions: Mapping[str, object] | None = None,
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
         It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given;
-        its hardware layer is the configured one, or `hal`.
+        its hardware layer is the configured one, or `hal`; `additions` are those of `Robot.open`.
         """
         through = False
         try:
             async with (
                 recording(log, config, self.speed, about or {}, say, view) as attach,
-                Robot.open(hal, config=config, arm=False, patience=0.0, attach=attach) as robot,
+                Robot.open(hal, config=config, arm=False, patience=0.0, attach=attach, additions=additions) as robot,
             ):
                 self._subject = robot
                 yield robot

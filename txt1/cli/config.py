@@ -6,7 +6,7 @@ import os
 
 from txt1.cli import OK
 from txt1.cli.options import CONFIGURATION, VEHICLE, add_actions, takes
-from txt1.config import flatten, load, origin_of
+from txt1.config import completed, flatten, load, origin_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,8 @@ def show(arguments: argparse.Namespace) -> int:
     """Print every value in force and where it came from."""
     given = {"vehicle": arguments.vehicle} if arguments.vehicle else {}
     loaded = load(arguments.config, arguments.set, os.environ, given)
-    rows = [(f"{key}:", json.dumps(value), origin_of(key, loaded.origins)) for key, value in flatten(loaded.config)]
+    values = flatten(completed(loaded.config))
+    rows = [(f"{key}:", json.dumps(value), origin_of(key, loaded.origins)) for key, value in values]
     key_width = max(len(key) for key, _, _ in rows)
     value_width = max((len(value) for _, value, _ in rows if len(value) <= 24), default=0)
     for key, value, origin in rows:

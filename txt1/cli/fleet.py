@@ -15,8 +15,8 @@ from txt1.bridges.registry import fleet_bridge
 from txt1.cli import DISARMED, FAULT, OK, UNSTOPPED, options
 from txt1.cli.app import App, report, say, view_of
 from txt1.cli.errands import Errands
+from txt1.cli.operating import DISARMING
 from txt1.cli.options import flag, takes
-from txt1.cli.run import DISARMING
 from txt1.cli.web import WebPage, web_page
 from txt1.config import Config
 from txt1.errors import ConfigError

@@ -1,44 +1,62 @@
 """Options that several commands share: their words, and the configuration they make."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
-from annotated_types import Gt
-from pydantic import FiniteFloat, TypeAdapter, ValidationError
-
-from txt1.config import Config, load
-from txt1.config.sources import LoadedConfig
 from txt1.errors import ConfigError
-from txt1.hal.registry import ON_A_LINE, is_simulated
-from txt1.kernel.loop import Speed
-from txt1.link.device import baud_warning
-from txt1.record.session import MODULES, need
-from txt1.units import PositiveInt
+
+if TYPE_CHECKING:  # so that the help is there at once
+    from txt1.config import Config
+    from txt1.config.sources import LoadedConfig
+    from txt1.kernel.loop import Speed
 
 
-def _words(kind: Any, what: str) -> Callable[[str], Any]:
-    """Return the function that makes a value of this type of a word; it raises ArgumentTypeError."""
-    adapter: TypeAdapter[Any] = TypeAdapter(kind)
-
-    def value(text: str) -> Any:
-        try:
-            return adapter.validate_python(text)
-        except ValidationError:
-            raise argparse.ArgumentTypeError(f"'{text}' is not {what}") from None
-
+def number(text: str) -> float:
+    """Return the finite number that a word is; raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
     return value
 
 
-number: Final = _words(FiniteFloat, "a finite number")
-positive: Final = _words(Annotated[FiniteFloat, Gt(0.0)], "a positive number")
-count: Final = _words(PositiveInt, "a whole number from 1")
-speed: Final = _words(Literal["max"] | Annotated[FiniteFloat, Gt(0.0)], "max or a positive number")
+def positive(text: str) -> float:
+    """Return the number above 0 that a word is; raises ArgumentTypeError."""
+    try:
+        value = number(text)
+    except argparse.ArgumentTypeError:
+        value = 0.0
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
+    return value
+
+
+def count(text: str) -> int:
+    """Return the whole number from 1 that a word is; raises ArgumentTypeError."""
+    if not (text.isascii() and text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
+    return int(text)
+
+
+def speed(text: str) -> Speed:
+    """Return the speed of a robot's time that a word is; raises ArgumentTypeError."""
+    if text == "max":
+        return "max"
+    try:
+        return positive(text)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not max or a positive number") from None
 
 
 def velocity(text: str) -> tuple[float, float]:
@@ -102,6 +120,8 @@ def existing(text: str) -> Path:
 
 def recording(text: str) -> Path:
     """Return the path of a recording that is there; raises ArgumentTypeError, and MissingExtra without its reader."""
+    from txt1.record.session import MODULES, need
+
     need("reading a recording", "record", *MODULES)
     return existing(text)
 
@@ -134,7 +154,7 @@ def flag(about: str, **more: Any) -> dict[str, Any]:
     return {"action": "store_true", "help": about, **more}
 
 
-Arguments = Mapping[str, dict[str, Any]]  # of a command by their names, from `takes` and `flag`
+Arguments = Mapping[str, Mapping[str, Any]]  # of a command by their names, from `takes` and `flag`
 
 LINE: Final = {
     "--port": takes(
@@ -222,6 +242,9 @@ def add_actions(
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
     """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone."""
+    from txt1.config import load
+    from txt1.hal.registry import ON_A_LINE
+
     given = {name: value for name, value in vars(arguments).items() if value is not None}
     options = {name: given[name] for name in ("vehicle", "hal", "seed") if name in given}
     line = {f"serial.{name}": given[name] for name in ("port", "baud") if name in given}
@@ -239,12 +262,16 @@ def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedCo
 
 def robot_speed(arguments: argparse.Namespace, config: Config) -> Speed:
     """Return the speed of a robot's time that nobody watches: as fast as possible where it is simulated."""
+    from txt1.hal.registry import is_simulated
+
     given: Speed = arguments.speed
     return "max" if is_simulated(config) and given is None else given
 
 
 def warn_of_baud(config: Config) -> None:
     """Say so when the baud rate is none that the boards have."""
+    from txt1.link.device import baud_warning
+
     warning = baud_warning(config.serial.baud)
     if warning is not None:
         print(f"txt1: serial.baud: {warning}", file=sys.stderr)

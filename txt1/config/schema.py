@@ -1,16 +1,19 @@
 """Everything that may be set, with its constraints and defaults."""
 
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from hashlib import blake2b
 from itertools import pairwise
 from math import inf
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from txt1 import additions
 from txt1.control.open_loop import SpeedMap
 from txt1.control.pad import PadParameters
-from txt1.control.parameters import KnownCar, Limits, ObstacleStop, RollGuard, Safety
+from txt1.control.parameters import KnownCar, Limits, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
 from txt1.model.channels import Channels
@@ -312,52 +315,6 @@ class SensorConfig(Section):
 
 SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
-Quantity = Literal["x", "y", "theta", "v", "omega"]
-
-PRESETS: Final[dict[str, tuple[str, ...]]] = {
-    "none": (),
-    "encoders": ("encoders",),
-    "gyro": ("imu", "encoders"),
-    "imu-gps": ("imu", "encoders", "gps"),
-    "vicon": ("imu", "encoders", "vicon"),
-}
-"""The thesis's set-ups (3.3.3, 3.4.3): the sensors that are fused, those first that can be done without best."""
-
-
-class FusedConfig(Section):
-    """How a sensor is fused."""
-
-    fields: tuple[Quantity, ...] | None = None
-    """The quantities that are taken from it; null: omega of an IMU, the position of a GPS, the pose of a tracker."""
-    sigma: dict[Quantity, Positive] = {}
-    """Their standard deviations, m, rad, m/s, rad/s; left out: those that the reading tells, or assumed ones."""
-    delay: NotNegative = 0.0
-    """Its readings were taken so much earlier than they say, s."""
-    timeout: Positive = 1.0
-    """Time without a reading after which it is silent, s."""
-    gate: Positive = 5.0
-    """Mahalanobis distance from the estimate beyond which a reading is not believed."""
-
-
-class EstimationConfig(Section):
-    """The filter that makes one odometry of all sensors."""
-
-    preset: Literal["none", "encoders", "gyro", "imu-gps", "vicon"] = "none"
-    """What is fused: nothing; the encoders; these and an IMU; and a GPS; the encoders, an IMU and motion capture."""
-    sensors: tuple[SensorName, ...] | None = None
-    """The same by the sensors' names, "encoders" among them; null: those of the preset."""
-    settings: dict[SensorName, FusedConfig] = {}
-    """How they are fused, by their names."""
-    slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.03
-    """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
-    loops: bool = False
-    """Whether the velocity loops use its speed and yaw rate, as combined odometry, in place of the encoders'."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The sensors that are fused; none: there is no filter."""
-        return PRESETS[self.preset] if self.sensors is None else self.sensors
-
 
 class RecordConfig(Section):
     """Recordings."""
@@ -379,8 +336,16 @@ class HostConfig(Section):
     """Whether Robot.shutdown_host may power it down."""
 
 
+S = TypeVar("S", bound=Section)
+
+RECORDED: Final = {"recorded": True}
+"""Context of pydantic's for the configuration in a recording: what no addition here can read is kept unread."""
+
+
 class Config(Section):
-    """Everything that can be set."""
+    """Everything that can be set; the sections of additions, which the others do without, as far as they are given."""
+
+    model_config = ConfigDict(extra="allow")
 
     hal: Annotated[str, Field(min_length=1)] = "sim"
     """Name of the hardware layer."""
@@ -399,7 +364,6 @@ class Config(Section):
     control: ControlConfig = ControlConfig()
     car: KnownCar = KnownCar()
     safety: Safety = Safety()
-    obstacle_stop: ObstacleStop = ObstacleStop()
     sim: SimConfig = SimConfig()
     serial: SerialConfig = SerialConfig()
     odometry: OdometryConfig = OdometryConfig()
@@ -410,10 +374,29 @@ class Config(Section):
     learning: LearningConfig = LearningConfig()
     sensors: dict[SensorName, SensorConfig] = {}
     """Sensors beside those of the hardware layer, by name."""
-    estimation: EstimationConfig = EstimationConfig()
-    roll_guard: RollGuard = RollGuard()
     host: HostConfig = HostConfig()
     record: RecordConfig = RecordConfig()
+
+    @property
+    def given(self) -> Collection[str]:
+        """The names of the additions whose sections are given."""
+        return (self.__pydantic_extra__ or {}).keys()
+
+    def section(self, kind: type[S]) -> S:
+        """The section of an addition, its defaults where it is not given."""
+        found = [each for each in (self.__pydantic_extra__ or {}).values() if type(each) is kind]
+        return found[0] if found else kind()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_sections(cls, given: Any, info: ValidationInfo) -> Any:
+        """Have every section of an addition read by the addition's own class."""
+        if not isinstance(given, Mapping):
+            return given
+        return {
+            key: value if key in cls.model_fields else _section(key, value, bool((info.context or {}).get("recorded")))
+            for key, value in given.items()
+        }
 
     @property
     def own_seed(self) -> int:
@@ -447,3 +430,19 @@ class Config(Section):
         return Limits(
             **asdict(self.safety), radius_min=0.0 if self.geometry.steering == "skid" else self.geometry.radius_min
         )
+
+
+def _section(name: str, value: Any, recorded: bool) -> Any:
+    """The section of an addition, as the addition's own class has it."""
+    kind = None if isinstance(value, Section) else additions.settings_of(name)
+    if kind is None:
+        if recorded or isinstance(value, Section):
+            return value
+        error = PydanticCustomError("extra_forbidden", "unknown key")
+        raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
+    try:
+        return kind.model_validate(value)
+    except ValidationError as error:
+        found = cast("list[InitErrorDetails]", error.errors(include_url=False))
+        below = [InitErrorDetails(**{**each, "loc": (name, *each["loc"])}) for each in found]
+        raise ValidationError.from_exception_data("Config", below) from None

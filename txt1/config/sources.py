@@ -18,8 +18,9 @@ from typing import Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin, 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
+from txt1 import additions
 from txt1.config.renamed import name_now, translated
-from txt1.config.schema import Config
+from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
 from txt1.shipped import shipped
 
@@ -107,7 +108,7 @@ def recorded(tree: Mapping[str, Any], values: Mapping[str, Any] | None = None) -
     Raises ConfigError as `load` does.
     """
     try:
-        config = Config.model_validate(translated(tree))
+        config = Config.model_validate(translated(tree), context=RECORDED)
     except ValidationError as error:
         raise ConfigError(_explain(error, {"": "the recording"})) from None
     return config if values is None else with_values(config, translated(values))
@@ -121,7 +122,7 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
         _check(setting)
         _insert(tree, setting)
     try:
-        return Config.model_validate(tree)
+        return Config.model_validate(tree, context=RECORDED)  # it may be of a recording
     except ValidationError as error:
         raise ConfigError(_explain(error, {key: f"{key}={value}" for key, value in values.items()})) from None
 
@@ -144,6 +145,12 @@ def flatten(config: Config) -> Iterator[tuple[str, Any]]:
     """Every value of a configuration as (dotted key, value), in order; lists and free-form options whole."""
     for setting in _walk(config.model_dump(mode="json"), (), ""):
         yield ".".join(setting.path), setting.value
+
+
+def completed(config: Config) -> Config:
+    """The configuration with the sections of all additions, the defaults of those that are not given."""
+    absent = [name for name in additions.sections() if name not in config.given]
+    return config.model_copy(update={name: additions.settings_of(name)() for name in absent})
 
 
 def origin_of(key: str, origins: Mapping[str, str]) -> str:
@@ -205,9 +212,10 @@ def _walk(value: Any, path: tuple[str, ...], origin: str) -> Iterator[Setting]:
 
 
 def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
+    known = [*_keys(Config), *additions.ours()]
     for name, text in sorted(environment.items()):
         key = name.removeprefix(ENVIRONMENT_PREFIX).lower()
-        if key == name.lower() or ("__" not in key and not difflib.get_close_matches(key, _keys(Config), 1, NEARLY)):
+        if key == name.lower() or ("__" not in key and not difflib.get_close_matches(key, known, 1, NEARLY)):
             continue
         path = tuple(key.split("__"))
         yield from _walk(_parse(text, name), path, f"environment {name}")
@@ -258,23 +266,21 @@ def _check(setting: Setting) -> None:
     if (now := name_now(key)) is not None:
         raise ConfigError(f"{key}: renamed, it is '{now}' now (from {setting.origin}); use that name")
     for depth, name in enumerate(setting.path):
-        if get_origin(kind) is dict:
-            kind = get_args(kind)[1]
+        section, kind = kind, _below(kind, name)
+        if get_origin(section) is dict:
             if kind is Any:
                 return
-            continue
-        keys = _keys(kind)
-        if not keys:
+        elif not _keys(section):
             raise ConfigError(
                 f"{key}: there is nothing below '{'.'.join(setting.path[:depth])}' "
                 f"(from {setting.origin}); give that key one value"
             )
-        if name not in keys:
+        elif kind is None:
+            keys = [*_keys(section), *(additions.sections() if section is Config else ())]
             near = difflib.get_close_matches(name, keys, n=1)
             prefix = "".join(f"{p}." for p in setting.path[:depth])
             remedy = f"did you mean '{prefix}{near[0]}'?" if near else f"known here: {', '.join(keys)}"
             raise ConfigError(f"{key}: unknown key (from {setting.origin}); {remedy}")
-        kind = keys[name]
     if setting.value is True or setting.value is False:  # pydantic would take them for 1 and 0
         kinds = {kind, *get_args(kind)}
         if bool not in kinds and kinds & {int, float}:
@@ -292,11 +298,19 @@ def _keys(kind: Any) -> dict[str, Any]:
     return {name: hints[name] for name in names}
 
 
+def _below(kind: Any, name: str) -> Any:
+    """The type of the value of this name in a section; None where there is none."""
+    if get_origin(kind) is dict:
+        return get_args(kind)[1]
+    found = _keys(kind).get(name)
+    return additions.settings_of(name) if kind is Config and found is None else found
+
+
 def _kind_at(path: Sequence[str]) -> Any:
     """The type of the value at a path; None where there is none."""
     kind: Any = Config
     for name in path:
-        kind = get_args(kind)[1] if get_origin(kind) is dict else _keys(kind).get(name)
+        kind = _below(kind, name)
     return kind
 
 

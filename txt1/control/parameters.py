@@ -67,39 +67,3 @@ class Limits(Safety):
     """The safety gate's limits for a vehicle that turns no sharper than `radius_min` (m); 0: it turns in place."""
 
     radius_min: float = Geometry().radius_min
-
-
-@dataclass(frozen=True, slots=True)
-class ObstacleStop:
-    """The laser's say in the safety gate: the speed from which the vehicle stands before it touches anything."""
-
-    enabled: Literal["auto", "always", "never"] = "auto"
-    """"auto" is on where a laser scanner is among the sensors."""
-    sensor: str = ""
-    """Name of the laser scanner; empty: the only one."""
-    margin: NotNegative = 0.08
-    """Kept round the body, m: the rear corners swing out by 0.042 in the narrowest curve, and a range has noise."""
-    reaction: NotNegative = 0.15
-    """From a lower set-point to a lower speed, s."""
-    deceleration: Positive = 1.0
-    """With which it brakes, m/s^2."""
-    reverse: NotNegative = 0.3
-    """Largest speed backwards, where it sees nothing, m/s."""
-    timeout: Positive = 0.5
-    """Age of a scan at which it stands still, s."""
-
-
-@dataclass(frozen=True, slots=True)
-class RollGuard:
-    """The roll-over guard: a curve is taken no faster than the measured roll of the ground allows."""
-
-    enabled: bool = False
-    """Whether it limits speed and yaw rate; it needs an IMU."""
-    sensor: str = "imu"
-    """Name of the IMU."""
-    gravity_height: Positive = 0.15
-    """Of the centre of gravity, m: half of the body's; assumed."""
-    share: Annotated[float, Gt(0.0), Le(1.0)] = 0.75
-    """Share of the way to lifting wheels that is used; chosen."""
-    memory: Positive = 3.0
-    """Time for which a roll is remembered, s; chosen."""

@@ -10,9 +10,9 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, isfinite, sin, sqrt
+from math import cos, exp, isfinite, sin
 from operator import attrgetter, sub
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from txt1.estimation.ekf import (
 )
 from txt1.estimation.judge import DRIFTS, MEMORY, ONE_SIDED, Belonging, Judge, Trust
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
 SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
@@ -62,24 +63,6 @@ REST_YAW: Final = 0.001  # rad/s, likewise
 PAIRS_MAX: Final = 600  # positions that are kept to find it
 XX: Final = 0  # place of x's variance in a covariance's triangle
 YY: Final = 7  # ... and of y's
-
-
-class Estimate(NamedTuple):
-    """The robot's pose and velocities, by all sensors together."""
-
-    x: float  # m
-    y: float  # m
-    theta: float  # rad in (-pi, pi]
-    v: float  # m/s
-    omega: float  # rad/s
-    covariance: tuple[float, ...]  # of these five, row by row
-    bias: float  # of the gyro, rad/s
-    slip: float  # share of the wheels' way that the ground does not see
-    located: bool  # whether the pose is in the frame of the sensors that tell one; else it is from where it began
-
-    def sigma(self, place: int) -> float:
-        """The standard deviation of one of the five."""
-        return sqrt(max(self.covariance[6 * place], 0.0))
 
 
 @dataclass(slots=True)

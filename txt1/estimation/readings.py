@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from txt1.config.schema import FusedConfig, Quantity
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.settings import FusedConfig, Quantity
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import FixReading, ImuReading, TrackerReading
 

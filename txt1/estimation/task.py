@@ -4,16 +4,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, hypot, isfinite, sin, sqrt, tan
 from typing import Any, Final, NamedTuple
 
-from txt1.config.schema import EstimationConfig, FusedConfig
-from txt1.estimation.fusion import Estimate, Fusion
+from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging, Trust
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_pose
+from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.kernel.ticks import Ticks
+from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
+from txt1.tasks.state import State
 from txt1.telemetry.topics import Rule, Topic, declare
 
 PERIOD: Final = 0.02
@@ -203,6 +205,7 @@ def usable(estimate: Estimate) -> bool:
 async def estimation(
     ticks: Ticks,
     estimator: Estimator,
+    state: State,
     wheels: Callable[[], Wheels],
     offer: Callable[[Estimate, float], None] | None,
     tell: Callable[[float, str], None],
@@ -225,7 +228,7 @@ async def estimation(
             for change in changes:
                 tell(now, f"estimation: {change}")
             changes.clear()
-        estimate = estimator.estimate
+        estimate = state.estimate = estimator.estimate
         if estimator.failure:
             off = True
             tell(now, f"the estimate is off: {estimator.failure}; the loops go by the encoders")

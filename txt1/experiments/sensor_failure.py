@@ -17,7 +17,8 @@ from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.errors import NotArmed
 from txt1.estimation.measurement import Measurement
-from txt1.estimation.task import ENCODERS
+from txt1.estimation.settings import EstimationConfig
+from txt1.estimation.task import ENCODERS, Estimator
 from txt1.experiments.figures import LOOKS
 from txt1.kernel.ticks import Ticks
 from txt1.model.kinematics import wrap_angle
@@ -121,7 +122,7 @@ def outcome_of(tree: dict[str, Any]) -> Outcome:
 
 def config_for(config: Config, setup: str) -> Config:
     """The configuration with a set-up's sensors fused and the loops closed over them, in an endless room."""
-    estimation = config.estimation.model_copy(update={"preset": setup, "sensors": None, "loops": True})
+    estimation = config.section(EstimationConfig).model_copy(update={"preset": setup, "sensors": None, "loops": True})
     room = config.sim.room.model_copy(update={"length": inf, "width": inf})
     sim = config.sim.model_copy(update={"room": room})
     sensors = dict(config.sensors)
@@ -135,7 +136,7 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Outcom
     rows: list[tuple[float, ...]] = []
     lost, again, disarmed = inf, inf, ""
     async with Robot.open(config=config_for(config, setup), arm=True) as robot:
-        estimator = robot.runtime.estimator
+        estimator = robot.runtime.part(Estimator)
         assert estimator is not None
         estimator.through = Failing(sensor, failure, lambda: robot.now)
         await robot.load_gains()
@@ -177,7 +178,7 @@ def plan(config: Config) -> list[tuple[str, str, str]]:
     return [
         (setup, sensor, failure)
         for setup in SETUPS
-        for sensor in config_for(config, setup).estimation.names
+        for sensor in config_for(config, setup).section(EstimationConfig).names
         for failure in FAILURES
         if failure != "sound" or sensor == ENCODERS
     ]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from txt1.driver import REFRESH
 from txt1.errors import CommandRefused, NotCapable
+from txt1.estimation.task import Estimator
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Pose
 from txt1.model.vehicle import Geometry
@@ -38,7 +39,7 @@ def true_pose(robot: Robot) -> PoseSource:
 
 def fused_pose(robot: Robot) -> PoseSource:
     """The pose by all sensors together, in the frame of those that tell one; NotCapable: ``estimation`` is off."""
-    if robot.runtime.estimator is None:
+    if robot.runtime.part(Estimator) is None:
         raise NotCapable("nothing is fused: set estimation.preset or estimation.sensors")
 
     def read() -> Pose | None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from txt1.config import Config, recorded
 from txt1.errors import ConfigError, RecordingError
+from txt1.estimation.settings import EstimationConfig
 from txt1.hal.base import Capabilities, Inputs
 from txt1.record.again import Given, Step
 from txt1.record.reading import Decoding, Item, Reading
@@ -54,7 +55,7 @@ class Recorded:
     @property
     def lacks(self) -> str:
         """What is not in it, in words."""
-        if self.sensed or not (self.config.sensors or self.config.estimation.names):
+        if self.sensed or not (self.config.sensors or self.config.section(EstimationConfig).names):
             return ""
         return "it is older than this version and has no exact readings, so guards and what sensors tell are left out"
 

@@ -1,6 +1,6 @@
 """The safety gate's limits, and what its guards and the loops take for granted, as the manual tells them."""
 
-from txt1.control.parameters import KnownCar, Limits, ObstacleStop, RollGuard
+from txt1.control.parameters import KnownCar, Limits
 
 
 def test_the_limits_are_those_that_the_manual_tells() -> None:
@@ -15,10 +15,3 @@ def test_the_car_is_not_known_unless_somebody_says_so() -> None:
     assert KnownCar() == KnownCar(
         known=False, speed_gain=0.00033, dead_band=300.0, time_constant=0.3, scrub=0.06, acceleration=3.0
     )
-
-
-def test_the_guards_keep_the_distances_and_times_that_the_manual_tells() -> None:
-    assert ObstacleStop() == ObstacleStop(
-        enabled="auto", sensor="", margin=0.08, reaction=0.15, deceleration=1.0, reverse=0.3, timeout=0.5
-    )
-    assert RollGuard() == RollGuard(enabled=False, sensor="imu", gravity_height=0.15, share=0.75, memory=3.0)

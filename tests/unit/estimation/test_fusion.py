@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.estimation.fusion import HORIZON, Estimate, Fusion
+from txt1.estimation.fusion import HORIZON, Fusion
 from txt1.estimation.judge import Belonging
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
 V, OMEGA, RADIUS = 0.5, 0.25, 2.0  # the car goes round in a circle

@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import txt1.learning.task
 import txt1.robot
 import txt1.sensors.light  # noqa: F401  # all of them declare topics
-from txt1.estimation.task import FILTERED, Estimate
+from txt1.estimation.task import FILTERED
+from txt1.model.estimate import Estimate
 from txt1.record.encoder import Encoder
 from txt1.record.layout import Layout, encode
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from math import atan, exp, sqrt, tan
 from typing import Final
 
-from txt1.control.parameters import RollGuard
+from txt1.guards.roll_guard.settings import RollGuard
 from txt1.model.kinematics import yaw_rate_max
 
 GRAVITY: Final = 9.80665  # m/s^2

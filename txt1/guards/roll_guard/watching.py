@@ -4,6 +4,10 @@ from collections.abc import Callable
 from math import asin, atan2
 from typing import Final
 
+from txt1.errors import ConfigError
+from txt1.guards.roll_guard.guard import Guard
+from txt1.guards.roll_guard.settings import RollGuard
+from txt1.runtime import Runtime
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.tasks.state import State
@@ -37,3 +41,14 @@ def watching(
         return roll, state.odometry.v * state.odometry.omega
 
     return measured
+
+
+async def prepare(runtime: Runtime, given: RollGuard) -> None:
+    """Let the IMU's roll lower the speed in curves in the safety gate, as configured; raises ConfigError: no IMU."""
+    if not given.enabled:
+        return
+    polled, body = runtime.sensors.get(given.sensor), runtime.config.geometry
+    if polled is None or not issubclass(polled.sensor.topic.type, ImuReading):
+        raise ConfigError(f"roll_guard.sensor: there is no IMU '{given.sensor}'; configure sensors.{given.sensor}")
+    measured = watching(lambda: polled.last, runtime.state)
+    runtime.gate.guards.append(Guard(given, body.track_width, body.radius_min, measured))

@@ -1,4 +1,4 @@
-"""The obstacle stop: a guard of the safety gate that lowers the speed to what the laser's free distance allows."""
+"""A guard of the safety gate that lowers the speed to what the laser's free distance allows."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,9 +8,11 @@ from typing import Final
 import numpy as np
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.obstacles import Floats, free_distance, stopping_speed
-from txt1.control.parameters import ObstacleStop
+from txt1.errors import ConfigError
+from txt1.guards.obstacle_stop.free_distance import Floats, free_distance, stopping_speed
+from txt1.guards.obstacle_stop.settings import ObstacleStop
 from txt1.model.vehicle import Geometry
+from txt1.runtime import Runtime
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
@@ -108,3 +110,17 @@ class LaserGuard:
         moved = points - np.array((c * dx + s * dy, c * dy - s * dx))
         c, s = cos(turned), sin(turned)
         return np.column_stack((c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]))
+
+
+async def prepare(runtime: Runtime, given: ObstacleStop) -> None:
+    """Let the laser scanner lower the speed in the safety gate, as configured; raises ConfigError: there is none."""
+    scanners = [name for name, polled in runtime.sensors.items() if issubclass(polled.sensor.topic.type, Scan)]
+    if given.enabled == "never" or (given.enabled == "auto" and not scanners):
+        return
+    name = given.sensor or (scanners[0] if len(scanners) == 1 else "")
+    if name not in scanners:
+        there = ", ".join(scanners) or "none"
+        raise ConfigError(f"obstacle_stop.sensor: {name!r} is no laser scanner; name one of: {there}")
+    polled = runtime.sensors[name]
+    guard = LaserGuard(lambda: polled.last, runtime.state, runtime.gate, runtime.config.geometry, given)
+    runtime.gate.guards.append(guard)

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.parameters import RollGuard
-from txt1.control.roll import GRAVITY, Guard, lean, tipping
+from txt1.guards.roll_guard.guard import GRAVITY, Guard, lean, tipping
+from txt1.guards.roll_guard.settings import RollGuard
+from txt1.guards.roll_guard.watching import roll_of, watching
 from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Reading
 from txt1.sensors.readings import ImuReading
 from txt1.sim.ground import Ground
 from txt1.sim.parameters import Roughness
-from txt1.tasks.roll_guard import roll_of, watching
 from txt1.tasks.state import State
 
 BODY = Geometry()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from txt1.control.obstacles import free_distance, stopping_speed
+from txt1.guards.obstacle_stop.free_distance import free_distance, stopping_speed
 
 LENGTH, WIDTH = 0.51, 0.385
 Floats = NDArray[np.float64]

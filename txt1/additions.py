@@ -1,0 +1,183 @@
+"""Additions: everything that a plain robot drives without, each one in a folder of its own.
+
+How it works. A folder of the package that holds an ``addition.py`` is an addition: the filter, a guard, the recorder,
+a bridge. Its ``addition.py`` holds one `Addition` of literals and texts and imports nothing heavy, so the program reads
+all of them whenever it starts. Each text names a function or class as "module:name", imported when it is needed and not
+before. The robot asks three things of an addition:
+
+- `watch`, a context from before the first tick until after the stop, such as the recorder's;
+- `prepare`, a function that is called when the sensors are open and no tick has come, such as a guard's;
+- `beside`, a context while the robot runs, left before it is stopped, such as a bridge's.
+
+An addition takes part when its section of the configuration says so (`wanted`), or when it is asked for by name, with
+its settings, as the command line does (`options`). Additions take part by `order`, then by name. Guards see a set-point
+in this order, and tasks of equal priority run in it, so a recording can be replayed.
+
+Ours are found by listing folders. Those of other packages have an entry point ``txt1.additions``, which is read only
+when a name is none of ours: reading the metadata of all packages takes longer than starting the program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from txt1.errors import ConfigError
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from txt1.config import Config
+
+GROUP: Final = "txt1.additions"
+FOLDERS: Final = ("*", "guards/*", "hal/*")
+"""Where ours are, below the package."""
+
+
+class Addition(NamedTuple):
+    """What an addition brings; the texts are "module:name"."""
+
+    name: str
+    """Of its folder, and of its section in the configuration."""
+    order: int = 0
+    """Those of a lower one come first; of equal ones, by name."""
+    settings: str = ""
+    """Class of its section, a `txt1.config.schema.Section`."""
+    wanted: Callable[[Config], bool] | None = None
+    """Whether a configuration asks for it; None: where its section is given."""
+    watch: str = ""
+    """(Runtime, settings) -> async context."""
+    prepare: str = ""
+    """async (Runtime, settings) -> whatever others may find by `Runtime.part`, or None."""
+    beside: str = ""
+    """(Robot, settings) -> async context."""
+    options: str = ""
+    """Its `Options` of ``txt1 run``."""
+    parts: Mapping[str, Mapping[str, str]] = {}
+    """What it brings to the tables of parts, by their groups, such as ``txt1.hal``: names and "module:function"."""
+    commands: Mapping[str, tuple[str, str]] = {}
+    """Its commands: by name, the module with `add_arguments(parser)` and `main(arguments)`, and a line of help."""
+
+
+class Options(NamedTuple):
+    """The options of ``txt1 run`` by which an addition is asked for."""
+
+    title: str
+    """Of their group in the help."""
+    arguments: Mapping[str, Mapping[str, Any]]
+    """What argparse is told of each, by its names."""
+    asked: Callable[[Namespace, Config], object | None]
+    """Returns the addition's settings, None where it is not asked for; refuses (ConfigError) before a robot starts."""
+
+
+class Active(NamedTuple):
+    """An addition that takes part, and its settings."""
+
+    addition: Addition
+    settings: Any
+
+
+def load(text: str) -> Any:
+    """Return what "module:name" names; raises ImportError or AttributeError."""
+    return resolve_name(text)
+
+
+@cache
+def ours() -> Mapping[str, Addition]:
+    """Return our own additions by their names."""
+    package = Path(__file__).parent
+    files = sorted(file for folder in FOLDERS for file in package.glob(f"{folder}/addition.py"))
+    modules = [".".join(file.relative_to(package.parent).with_suffix("").parts) for file in files]
+    return {each.name: each for each in (import_module(module).ADDITION for module in modules)}
+
+
+class Strangers(NamedTuple):
+    """The additions of other packages."""
+
+    found: Mapping[str, Addition]
+    wrong: Mapping[str, str]
+    """Why those of these names cannot be used, in a line each."""
+
+
+@cache
+def strangers() -> Strangers:
+    """Return the additions of other packages by their names."""
+    from importlib.metadata import entry_points  # 15 ms that most runs do without
+
+    found: dict[str, Addition] = {}
+    wrong: dict[str, str] = {}
+    origins = dict.fromkeys(ours(), "ours")
+    for point in entry_points(group=GROUP):
+        origin = f"{point.value} of the package '{point.dist.name if point.dist else '?'}'"
+        if point.name in origins:
+            wrong[point.name] = (
+                f"there are two additions '{point.name}': {origins[point.name]}, and {origin}; uninstall one of them"
+            )
+            found.pop(point.name, None)
+            continue
+        origins[point.name] = origin
+        try:
+            found[point.name] = point.load()._replace(name=point.name)
+        except Exception as error:
+            told = f"{type(error).__name__}: {error}"
+            wrong[point.name] = f"the addition '{point.name}' ({origin}) cannot be imported: {told}"
+    return Strangers(found, wrong)
+
+
+def known() -> dict[str, Addition]:
+    """Return our additions by their names, and those of strangers, once `strangers` has found them."""
+    return {**ours(), **(strangers().found if strangers.cache_info().currsize else {})}
+
+
+def named(name: str) -> Addition | None:
+    """Return the addition of this name, ours or a stranger's, None where none is installed.
+
+    Raises ConfigError: it is installed and cannot be used.
+    """
+    if name in ours():
+        return ours()[name]
+    if name in strangers().wrong:
+        raise ConfigError(strangers().wrong[name])
+    return strangers().found.get(name)
+
+
+def settings_of(name: str) -> Any:
+    """Return the class of an addition's section; None: there is no such addition, or it has no section."""
+    addition = named(name)
+    return load(addition.settings) if addition is not None and addition.settings else None
+
+
+def sections() -> list[str]:
+    """Return the names of all sections that additions have."""
+    strangers()
+    return [each.name for each in known().values() if each.settings]
+
+
+def with_sections(config: Config, asked: Mapping[str, object]) -> Config:
+    """Return the configuration with the settings that are sections, so that a recording has them."""
+    kinds = {name: each.settings for name in asked if (each := named(name)) is not None and each.settings}
+    return config.model_copy(
+        update={name: asked[name] for name, kind in kinds.items() if type(asked[name]) is load(kind)}
+    )
+
+
+def active(config: Config, asked: Mapping[str, object] | None = None) -> tuple[Active, ...]:
+    """Return the additions that take part, in their order: those that are wanted, and those asked for with settings.
+
+    Raises ConfigError: one that is asked for is not installed.
+    """
+    asked = asked or {}
+    there = {**ours(), **{name: each for name in (*config.given, *asked) if (each := named(name)) is not None}}
+    if missing := [name for name in asked if name not in there]:
+        raise ConfigError(f"there is no addition '{missing[0]}'; there are: {', '.join(sorted(there))}")
+    found = []
+    for name, each in there.items():
+        if name in asked:
+            found.append(Active(each, asked[name]))
+        elif name in config.given if each.wanted is None else each.wanted(config):
+            found.append(Active(each, config.section(load(each.settings)) if each.settings else None))
+    return tuple(sorted(found, key=lambda one: (one.addition.order, one.addition.name)))

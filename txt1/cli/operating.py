@@ -1,0 +1,249 @@
+"""A robot under an operator's eyes: what `txt1 run` does."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from txt1.bridges.registry import BRIDGES, bridge
+from txt1.cli import DISARMED, FAULT, OK, options
+from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
+from txt1.cli.errands import Errands
+from txt1.cli.network import fleet_bridge
+from txt1.cli.notify import served
+from txt1.cli.ros import RosNode, ros1_node, ros2_node
+from txt1.cli.web import WebPage, web_page
+from txt1.config import Config
+from txt1.config.sources import with_values
+from txt1.control.limits import Fault, SetpointBounds
+from txt1.driver import REFRESH, SOURCES, CommandSource
+from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
+from txt1.fleet.link import Link
+from txt1.kernel.ticks import Ticks
+from txt1.record.session import need
+from txt1.robot import Robot
+from txt1.ui.teleop import Teleop
+from txt1.ui.terminal import Terminal
+from txt1.ui.viewer import DRIVING
+
+if TYPE_CHECKING:
+    from txt1.learning.agent import Agent
+    from txt1.learning.sharing import Sharing
+
+Steer = Callable[[Robot], Awaitable[None]]
+DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
+
+
+class Asked(NamedTuple):
+    """Everything that was asked for along with the robot."""
+
+    agent: Agent | None  # that learns, or follows its policy
+    steer: Steer | None  # a source of commands by --source
+    page: WebPage | None
+    nodes: Sequence[RosNode]
+    fleet: dict[str, object] | None  # options of the bridge to the fleet's network
+    additions: Mapping[str, object]  # by name, with their settings
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the robot until the duration is over, the operator quits or a signal comes."""
+    config = options.loaded(arguments).config
+    if arguments.name is not None:
+        config = with_values(config, {"name": arguments.name})
+    asked = _asked(arguments, config)
+    app = App(arguments.speed)
+    app.run(_operate(app, arguments, config, asked))
+    return conclude(app, arguments.json)
+
+
+def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
+    """Find everything that was asked for; what there is not is refused before the robot is brought up."""
+    fleet = fleet_bridge(arguments, config)
+    agent: Agent | None = None
+    if arguments.learn is not None or arguments.policy is not None:
+        from txt1.learning.agents import agent_of
+
+        agent = agent_of(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
+    if arguments.share is not None:
+        from txt1.learning.sharing import sharer
+
+        if arguments.learn is None:
+            raise ConfigError("--share: this robot does not learn; add --learn")
+        sharer(arguments.learn, agent)
+    steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
+    for name, _ in arguments.bridge:
+        BRIDGES.place("bridge", name)
+    if arguments.drive is not None:
+        _tell_limits(arguments.drive, config)
+    if arguments.realtime and arguments.speed is not None:
+        raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
+    page = web_page(arguments)
+    if arguments.gamepad:
+        need("--gamepad", "gamepad", "pygame")
+    nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
+    more = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
+    more = {name: settings for name, settings in more.items() if settings is not None}
+    return Asked(agent, steer, page, nodes, fleet, more)
+
+
+def _tell_limits(drive: tuple[float, float], config: Config) -> None:
+    """Say which set-point the safety gate will make of this one, m/s and rad/s, where the car cannot do it."""
+    nearest = SetpointBounds(config.limits()).nearest(*drive)
+    if nearest != drive:
+        radius, limits = config.geometry.radius_min, config.safety
+        say(
+            "--drive {:g},{:g}: it will be {:.3g},{:.3g}".format(*drive, *nearest)
+            + f", as this car turns with a radius of at least {radius:g} m, at {limits.v_max:g} m/s and "
+            f"{limits.omega_max:g} rad/s at most"
+        )
+
+
+async def _operate(app: App, arguments: argparse.Namespace, config: Config, asked: Asked) -> None:
+    """Bring the robot up with all that was asked for, and watch it to the end."""
+    view = await live_view(arguments, control=arguments.view_control)
+    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn", "share")}
+    told["policy"] = None if arguments.policy is None else str(arguments.policy)
+    async with (
+        app.robot(config, log=arguments.log, about=told, view=view, additions=asked.additions) as robot,
+        AsyncExitStack() as bridges,
+    ):
+        if arguments.realtime:
+            bridges.enter_context(real_time(robot))
+        radius_min = config.geometry.radius_min
+        pivots = config.geometry.steering == "skid"
+        teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min, pivots)
+        if view is not None:
+            hand = robot.source("view")
+            view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
+        if arguments.duration is not None:
+            robot.runtime.scheduler.end_at(arguments.duration)
+        link = None if asked.fleet is None else Link(robot)
+        await _open_bridges(bridges, robot, arguments, config, asked, link)
+        alongside: list[asyncio.Future[Any]] = []
+        more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
+        shown = None if link is None else {"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING
+        if link is not None:
+            if arguments.cooperate is not None:
+                link.cooperate(arguments.cooperate, arguments.team)
+            alongside.append(link.refused)
+            more["x"] = link.stop_all
+        sharing = None if link is None or arguments.share is None else _sharing(robot, link, arguments, asked.agent)
+        start = Start(robot, arguments.arm, arguments.drive, asked.agent, asked.steer, sharing)
+
+        async def prepare() -> None:
+            await start.get_ready()
+            await asyncio.Future()  # only an error of this ends the run
+
+        getting_ready = asyncio.ensure_future(prepare())
+        bridges.enter_context(served(robot.runtime))
+        try:
+            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
+            await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *alongside)
+        finally:
+            getting_ready.cancel()
+        if app.code == OK:
+            app.code, app.reason = start.verdict(arguments.duration)
+            if app.code == FAULT:
+                say(app.reason)
+
+
+async def _open_bridges(
+    bridges: AsyncExitStack,
+    robot: Robot,
+    arguments: argparse.Namespace,
+    config: Config,
+    asked: Asked,
+    link: Link | None,
+) -> None:
+    """Open the way to the web page, gamepads, ROS and the fleet, and the bridges asked for by name."""
+    page = [] if asked.page is None else [asked.page.bridge()]
+    pad = asdict(config.gamepad) | {"radius_min": config.geometry.radius_min}
+    if wanted := [*page, *([("gamepad", pad)] if arguments.gamepad else []), *arguments.bridge]:
+        errands = Errands(robot, config, arguments.speed, arguments.web_folder)
+        bridges.push_async_callback(errands.close)
+        for name, given in wanted:
+            requests = dict(errands.requests)
+            if link is not None and name == "web":
+                requests["stop"] = link.stop_all
+            await bridges.enter_async_context(bridge(robot, name, given, requests))
+    for node in asked.nodes:
+        await bridges.enter_async_context(node(robot))
+    if link is not None:
+        await bridges.enter_async_context(bridge(robot, "fleet", asked.fleet, link.requests))
+
+
+def _sharing(robot: Robot, link: Link, arguments: argparse.Namespace, agent: Agent | None) -> Sharing:
+    """The robot's part in learning together with those of its fleet."""
+    from txt1.learning.sharing import Sharing, sharer
+
+    return Sharing(sharer(arguments.learn, agent), link, arguments.share, tell=robot.tell)
+
+
+@dataclass
+class Start:
+    """The start of a run on a robot whose link may not be up yet."""
+
+    robot: Robot
+    arm: bool | None  # None leaves it to safety.auto_arm
+    drive: tuple[float, float] | None = None  # m/s and rad/s to command throughout
+    agent: Agent | None = None
+    steer: Steer | None = None
+    sharing: Sharing | None = None
+    linked: bool = False
+    armed: bool = False
+
+    async def get_ready(self) -> None:
+        """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
+        robot = self.robot
+        if self.agent is not None:
+            from txt1.learning import task as learning
+
+            await learning.need_light(robot)
+        await robot.linked()
+        self.linked = True
+        if self._to_be_armed():
+            robot.arm()
+            self.armed = True
+        while not await robot.load_gains():
+            if robot.gains_rejected:
+                raise HalError(refusal_of_gains(robot))
+            robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
+        if self.drive is not None:
+            robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self.drive))
+        if self.agent is not None:
+            if self.sharing is not None:
+                await self.sharing.joined()
+            learning.start(robot, self.agent, sharing=self.sharing)
+        if self.steer is not None:
+            try:
+                await self.steer(robot)
+            except Txt1Error:
+                raise
+            except Exception as error:
+                raise TaskFault("source of commands", error) from error
+
+    def _to_be_armed(self) -> bool:
+        """Return whether it was asked for, and nobody has stopped the robot since."""
+        return (self.robot.arms_by_itself if self.arm is None else self.arm) and not self.robot.touched
+
+    def verdict(self, duration: float | None) -> tuple[int, str]:
+        """Return the exit code of a run that ended by itself, and the reason."""
+        runtime = self.robot.runtime
+        gate, board = runtime.gate, runtime.state.board
+        if any(gate.counts[fault] for fault in DISARMING):
+            return DISARMED, gate.reason
+        if board is not None and self._to_be_armed() and not self.armed:
+            return DISARMED, f"never armed: {board.text}"
+        if board is not None and duration is not None and not self.linked:
+            return FAULT, f"there was no link to the board in {duration:g} s: {board.text}"
+        return OK, gate.reason
+
+
+async def _script(source: CommandSource, velocity: tuple[float, float], ticks: Ticks) -> None:
+    async for _ in ticks:
+        source.command(*velocity)

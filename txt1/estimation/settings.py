@@ -1,0 +1,54 @@
+"""The section ``estimation`` of the configuration."""
+
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+from txt1.config.schema import Section, SensorName
+from txt1.units import NotNegative, Positive
+
+Quantity = Literal["x", "y", "theta", "v", "omega"]
+
+PRESETS: Final[dict[str, tuple[str, ...]]] = {
+    "none": (),
+    "encoders": ("encoders",),
+    "gyro": ("imu", "encoders"),
+    "imu-gps": ("imu", "encoders", "gps"),
+    "vicon": ("imu", "encoders", "vicon"),
+}
+"""The thesis's set-ups (3.3.3, 3.4.3): the sensors that are fused, those first that can be done without best."""
+
+
+class FusedConfig(Section):
+    """How a sensor is fused."""
+
+    fields: tuple[Quantity, ...] | None = None
+    """The quantities that are taken from it; null: omega of an IMU, the position of a GPS, the pose of a tracker."""
+    sigma: dict[Quantity, Positive] = {}
+    """Their standard deviations, m, rad, m/s, rad/s; left out: those that the reading tells, or assumed ones."""
+    delay: NotNegative = 0.0
+    """Its readings were taken so much earlier than they say, s."""
+    timeout: Positive = 1.0
+    """Time without a reading after which it is silent, s."""
+    gate: Positive = 5.0
+    """Mahalanobis distance from the estimate beyond which a reading is not believed."""
+
+
+class EstimationConfig(Section):
+    """The filter that makes one odometry of all sensors."""
+
+    preset: Literal["none", "encoders", "gyro", "imu-gps", "vicon"] = "none"
+    """What is fused: nothing; the encoders; these and an IMU; and a GPS; the encoders, an IMU and motion capture."""
+    sensors: tuple[SensorName, ...] | None = None
+    """The same by the sensors' names, "encoders" among them; null: those of the preset."""
+    settings: dict[SensorName, FusedConfig] = {}
+    """How they are fused, by their names."""
+    slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.03
+    """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
+    loops: bool = False
+    """Whether the velocity loops use its speed and yaw rate, as combined odometry, in place of the encoders'."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sensors that are fused; none: there is no filter."""
+        return PRESETS[self.preset] if self.sensors is None else self.sensors

@@ -1,0 +1,1 @@
+"""Guards of the safety gate: each lowers a set-point to the speed that its sensor finds safe."""

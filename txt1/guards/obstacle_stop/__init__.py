@@ -1,0 +1,1 @@
+"""The obstacle stop: the laser's say in the safety gate."""

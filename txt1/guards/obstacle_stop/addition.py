@@ -1,0 +1,11 @@
+"""The obstacle stop as an addition: without being asked for, it is there where sensors are."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="obstacle_stop",
+    order=20,
+    settings="txt1.guards.obstacle_stop.settings:ObstacleStop",
+    wanted=lambda config: bool(config.sensors) or "obstacle_stop" in config.given,
+    prepare="txt1.guards.obstacle_stop.guard:prepare",
+)

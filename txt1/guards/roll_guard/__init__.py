@@ -1,0 +1,1 @@
+"""The roll-over guard: the IMU's say in the safety gate."""

@@ -1,0 +1,23 @@
+"""The section ``roll_guard`` of the configuration."""
+
+from typing import Annotated
+
+from annotated_types import Gt, Le
+
+from txt1.config.schema import Section
+from txt1.units import Positive
+
+
+class RollGuard(Section):
+    """The roll-over guard: a curve is taken no faster than the measured roll of the ground allows."""
+
+    enabled: bool = False
+    """Whether it limits speed and yaw rate; it needs an IMU."""
+    sensor: str = "imu"
+    """Name of the IMU."""
+    gravity_height: Positive = 0.15
+    """Of the centre of gravity, m: half of the body's; assumed."""
+    share: Annotated[float, Gt(0.0), Le(1.0)] = 0.75
+    """Share of the way to lifting wheels that is used; chosen."""
+    memory: Positive = 3.0
+    """Time for which a roll is remembered, s; chosen."""
