@@ -17,9 +17,8 @@ from typing import Any, Final, NamedTuple
 from torture import page
 from torture.desk import Desk, on_the_desk
 from torture.strikes import KINDS, STRIKES, Strike, plan
-from txt1.cli import signals_to
 from txt1.cli.machines import OPTIONS, machines_of, progress
-from txt1.cli.options import add
+from txt1.commands import add, signals_to
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
 

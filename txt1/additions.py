@@ -46,7 +46,7 @@ class Addition(NamedTuple):
     order: int = 0
     """Those of a lower one come first; of equal ones, by name."""
     settings: str = ""
-    """Class of its section, a `txt1.config.schema.Section`."""
+    """Class of its section: a `txt1.config.schema.Section`, or a dataclass, which processes read without pydantic."""
     wanted: Callable[[Config], bool] | None = None
     """Whether a configuration asks for it; None: where its section is given."""
     watch: str = ""

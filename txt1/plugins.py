@@ -24,7 +24,7 @@ class Registry(NamedTuple):
     def ours(self) -> Mapping[str, Factory | str]:
         """The package's own, those of its additions, too."""
         brought = [addition.parts.get(self.group, {}) for addition in additions.known().values()]
-        return {**self.table, **{name: place for each in brought for name, place in each.items()}}
+        return {**{name: place for each in brought for name, place in each.items()}, **self.table}
 
     def names(self) -> list[str]:
         """The names of all that are installed."""

@@ -16,7 +16,8 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
-from txt1.cli import FAULT, OK, USAGE, execute
+from txt1.cli import execute
+from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
 from txt1.devices.car import DevicePort

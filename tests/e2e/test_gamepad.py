@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("what", ["unplugged", "killed"])
 def test_a_pad_drives_and_the_robot_stops_when_it_is_gone(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}")
-    monkeypatch.setitem(BRIDGES.table, "gamepad", "tests.unit.bridges.virtual_pad:driven")  # type: ignore[arg-type]
+    monkeypatch.setitem(BRIDGES.table, "gamepad", "tests.unit.gamepad.virtual_pad:driven")  # type: ignore[arg-type]
 
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1, settings=ENDLESS) as robot:

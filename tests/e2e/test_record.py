@@ -19,11 +19,11 @@ from rosbags.highlevel import AnyReader
 
 from tests.e2e.recordings import spoil_second_chunk
 from txt1.cli import execute
+from txt1.commands import need
 from txt1.errors import MissingExtra
 from txt1.record import mcap_file, recorder
 from txt1.record.reading import Reading
 from txt1.record.recover import recover
-from txt1.record.session import need
 
 Capture = pytest.CaptureFixture[str]
 

@@ -40,7 +40,6 @@ BRIDGES: Final = Registry(
     "txt1.bridges",
     {
         "fleet": "txt1.bridges.fleet:main",
-        "gamepad": "txt1.bridges.gamepad:main",
         "web": "txt1.bridges.web.server:main",
     },
 )

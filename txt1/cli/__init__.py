@@ -6,24 +6,16 @@ import os
 import re
 import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Sequence
 from difflib import get_close_matches
 from importlib import import_module
-from types import FrameType
 from typing import Final, NoReturn
 
 from txt1 import __version__, additions
+from txt1.commands import DISARMED, FAULT, OK, STDOUT, UNSTOPPED, USAGE
 from txt1.errors import ConfigError, NotArmed, StopNotVerified, Txt1Error
 
-OK: Final = 0  # all went as asked, or the reader of the output had enough of it
-FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
-USAGE: Final = 2
-DISARMED: Final = 3  # by the safety gate
-UNSTOPPED: Final = 4  # a stop was not obeyed at once, or nobody saw the robot stand
-SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
 EPILOG: Final = (
     "Exit codes: 0 as asked, 1 fault, 2 mistake in command line or configuration or a file that is not there, "
     "3 the safety gate disarmed the robot, 4 it did not stop when told to or was not seen to stand, "
@@ -57,7 +49,6 @@ COMMANDS: Final = {
     "config": "show or check a configuration",
     "hal": "list or check hardware layers",
     "sensor": "list or check sensors",
-    "gamepad": "show the gamepads that are plugged in, live, or teach SDL one that it does not know",
     "doctor": "look for what is wrong with the line to the board",
     "service": "have systemd start a robot at boot, watch over it and start it again",
     "device": "be one of the devices whose drivers we have, such as the Pico with our firmware",
@@ -81,23 +72,6 @@ def commands() -> dict[str, tuple[str, str]]:
                 )
             found[name] = told
     return found
-
-
-STDOUT: Final = 1
-
-
-@contextmanager
-def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Within the block the signals that end a command go to `handler` alone; in the main thread, which gets them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {each: signal.signal(each, handler) for each in SIGNALS}
-    try:
-        yield
-    finally:
-        for each, former in before.items():
-            signal.signal(each, former)
 
 
 def execute(argv: Sequence[str]) -> int:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from txt1.beside import PERIOD as SCREENS_PERIOD
 from txt1.beside import PRIORITY as SCREENS_PRIORITY
-from txt1.cli import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, signals_to
+from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, say, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
@@ -52,11 +52,6 @@ PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
 LAYOUT: Final = shipped("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
 
 View = Literal["screens", "lines", "nothing"]
-
-
-def say(text: str) -> None:
-    """Tell the user something beside the output."""
-    print(f"txt1: {text}", file=sys.stderr)
 
 
 class App:

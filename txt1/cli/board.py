@@ -8,11 +8,12 @@ from contextlib import AsyncExitStack
 from functools import partial
 from typing import Final
 
+from txt1 import commands
 from txt1.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.cli import options
-from txt1.cli.app import App, conclude, in_journal, live_view, say, view_of
-from txt1.cli.options import flag, takes
+from txt1.cli.app import App, conclude, in_journal, live_view, view_of
 from txt1.cli.ros import BoardNode, board_node
+from txt1.commands import flag, say, takes
 from txt1.config import Config, load
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
@@ -38,12 +39,12 @@ _STATES: Final = {"off": 0.0, "on": 1.0}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `board` takes."""
-    options.add(parser.add_mutually_exclusive_group(required=True), {
+    commands.add(parser.add_mutually_exclusive_group(required=True), {
         "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
         "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
-        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
+        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
     })  # fmt: skip
-    options.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | options.ROS2 | {
+    commands.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | options.ROS2 | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),
         "--as": {
@@ -59,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "bits), split=true, merge, delay, jitter, stall, stall_every, cut (s); may be repeated",
             action="append", default=[],
         ),
-        "--duration": takes("S", "end after S seconds", options.positive),
+        "--duration": takes("S", "end after S seconds", commands.positive),
         "--json": flag("no status lines; one JSON object at the end"),
     })  # fmt: skip
 
@@ -70,10 +71,10 @@ def board_event(text: str) -> tuple[float, BoardEvent]:
     name, equals, value = event.partition("=")
     if name not in EVENTS or bool(equals) is (name == "centre"):
         raise argparse.ArgumentTypeError(f"'{text}' is no event, such as 12.5:centre, 20:esc=off or 30:restart=0.2")
-    number = _STATES.get(value) if name == "esc" else options.positive(value) if equals else 0.0
+    number = _STATES.get(value) if name == "esc" else commands.positive(value) if equals else 0.0
     if number is None:
         raise argparse.ArgumentTypeError(f"'{text}': the ESC is on or off")
-    return options.positive(time), BoardEvent(name, number)
+    return commands.positive(time), BoardEvent(name, number)
 
 
 def keys(board: Board) -> dict[str, Callable[[], None]]:

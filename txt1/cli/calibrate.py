@@ -13,10 +13,10 @@ from typing import Any, Final
 
 import yaml
 
-from txt1.cli import FAULT, OK
 from txt1.cli.app import App, get_ready
 from txt1.cli.machines import progress
-from txt1.cli.options import ROBOT, add, count, flag, loaded, path, takes
+from txt1.cli.options import ROBOT, loaded
+from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError

@@ -2,8 +2,8 @@
 
 import argparse
 
-from txt1.cli import OK, parser
-from txt1.record.session import need
+from txt1.cli import parser
+from txt1.commands import OK, need
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

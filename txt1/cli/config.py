@@ -4,8 +4,8 @@ import argparse
 import json
 import os
 
-from txt1.cli import OK
-from txt1.cli.options import CONFIGURATION, VEHICLE, add_actions, takes
+from txt1.cli.options import CONFIGURATION, VEHICLE
+from txt1.commands import OK, add_actions, takes
 from txt1.config import completed, flatten, load, origin_of
 
 

@@ -5,8 +5,7 @@ import json
 import sys
 from contextlib import ExitStack
 
-from txt1.cli import OK
-from txt1.cli.options import add, flag, takes
+from txt1.commands import OK, add, flag, takes
 from txt1.errors import CaptureError, ConfigError
 from txt1.protocol import capture
 from txt1.protocol.decoder import Decoder

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from txt1.cli import OK, execute
-from txt1.cli.options import SEED, add, path, takes, unused
+from txt1.cli import execute
+from txt1.cli.options import SEED
+from txt1.commands import OK, add, path, takes, unused
 from txt1.errors import installs
 from txt1.experiments import run_folder
 from txt1.record.session import MODULES

@@ -6,9 +6,10 @@ import argparse
 import os
 from typing import Final, Protocol
 
+from txt1 import commands
 from txt1.cli import options
-from txt1.cli.app import App, say
-from txt1.cli.options import takes
+from txt1.cli.app import App
+from txt1.commands import say, takes
 from txt1.config import Config, load
 from txt1.errors import Txt1Error
 from txt1.hal.registry import HALS
@@ -53,11 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pico: our firmware under MicroPython's unix port; the others: the "
         "controller that the hardware layer of that name drives",
     )
-    options.add(parser.add_mutually_exclusive_group(required=True), {
+    commands.add(parser.add_mutually_exclusive_group(required=True), {
         "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
-        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", options.host_and_port),
+        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
     })  # fmt: skip
-    options.add(parser, options.CONFIGURATION | {"--duration": takes("S", "end after S seconds", options.positive)})
+    commands.add(parser, options.CONFIGURATION | {"--duration": takes("S", "end after S seconds", commands.positive)})
     parser.set_defaults(main=main)
 
 

@@ -8,10 +8,10 @@ from itertools import pairwise
 from statistics import median
 from typing import Final
 
-from txt1.cli import FAULT, OK
 from txt1.cli.app import App
-from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add, loaded, positive, takes
+from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, loaded
 from txt1.cli.remark import Remark, judged
+from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
 from txt1.hal.registry import ON_A_LINE, PORTS, create, is_simulated, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port

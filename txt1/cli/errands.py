@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from txt1.bridges.registry import shown
+from txt1.commands import need
 from txt1.config import Config
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
@@ -17,7 +18,7 @@ from txt1.errors import CommandRefused, NotArmed, Overruled, Txt1Error
 from txt1.kernel.loop import Speed
 from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, true_pose, wheel_pose
-from txt1.record.session import dated, need, recording
+from txt1.record.session import dated, recording
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
 

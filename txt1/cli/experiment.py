@@ -11,10 +11,10 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from txt1.cli import DISARMED, FAULT, OK, signals_to
-from txt1.cli.app import App, get_ready, say
+from txt1.cli.app import App, get_ready
 from txt1.cli.machines import OPTIONS, Machines, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, add, count, flag, loaded, path, robot_speed, takes, unused
+from txt1.cli.options import ARM, LOG, ROBOT, loaded, robot_speed
+from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder, sensor_failure

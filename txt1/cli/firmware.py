@@ -6,8 +6,8 @@ import argparse
 import asyncio
 from typing import Final
 
-from txt1.cli import FAULT
-from txt1.cli.app import App, say
+from txt1.cli.app import App
+from txt1.commands import FAULT, say
 from txt1.devices.installer import LOG, OverMpremote, digests, install, listen, release
 from txt1.link.ports import only_candidate
 

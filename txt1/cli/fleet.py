@@ -11,19 +11,19 @@ from math import dist
 from secrets import token_hex
 from typing import TYPE_CHECKING, Final
 
+from txt1 import commands
 from txt1.bridges.registry import fleet_bridge
-from txt1.cli import DISARMED, FAULT, OK, UNSTOPPED, options
-from txt1.cli.app import App, report, say, view_of
+from txt1.cli import options
+from txt1.cli.app import App, report, view_of
 from txt1.cli.errands import Errands
 from txt1.cli.operating import DISARMING
-from txt1.cli.options import flag, takes
 from txt1.cli.web import WebPage, web_page
+from txt1.commands import DISARMED, FAULT, OK, UNSTOPPED, flag, need, say, takes
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.stopping import Standing
-from txt1.record.session import need
 from txt1.ui import tty
 from txt1.ui.helm import KEYS, Helm
 from txt1.ui.teleop import Teleop
@@ -37,21 +37,21 @@ EARLY: Final = 3.5  # s after which a stop of all that is not complete is told a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `fleet` takes."""
-    options.add(parser.add_mutually_exclusive_group(required=True), {
-        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": options.existing, "help": "names, starts and tasks"},
-        "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", options.count),
+    commands.add(parser.add_mutually_exclusive_group(required=True), {
+        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": commands.existing, "help": "names, starts and tasks"},
+        "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", commands.count),
         "--join": takes(
             "INTERFACE", "watch, stop and drive the fleet on this network interface; left out, on loopback", nargs="?",
             const="",
         ),
     })  # fmt: skip
-    options.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | options.LOG | {
-        "--duration": takes("S", "end after S seconds of the robots' time", options.positive),
-        "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", options.velocity),
+    commands.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | options.LOG | {
+        "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
+        "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
         "--fleet-key": options.NETWORK["--fleet-key"],
         "--stop": takes(
             "NAME,NAME,...", "with --join: stop all robots, say which have stopped, and end; those named must answer",
-            options.names, nargs="?", const=[],
+            commands.names, nargs="?", const=[],
         ),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
         "--headless": flag("no screens; one status line a second"),

@@ -8,9 +8,9 @@ from pathlib import Path
 from string import Template
 from typing import Final
 
-from txt1.cli import OK, signals_to
-from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, add_actions, flag, loaded, path, takes
+from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, loaded
 from txt1.cli.verdicts import print_verdicts
+from txt1.commands import OK, add_actions, flag, path, signals_to, takes
 from txt1.conformance import verdicts
 from txt1.errors import ConfigError
 from txt1.hal.base import Hal

@@ -10,11 +10,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from txt1.cli import DISARMED, OK, signals_to
-from txt1.cli.app import say
 from txt1.cli.machines import OPTIONS, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, add, busy, count, flag, loaded, path, robot_speed, takes, unused
+from txt1.cli.options import ARM, LOG, ROBOT, loaded, robot_speed
 from txt1.cli.trials import conduct
+from txt1.commands import DISARMED, OK, add, busy, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.learning import compare, experiment, plots, suite

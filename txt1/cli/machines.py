@@ -19,8 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from txt1.cli import SIGNALS
-from txt1.cli.options import count, existing, takes
+from txt1.commands import SIGNALS, count, existing, takes
 from txt1.errors import ConfigError, MissingExtra, Txt1Error
 from txt1.kernel.processors import processors
 from txt1.learning.provenance import code_hash

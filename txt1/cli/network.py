@@ -2,9 +2,9 @@
 
 import argparse
 
+from txt1.commands import need
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.record.session import need
 
 
 def fleet_bridge(arguments: argparse.Namespace, config: Config) -> dict[str, object] | None:

@@ -6,18 +6,19 @@ import argparse
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from txt1.bridges.registry import BRIDGES, bridge
-from txt1.cli import DISARMED, FAULT, OK, options
-from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, say, view_of
+from txt1.cli import options
+from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, view_of
 from txt1.cli.errands import Errands
 from txt1.cli.network import fleet_bridge
 from txt1.cli.notify import served
 from txt1.cli.ros import RosNode, ros1_node, ros2_node
 from txt1.cli.web import WebPage, web_page
+from txt1.commands import DISARMED, FAULT, OK, say
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.control.limits import Fault, SetpointBounds
@@ -25,7 +26,6 @@ from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
 from txt1.fleet.link import Link
 from txt1.kernel.ticks import Ticks
-from txt1.record.session import need
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
@@ -83,8 +83,6 @@ def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
     page = web_page(arguments)
-    if arguments.gamepad:
-        need("--gamepad", "gamepad", "pygame")
     nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
     more = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
     more = {name: settings for name, settings in more.items() if settings is not None}
@@ -162,8 +160,7 @@ async def _open_bridges(
 ) -> None:
     """Open the way to the web page, gamepads, ROS and the fleet, and the bridges asked for by name."""
     page = [] if asked.page is None else [asked.page.bridge()]
-    pad = asdict(config.gamepad) | {"radius_min": config.geometry.radius_min}
-    if wanted := [*page, *([("gamepad", pad)] if arguments.gamepad else []), *arguments.bridge]:
+    if wanted := [*page, *arguments.bridge]:
         errands = Errands(robot, config, arguments.speed, arguments.web_folder)
         bridges.push_async_callback(errands.close)
         for name, given in wanted:

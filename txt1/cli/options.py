@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from math import isfinite, nan
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
+from txt1.commands import existing, flag, host_and_port, named_url, path, positive, speed, takes
 from txt1.errors import ConfigError
 
 if TYPE_CHECKING:  # so that the help is there at once
@@ -20,141 +18,14 @@ if TYPE_CHECKING:  # so that the help is there at once
     from txt1.kernel.loop import Speed
 
 
-def number(text: str) -> float:
-    """Return the finite number that a word is; raises ArgumentTypeError."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = nan
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
-    return value
-
-
-def positive(text: str) -> float:
-    """Return the number above 0 that a word is; raises ArgumentTypeError."""
-    try:
-        value = number(text)
-    except argparse.ArgumentTypeError:
-        value = 0.0
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
-    return value
-
-
-def count(text: str) -> int:
-    """Return the whole number from 1 that a word is; raises ArgumentTypeError."""
-    if not (text.isascii() and text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
-    return int(text)
-
-
-def speed(text: str) -> Speed:
-    """Return the speed of a robot's time that a word is; raises ArgumentTypeError."""
-    if text == "max":
-        return "max"
-    try:
-        return positive(text)
-    except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not max or a positive number") from None
-
-
-def velocity(text: str) -> tuple[float, float]:
-    """Return the velocity in m/s and rad/s that a word is; raises ArgumentTypeError."""
-    parts = text.split(",")
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"'{text}' is not V,OMEGA, for example 0.5,0.3")
-    return number(parts[0]), number(parts[1])
-
-
-def bridge_options(text: str) -> tuple[str, dict[str, object]]:
-    """Return the bridge's name and its options, each a number, true, false or text; raises ArgumentTypeError."""
-    name, _, rest = text.partition(":")
-    options: dict[str, object] = {}
-    for part in filter(None, rest.split(",")):
-        key, equals, value = part.partition("=")
-        if not (equals and key.isidentifier()):
-            raise argparse.ArgumentTypeError(f"'{text}' is not NAME:KEY=VALUE,..., for example mqtt:port=1883")
-        try:
-            options[key] = json.loads(value)
-        except ValueError:
-            options[key] = value
-    return name, options
-
-
-def host_and_port(text: str) -> tuple[str, int]:
-    """Return the address that a word is, on 127.0.0.1 when it names no host; raises ArgumentTypeError."""
-    host, _, port = text.rpartition(":")
-    if not port.isdecimal() or not 0 <= int(port) <= 65535:
-        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, for example 127.0.0.1:5701")
-    return host.strip("[]") or "127.0.0.1", int(port)
-
-
-def named_url(text: str) -> tuple[str, str]:
-    """Return the robot's name and its page's address that a word is; raises ArgumentTypeError."""
-    name, _, url = text.partition("=")
-    if not (name and url.startswith(("http://", "https://"))):
-        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=URL, for example txt02=https://txt02.local:8080")
-    return name, url
-
-
-def names(text: str) -> list[str]:
-    """Return the names that a word with commas is."""
-    return [name for name in text.split(",") if name]
-
-
-def path(text: str) -> Path:
-    """Return the path that a word is; raises ArgumentTypeError for an empty one, as of a variable that is not set."""
-    if not text:
-        raise argparse.ArgumentTypeError("'' is no name of a file or folder; give one")
-    return Path(text)
-
-
-def existing(text: str) -> Path:
-    """Return the path of something that is there; raises ArgumentTypeError."""
-    found = path(text)
-    if not found.exists():
-        raise argparse.ArgumentTypeError(f"there is no file '{text}'; check the name")
-    return found
-
-
 def recording(text: str) -> Path:
     """Return the path of a recording that is there; raises ArgumentTypeError, and MissingExtra without its reader."""
-    from txt1.record.session import MODULES, need
+    from txt1.commands import need
+    from txt1.record.session import MODULES
 
     need("reading a recording", "record", *MODULES)
     return existing(text)
 
-
-@contextmanager
-def busy(text: str) -> Iterator[None]:
-    """On a terminal, show for as long as the block takes that something is being done."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(f"{text} ..."):
-        yield
-
-
-def unused(folder: Path) -> Path:
-    """Return the folder, or the first of its name with a number that is not there yet."""
-    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
-    return next(each for each in names if not each.exists())
-
-
-def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = str, **more: Any) -> dict[str, Any]:
-    """Return what argparse is to be told of an argument with a value, which `kind` makes of a word."""
-    return {"metavar": metavar, "help": about, "type": kind, **more}
-
-
-def flag(about: str, **more: Any) -> dict[str, Any]:
-    """Return what argparse is to be told of an option without a value."""
-    return {"action": "store_true", "help": about, **more}
-
-
-Arguments = Mapping[str, Mapping[str, Any]]  # of a command by their names, from `takes` and `flag`
 
 LINE: Final = {
     "--port": takes(
@@ -219,25 +90,6 @@ NETWORK: Final = {
 }  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}
-
-
-def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:
-    """Add arguments to a parser, or to a group of it."""
-    for names, told in arguments.items():
-        parser.add_argument(*names.split(), **told)
-
-
-def add_actions(
-    parser: argparse.ArgumentParser, actions: Mapping[str, tuple[Callable[[argparse.Namespace], int], Arguments]]
-) -> None:
-    """Add actions, each by its name with what does it, whose docstring is its help, and what it takes."""
-    parsers = parser.add_subparsers(required=True, metavar="ACTION")
-    for name, (main, arguments) in actions.items():
-        about = (main.__doc__ or "").rstrip(".")
-        action = parsers.add_parser(name, help=about[:1].lower() + about[1:])
-        action.set_defaults(main=main)
-        add(action, arguments)
-    parser.set_defaults(parsers=parsers.choices)
 
 
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:

@@ -2,8 +2,8 @@
 
 import argparse
 
-from txt1.cli import FAULT, OK
-from txt1.cli.options import ONE_ROBOT, RECORDING, add, busy, flag, positive, takes
+from txt1.cli.options import ONE_ROBOT, RECORDING
+from txt1.commands import FAULT, OK, add, busy, flag, positive, takes
 from txt1.kernel.loop import run
 
 
@@ -23,8 +23,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Show a recording on the screens or to ROS 2, or run it again and say where it first differs."""
     if arguments.ros2:
         from txt1.bridges.ros.playback import Playback, publish
-        from txt1.cli.app import say
         from txt1.cli.ros import ros2_python
+        from txt1.commands import say
 
         python = ros2_python()
 

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from txt1.cli import OK
-from txt1.cli.options import ONE_ROBOT, RECORDING, add, busy, takes
-from txt1.record.session import need
+from txt1.cli.options import ONE_ROBOT, RECORDING
+from txt1.commands import OK, add, busy, need, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, Any, Final
 
 from txt1.board import Board
-from txt1.cli.app import say
+from txt1.commands import say
 from txt1.errors import ConfigError
 from txt1.robot import Robot
 

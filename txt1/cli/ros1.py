@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from txt1.bridges.ros.txt_driver import write_package
-from txt1.cli import OK
-from txt1.cli.options import add_actions, path, takes
+from txt1.commands import OK, add_actions, path, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from txt1.cli import OK
-from txt1.cli.options import CONFIGURATION, add_actions, busy, loaded, path, takes
+from txt1.cli.options import CONFIGURATION, loaded
+from txt1.commands import OK, add_actions, busy, path, takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

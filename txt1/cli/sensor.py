@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from typing import Any, Final, NamedTuple
 
-from txt1.cli import OK
-from txt1.cli.app import App, get_ready, say
-from txt1.cli.options import CONFIGURATION, add_actions, host_and_port, positive, takes, velocity
+from txt1.cli.app import App, get_ready
+from txt1.cli.options import CONFIGURATION
 from txt1.cli.verdicts import print_verdicts
+from txt1.commands import OK, add_actions, host_and_port, positive, say, takes, velocity
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import verdicts

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from txt1.cli import OK, options, parsed
-from txt1.cli.app import say
-from txt1.cli.options import flag, takes
+from txt1 import commands
+from txt1.cli import options, parsed
+from txt1.commands import OK, flag, say, takes
 from txt1.errors import ConfigError
 from txt1.kernel.realtime import FIFO, OTHERS_NICENESS
 
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--name": takes("NAME", "of the unit, txt1 by default", unit_name, default="txt1"),
     }
     command = {"run": {"nargs": argparse.REMAINDER, "metavar": "run ...", "help": "what to run: run and its options"}}
-    options.add_actions(parser, {"install": (install, where | command), "remove": (remove, where)})
+    commands.add_actions(parser, {"install": (install, where | command), "remove": (remove, where)})
 
 
 def unit_name(text: str) -> str:

@@ -11,10 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from txt1.cli import FAULT, OK, execute, options, parsed, signals_to
-from txt1.cli.app import say
+from txt1 import commands
+from txt1.cli import execute, parsed
 from txt1.cli.machines import OPTIONS, machines_of, progress
-from txt1.cli.options import flag, path, takes
+from txt1.commands import FAULT, OK, flag, path, say, signals_to, takes
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.kernel.clock import stopwatch_ns
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"For example: txt1 sweep seed=1..100 control.linear.kp=9,11 -- run --json --drive 0.5,0 --duration 10, or "
         f"txt1 sweep seed=1..1000 -- learn --trials 1 --jobs 1 --out {OUT}. {parser.epilog}"
     )
-    options.add(parser, {
+    commands.add(parser, {
         "words": {
             "nargs": "+", "metavar": "PARAM=VALUES | COMMAND",
             "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "

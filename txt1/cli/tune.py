@@ -6,11 +6,11 @@ from typing import Final
 
 from rich.console import Console
 
-from txt1.cli import OK
-from txt1.cli.app import App, get_ready, say
+from txt1.cli.app import App, get_ready
 from txt1.cli.experiment import configure, drive_all, progress_bar, repeated
 from txt1.cli.machines import OPTIONS, Machines, machines_of
-from txt1.cli.options import ARM, ROBOT, add, count, flag, path, takes
+from txt1.cli.options import ARM, ROBOT
+from txt1.commands import OK, add, count, flag, path, say, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused

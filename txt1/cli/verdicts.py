@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from txt1.cli import FAULT, OK
+from txt1.commands import FAULT, OK
 from txt1.conformance import BROKEN
 
 

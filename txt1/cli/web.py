@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from txt1.cli.app import say, view_of
+from txt1.cli.app import view_of
+from txt1.commands import need, say
 from txt1.errors import ConfigError
-from txt1.record.session import need
 from txt1.record.view_proxy import token_in
 
 FILE: Final = "web-token"  # where the token is, unless told otherwise

@@ -2,17 +2,26 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
+from functools import cache
 from hashlib import blake2b
 from itertools import pairwise
 from math import inf
-from typing import Annotated, Any, Final, Literal, TypeVar, cast
+from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from txt1 import additions
 from txt1.control.open_loop import SpeedMap
-from txt1.control.pad import PadParameters
 from txt1.control.parameters import KnownCar, Limits, Safety
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, SETS_MAX, GainSet, Schedule
@@ -336,7 +345,7 @@ class HostConfig(Section):
     """Whether Robot.shutdown_host may power it down."""
 
 
-S = TypeVar("S", bound=Section)
+S = TypeVar("S")
 
 RECORDED: Final = {"recorded": True}
 """Context of pydantic's for the configuration in a recording: what no addition here can read is kept unread."""
@@ -370,7 +379,6 @@ class Config(Section):
     board: BoardConfig = BoardConfig()
     commander: CommanderConfig = CommanderConfig()
     teleop: TeleopConfig = TeleopConfig()
-    gamepad: PadParameters = PadParameters()
     learning: LearningConfig = LearningConfig()
     sensors: dict[SensorName, SensorConfig] = {}
     """Sensors beside those of the hardware layer, by name."""
@@ -434,15 +442,16 @@ class Config(Section):
 
 def _section(name: str, value: Any, recorded: bool) -> Any:
     """The section of an addition, as the addition's own class has it."""
-    kind = None if isinstance(value, Section) else additions.settings_of(name)
-    if kind is None:
-        if recorded or isinstance(value, Section):
-            return value
-        error = PydanticCustomError("extra_forbidden", "unknown key")
-        raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
-    try:
-        return kind.model_validate(value)
-    except ValidationError as error:
-        found = cast("list[InitErrorDetails]", error.errors(include_url=False))
-        below = [InitErrorDetails(**{**each, "loc": (name, *each["loc"])}) for each in found]
-        raise ValidationError.from_exception_data("Config", below) from None
+    kind = additions.settings_of(name)
+    if kind is not None:
+        return _reader(kind).validate_python({name: value})[name]
+    if recorded:
+        return value
+    error = PydanticCustomError("extra_forbidden", "unknown key")
+    raise ValidationError.from_exception_data("Config", [{"type": error, "loc": (name,), "input": value}])
+
+
+@cache
+def _reader(kind: Any) -> TypeAdapter[Any]:
+    """Whoever reads sections of this class, each below its name, which is in the errors then."""
+    return TypeAdapter(dict[str, kind], config=ConfigDict(extra="forbid", allow_inf_nan=False))

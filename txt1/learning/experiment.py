@@ -20,6 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from txt1.commands import need
 from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
@@ -29,7 +30,7 @@ from txt1.learning.provenance import code_hash, provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
-from txt1.record.session import discard, need
+from txt1.record.session import discard
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1

@@ -11,13 +11,12 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from txt1 import __version__
+from txt1.commands import need
 from txt1.config import Config, flatten
-from txt1.errors import MissingExtra
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
 from txt1.runtime import Runtime
@@ -32,12 +31,6 @@ MODULES: Final = ("mcap", "mcap_ros2", "zstandard", "lz4")
 LIBRARIES: Final = ("pydantic", "mcap")
 VIEW_BATCH: Final = 0.1  # real s between two batches for a live view
 MEGABYTE: Final = 1_000_000
-
-
-def need(feature: str, extra: str, *modules: str) -> None:
-    """Raise MissingExtra unless the modules of an optional feature are installed."""
-    if any(find_spec(module) is None for module in modules):
-        raise MissingExtra(feature, extra)
 
 
 @cache

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from txt1.cli import OK, options
-from txt1.cli.app import say
+from txt1 import commands
+from txt1.cli import options
+from txt1.commands import OK, need, say
 from txt1.config import Config
-from txt1.control.pad import Pads, Reading
 from txt1.errors import ConfigError
-from txt1.record.session import need
+from txt1.gamepad.pad import PadParameters, Pads, Reading
 
 if TYPE_CHECKING:
-    from txt1.bridges.gamepad import Devices
+    from txt1.gamepad.bridge import Devices
 
 PERIOD: Final = 0.05  # s between two lines
 STEPS: Final = {
@@ -36,21 +36,23 @@ STEPS: Final = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the configuration, and where a mapping goes."""
-    options.add(parser, options.CONFIGURATION | {
-        "--map": options.takes(
-            "FILE", "ask for all buttons and axes of the first pad, and write SDL's mapping of it to FILE", options.path
+    commands.add(parser, options.CONFIGURATION | {
+        "--map": commands.takes(
+            "FILE",
+            "ask for all buttons and axes of the first pad, and write SDL's mapping of it to FILE",
+            commands.path,
         ),
-        "--duration": options.takes("S", "end after S seconds", options.positive),
+        "--duration": commands.takes("S", "end after S seconds", commands.positive),
     })  # fmt: skip
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the pads until Ctrl-C, or ask for the parts of one."""
     need("gamepads", "gamepad", "pygame")
-    from txt1.bridges.gamepad import Devices
+    from txt1.gamepad.bridge import Devices
 
     config = options.loaded(arguments).config
-    devices = Devices(config.gamepad.mapping)
+    devices = Devices(config.section(PadParameters).mapping)
     try:
         if arguments.map is not None:
             return _map(devices, arguments.map)
@@ -62,9 +64,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _show(devices: Devices, config: Config, duration: float | None) -> None:
     """Print a line a pad, again and again."""
-    from txt1.bridges.gamepad import now
+    from txt1.gamepad.bridge import now
 
-    pads, ends = Pads(config.gamepad, config.geometry.radius_min), now() + (duration or 1e9)
+    pads, ends = Pads(config.section(PadParameters), config.geometry.radius_min), now() + (duration or 1e9)
     told: dict[int, str] = {}
     while now() < ends:
         readings = devices.look()

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from txt1.beside import Connection
-from txt1.control.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, Reading
 from txt1.kernel.clock import RealClock, seconds
 
 PERIOD: Final = 0.02  # s between two looks

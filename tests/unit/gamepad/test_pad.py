@@ -9,7 +9,7 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.control.pad import AXES, BUTTONS, DEAD, HOLD, Pad, PadParameters, Pads, Reading, Wish, velocity
+from txt1.gamepad.pad import AXES, BUTTONS, DEAD, HOLD, Pad, PadParameters, Pads, Reading, Wish, velocity
 
 R = 0.56
 ORIGINAL = PadParameters()

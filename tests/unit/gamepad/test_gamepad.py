@@ -10,11 +10,11 @@ import pytest
 
 pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 'txt1[gamepad]'")
 
-from tests.unit.bridges.virtual_pad import VirtualPad
-from tests.unit.control.test_pad import by_chance, does_what_the_manual_says
-from txt1.bridges.gamepad import Devices
-from txt1.cli.gamepad import described, mapping_line, moved
-from txt1.control.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+from tests.unit.gamepad.test_pad import by_chance, does_what_the_manual_says
+from tests.unit.gamepad.virtual_pad import VirtualPad
+from txt1.gamepad.bridge import Devices
+from txt1.gamepad.command import described, mapping_line, moved
+from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, Reading
 
 HELD_AND_PRESSED = ("a", "b", "start", "y", "back", "x")
 

@@ -1,0 +1,211 @@
+"""The words that commands share, the front's own and those of additions: exit codes, options, values, what is said.
+
+It imports next to nothing, so that a command's help is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from math import isfinite, nan
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final
+
+from txt1.errors import MissingExtra
+
+if TYPE_CHECKING:
+    from txt1.kernel.loop import Speed
+
+OK: Final = 0  # all went as asked, or the reader of the output had enough of it
+FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
+USAGE: Final = 2
+DISARMED: Final = 3  # by the safety gate
+UNSTOPPED: Final = 4  # a stop was not obeyed at once, or nobody saw the robot stand
+SIGNALS: Final = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)  # the exit code is 128 + n, outputs neutral
+STDOUT: Final = 1
+
+
+@contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Within the block the signals that end a command go to `handler` alone; in the main thread, which gets them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {each: signal.signal(each, handler) for each in SIGNALS}
+    try:
+        yield
+    finally:
+        for each, former in before.items():
+            signal.signal(each, former)
+
+
+def say(text: str) -> None:
+    """Tell the user something beside the output."""
+    print(f"txt1: {text}", file=sys.stderr)
+
+
+def need(feature: str, extra: str, *modules: str) -> None:
+    """Raise MissingExtra unless the modules of an optional feature are installed."""
+    if any(find_spec(module) is None for module in modules):
+        raise MissingExtra(feature, extra)
+
+
+# -- values --------------------------------------------------------------------------------------------------------
+
+
+def number(text: str) -> float:
+    """Return the finite number that a word is; raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
+    return value
+
+
+def positive(text: str) -> float:
+    """Return the number above 0 that a word is; raises ArgumentTypeError."""
+    try:
+        value = number(text)
+    except argparse.ArgumentTypeError:
+        value = 0.0
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
+    return value
+
+
+def count(text: str) -> int:
+    """Return the whole number from 1 that a word is; raises ArgumentTypeError."""
+    if not (text.isascii() and text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
+    return int(text)
+
+
+def speed(text: str) -> Speed:
+    """Return the speed of a robot's time that a word is; raises ArgumentTypeError."""
+    if text == "max":
+        return "max"
+    try:
+        return positive(text)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not max or a positive number") from None
+
+
+def velocity(text: str) -> tuple[float, float]:
+    """Return the velocity in m/s and rad/s that a word is; raises ArgumentTypeError."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"'{text}' is not V,OMEGA, for example 0.5,0.3")
+    return number(parts[0]), number(parts[1])
+
+
+def bridge_options(text: str) -> tuple[str, dict[str, object]]:
+    """Return the bridge's name and its options, each a number, true, false or text; raises ArgumentTypeError."""
+    name, _, rest = text.partition(":")
+    options: dict[str, object] = {}
+    for part in filter(None, rest.split(",")):
+        key, equals, value = part.partition("=")
+        if not (equals and key.isidentifier()):
+            raise argparse.ArgumentTypeError(f"'{text}' is not NAME:KEY=VALUE,..., for example mqtt:port=1883")
+        try:
+            options[key] = json.loads(value)
+        except ValueError:
+            options[key] = value
+    return name, options
+
+
+def host_and_port(text: str) -> tuple[str, int]:
+    """Return the address that a word is, on 127.0.0.1 when it names no host; raises ArgumentTypeError."""
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or not 0 <= int(port) <= 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, for example 127.0.0.1:5701")
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def named_url(text: str) -> tuple[str, str]:
+    """Return the robot's name and its page's address that a word is; raises ArgumentTypeError."""
+    name, _, url = text.partition("=")
+    if not (name and url.startswith(("http://", "https://"))):
+        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=URL, for example txt02=https://txt02.local:8080")
+    return name, url
+
+
+def names(text: str) -> list[str]:
+    """Return the names that a word with commas is."""
+    return [name for name in text.split(",") if name]
+
+
+def path(text: str) -> Path:
+    """Return the path that a word is; raises ArgumentTypeError for an empty one, as of a variable that is not set."""
+    if not text:
+        raise argparse.ArgumentTypeError("'' is no name of a file or folder; give one")
+    return Path(text)
+
+
+def existing(text: str) -> Path:
+    """Return the path of something that is there; raises ArgumentTypeError."""
+    found = path(text)
+    if not found.exists():
+        raise argparse.ArgumentTypeError(f"there is no file '{text}'; check the name")
+    return found
+
+
+# -- options -------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def busy(text: str) -> Iterator[None]:
+    """On a terminal, show for as long as the block takes that something is being done."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(f"{text} ..."):
+        yield
+
+
+def unused(folder: Path) -> Path:
+    """Return the folder, or the first of its name with a number that is not there yet."""
+    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 10_000)))
+    return next(each for each in names if not each.exists())
+
+
+def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = str, **more: Any) -> dict[str, Any]:
+    """Return what argparse is to be told of an argument with a value, which `kind` makes of a word."""
+    return {"metavar": metavar, "help": about, "type": kind, **more}
+
+
+def flag(about: str, **more: Any) -> dict[str, Any]:
+    """Return what argparse is to be told of an option without a value."""
+    return {"action": "store_true", "help": about, **more}
+
+
+Arguments = Mapping[str, Mapping[str, Any]]  # of a command by their names, from `takes` and `flag`
+
+
+def add(parser: argparse._ActionsContainer, arguments: Arguments) -> None:
+    """Add arguments to a parser, or to a group of it."""
+    for names, told in arguments.items():
+        parser.add_argument(*names.split(), **told)
+
+
+def add_actions(
+    parser: argparse.ArgumentParser, actions: Mapping[str, tuple[Callable[[argparse.Namespace], int], Arguments]]
+) -> None:
+    """Add actions, each by its name with what does it, whose docstring is its help, and what it takes."""
+    parsers = parser.add_subparsers(required=True, metavar="ACTION")
+    for name, (main, arguments) in actions.items():
+        about = (main.__doc__ or "").rstrip(".")
+        action = parsers.add_parser(name, help=about[:1].lower() + about[1:])
+        action.set_defaults(main=main)
+        add(action, arguments)
+    parser.set_defaults(parsers=parsers.choices)

@@ -1,0 +1,19 @@
+"""Gamepads as an addition."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="gamepad",
+    order=110,
+    settings="txt1.gamepad.pad:PadParameters",
+    wanted=lambda config: False,
+    beside="txt1.gamepad.beside:beside",
+    options="txt1.gamepad.options:OPTIONS",
+    commands={
+        "gamepad": (
+            "txt1.gamepad.command",
+            "show the gamepads that are plugged in, live, or teach SDL one that it does not know",
+        )
+    },
+    parts={"txt1.bridges": {"gamepad": "txt1.gamepad.bridge:main"}},
+)

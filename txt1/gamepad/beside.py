@@ -1,0 +1,16 @@
+"""Gamepads beside a robot."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import asdict
+
+from txt1.bridges.registry import bridge
+from txt1.gamepad.pad import PadParameters
+from txt1.robot import Robot
+
+
+@asynccontextmanager
+async def beside(robot: Robot, pad: PadParameters) -> AsyncIterator[None]:
+    """Let gamepads drive as long as the block is at work."""
+    async with bridge(robot, "gamepad", asdict(pad) | {"radius_min": robot.config.geometry.radius_min}):
+        yield
