@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.table_5_3 import TABLE_5_3
-from txt1.cli.trials import on_robot
 from txt1.config import Config, load
-from txt1.config.schema import ThesisConfig
 from txt1.learning.agents import LEARNERS
+from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import LEARNED, Plan, summary
 from txt1.learning.light import sector
+from txt1.learning.settings import LearningConfig, ThesisConfig
 from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import AGENT, COMMANDS, TICK, Episode, stream
 from txt1.model.kinematics import wrap_angle
@@ -132,7 +132,7 @@ class EveryPath(Plan):
 
 def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list[Episode], list[Decision]]:
     """A trial's episodes, and the decisions of those after the 7th."""
-    agent = Watched(stream(seed, number, AGENT), config.learning.thesis)
+    agent = Watched(stream(seed, number, AGENT), config.section(LearningConfig).thesis)
     outcome = on_robot(EveryPath("thesis", number, episodes, seed, config), number, agent=agent)
     decisions = []
     for one, log in zip(outcome.episodes[LEARNED:], agent.logs[LEARNED:], strict=True):

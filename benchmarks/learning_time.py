@@ -10,9 +10,9 @@ from statistics import median
 from typing import Final
 
 from benchmarks.rounds import interleave, spread, table, verdict
-from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 
 LIMIT: Final = 10.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from math import inf, nan
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from txt1.additions import load as load_text
 from txt1.additions import with_sections
@@ -58,6 +58,14 @@ SHUTDOWN: Final = ("shutdown", "-h", "now")
 T = TypeVar("T")
 
 
+class Key(NamedTuple):
+    """A key of the terminal."""
+
+    meaning: str
+    do: Callable[[], None]
+    """Does it, or refuses (Txt1Error)."""
+
+
 class Robot:
     """A running robot; `Robot.open` starts one.
 
@@ -81,6 +89,14 @@ class Robot:
         """Whether the board refused the last gains that were sent to it."""
         self.touched = False
         """Whether somebody has stopped or disarmed the robot since it started."""
+        self.requests: dict[str, Callable[..., object]] = {}
+        """What bridges may ask for beyond driving, by name: an addition enters its own."""
+        self.keys: dict[str, Key] = {}
+        """Further keys of the terminal."""
+        self.on_ready: list[Callable[[], Awaitable[None]]] = []
+        """Awaited in turn when the robot is ready to drive: linked, armed where that is wanted, its gains loaded."""
+        self.alongside: list[asyncio.Future[Any]] = []
+        """The run ends when one of these does, with its error if it has one."""
         self._pid_response: asyncio.Future[bool] | None = None
         self._streams: list[tuple[object, asyncio.Queue[Any]]] = []
 
@@ -162,6 +178,8 @@ class Robot:
                         await robot.linked(patience)
                         if robot.arms_by_itself if arm is None else arm:
                             robot.arm()
+                        for begin in robot.on_ready:
+                            await begin()
                     yield robot
             except asyncio.CancelledError:
                 if not failed:
@@ -221,7 +239,7 @@ class Robot:
     @property
     def estimate(self) -> Estimate | None:
         """Pose and velocities from all sensors together, with covariance; None while ``estimation`` is off."""
-        return self.runtime.state.estimate
+        return self.runtime.estimate()
 
     @property
     def battery(self) -> Battery:

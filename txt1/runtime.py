@@ -26,6 +26,7 @@ from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
+from txt1.model.estimate import Estimate
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Switch, Velocity
@@ -101,6 +102,8 @@ class Runtime:
         self._watching = AsyncExitStack()
         self.parts: list[object] = []
         """What the additions have put there, for `part`."""
+        self.estimate: Callable[[], Estimate | None] = lambda: None
+        """Returns pose and velocities by all sensors together, where an addition makes them."""
         self.on_place: list[Callable[[], None]] = []
         """Called when the robot was put down elsewhere."""
         self._source = ""  # the task of the user's, of the driver's or of a sensor that is at work

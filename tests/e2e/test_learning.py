@@ -24,13 +24,13 @@ from tests.e2e.conftest import ENDLESS
 from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
 from txt1.cli.machines import Machines
-from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
 from txt1.hal.sim import SimHal
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
+from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.provenance import code_hash
 from txt1.learning.qtable import StoredTable

@@ -358,7 +358,7 @@ def test_a_missing_extra_is_one_line_that_names_it() -> None:
 def test_a_command_on_a_recording_names_the_extra_that_it_lacks(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
-    monkeypatch.setattr("txt1.record.session.find_spec", lambda name: None)
+    monkeypatch.setattr("txt1.commands.find_spec", lambda name: None)
     assert execute([*words, str(tmp_path / "run.mcap")]) == 1
     told = capsys.readouterr().err
     assert told.startswith("txt1: reading a recording needs the extra 'record': ") and told.count("\n") == 1

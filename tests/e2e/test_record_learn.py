@@ -22,12 +22,12 @@ from mcap_ros2.decoder import DecoderFactory
 from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import may_block
 from txt1.cli import execute
-from txt1.cli.trials import conduct
 from txt1.config import load
 from txt1.errors import RecordingError
 from txt1.kernel import loop
 from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
+from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.light import reward
 from txt1.learning.qtable import StoredTable
@@ -277,6 +277,6 @@ def test_a_recording_with_a_strange_part_is_left_whole(tmp_path: Path) -> None:
 def test_without_the_extra_it_is_said_before_the_robot_moves(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
-    monkeypatch.setattr("txt1.record.session.find_spec", lambda name: None)
+    monkeypatch.setattr("txt1.commands.find_spec", lambda name: None)
     assert learn(tmp_path / "out", tmp_path / "run.mcap") == 1
     assert "pip install 'txt1[record]'" in capsys.readouterr().err

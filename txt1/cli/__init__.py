@@ -38,7 +38,6 @@ COMMANDS: Final = {
     "run": "run the robot, on the desk or on the floor",
     "fleet": "run several simulated robots in one world, or watch those on a network",
     "board": "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
-    "learn": "let the robot learn to find the light (thesis 5)",
     "sweep": "run a command with every combination of some settings, and put the results in one table",
     "experiment": "drive one of the thesis's tests, or your own, and measure it; or compare runs",
     "calibrate": "find out in a dialogue how your vehicle is wired and moves, and write its file",

@@ -10,8 +10,8 @@ from txt1.errors import ConfigError
 def fleet_bridge(arguments: argparse.Namespace, config: Config) -> dict[str, object] | None:
     """Return the bridge's options, None where the robot joins no fleet; raises ConfigError, MissingExtra."""
     if arguments.fleet is None:
-        if arguments.fleet_key or arguments.cooperate or arguments.share:
-            raise ConfigError("--fleet-key, --cooperate, --share: the robot is in no fleet; add --fleet")
+        if arguments.fleet_key or arguments.cooperate:
+            raise ConfigError("--fleet-key, --cooperate: the robot is in no fleet; add --fleet")
         return None
     if not config.name:
         raise ConfigError("--fleet: a robot of a fleet has a name; add --name")

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import options
@@ -32,8 +32,7 @@ from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import DRIVING
 
 if TYPE_CHECKING:
-    from txt1.learning.agent import Agent
-    from txt1.learning.sharing import Sharing
+    pass
 
 Steer = Callable[[Robot], Awaitable[None]]
 DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
@@ -42,7 +41,6 @@ DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.
 class Asked(NamedTuple):
     """Everything that was asked for along with the robot."""
 
-    agent: Agent | None  # that learns, or follows its policy
     steer: Steer | None  # a source of commands by --source
     page: WebPage | None
     nodes: Sequence[RosNode]
@@ -64,17 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
     """Find everything that was asked for; what there is not is refused before the robot is brought up."""
     fleet = fleet_bridge(arguments, config)
-    agent: Agent | None = None
-    if arguments.learn is not None or arguments.policy is not None:
-        from txt1.learning.agents import agent_of
-
-        agent = agent_of(config, arguments.learn, arguments.policy)  # reads a file, so not in the event loop
-    if arguments.share is not None:
-        from txt1.learning.sharing import sharer
-
-        if arguments.learn is None:
-            raise ConfigError("--share: this robot does not learn; add --learn")
-        sharer(arguments.learn, agent)
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)
@@ -86,7 +73,7 @@ def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
     nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
     more = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
     more = {name: settings for name, settings in more.items() if settings is not None}
-    return Asked(agent, steer, page, nodes, fleet, more)
+    return Asked(steer, page, nodes, fleet, more)
 
 
 def _tell_limits(drive: tuple[float, float], config: Config) -> None:
@@ -122,16 +109,15 @@ async def _operate(app: App, arguments: argparse.Namespace, config: Config, aske
             robot.runtime.scheduler.end_at(arguments.duration)
         link = None if asked.fleet is None else Link(robot)
         await _open_bridges(bridges, robot, arguments, config, asked, link)
-        alongside: list[asyncio.Future[Any]] = []
-        more: dict[str, Callable[[], None]] = {"e": robot.toggle_esc}
+        alongside = robot.alongside
+        more = {"e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
         shown = None if link is None else {"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING
         if link is not None:
             if arguments.cooperate is not None:
                 link.cooperate(arguments.cooperate, arguments.team)
             alongside.append(link.refused)
             more["x"] = link.stop_all
-        sharing = None if link is None or arguments.share is None else _sharing(robot, link, arguments, asked.agent)
-        start = Start(robot, arguments.arm, arguments.drive, asked.agent, asked.steer, sharing)
+        start = Start(robot, arguments.arm, arguments.drive, asked.steer)
 
         async def prepare() -> None:
             await start.get_ready()
@@ -174,13 +160,6 @@ async def _open_bridges(
         await bridges.enter_async_context(bridge(robot, "fleet", asked.fleet, link.requests))
 
 
-def _sharing(robot: Robot, link: Link, arguments: argparse.Namespace, agent: Agent | None) -> Sharing:
-    """The robot's part in learning together with those of its fleet."""
-    from txt1.learning.sharing import Sharing, sharer
-
-    return Sharing(sharer(arguments.learn, agent), link, arguments.share, tell=robot.tell)
-
-
 @dataclass
 class Start:
     """The start of a run on a robot whose link may not be up yet."""
@@ -188,19 +167,13 @@ class Start:
     robot: Robot
     arm: bool | None  # None leaves it to safety.auto_arm
     drive: tuple[float, float] | None = None  # m/s and rad/s to command throughout
-    agent: Agent | None = None
     steer: Steer | None = None
-    sharing: Sharing | None = None
     linked: bool = False
     armed: bool = False
 
     async def get_ready(self) -> None:
         """Wait for the link, arm if that is asked for, load the gains, start the script or the learning."""
         robot = self.robot
-        if self.agent is not None:
-            from txt1.learning import task as learning
-
-            await learning.need_light(robot)
         await robot.linked()
         self.linked = True
         if self._to_be_armed():
@@ -212,10 +185,8 @@ class Start:
             robot.tell("the board has not acknowledged the gains yet; they are sent again and again")
         if self.drive is not None:
             robot.add_task("script", REFRESH, partial(_script, robot.source("script"), self.drive))
-        if self.agent is not None:
-            if self.sharing is not None:
-                await self.sharing.joined()
-            learning.start(robot, self.agent, sharing=self.sharing)
+        for begin in robot.on_ready:
+            await begin()
         if self.steer is not None:
             try:
                 await self.steer(robot)

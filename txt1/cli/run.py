@@ -2,15 +2,16 @@
 
 import argparse
 
-from txt1 import additions, commands
+from txt1 import additions
 from txt1.cli import options
-from txt1.commands import flag, takes
+from txt1.commands import add, bridge_options, flag, names, positive, takes, velocity
+from txt1.errors import ConfigError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` takes."""
-    commands.add(parser, options.ROBOT | options.LOG | options.VIEW | {
-        "--duration": takes("S", "end after S seconds of the robot's time", commands.positive),
+    add(parser, options.ROBOT | options.LOG | options.VIEW | {
+        "--duration": takes("S", "end after S seconds of the robot's time", positive),
         "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
@@ -18,28 +19,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     } | options.WEB | options.ROS | options.NETWORK | {
         "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
         "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
-        "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", commands.names),
-        "--share": takes(
-            "EPISODES", "with --learn: learn from the fleet before every so many episodes", commands.count
-        ),
+        "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", names),
         "--bridge": takes(
             "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
-            commands.bridge_options, action="append", default=[],
+            bridge_options, action="append", default=[],
         ),
     })  # fmt: skip
-    commands.add(parser.add_mutually_exclusive_group(), {
-        "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", commands.velocity),
+    add(parser.add_mutually_exclusive_group(), {
+        "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", velocity),
         "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
-        "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
-        "--policy": takes("FILE", "drive to the light by a learned qtable.json", commands.existing),
     })  # fmt: skip
-    commands.add(parser.add_mutually_exclusive_group(), {
+    add(parser.add_mutually_exclusive_group(), {
         "--arm": flag("arm at the start", default=None),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
     })  # fmt: skip
     optional = {name: additions.load(each.options) for name, each in additions.known().items() if each.options}
-    for told in optional.values():
-        commands.add(parser.add_argument_group(told.title), told.arguments)
+    for name, told in optional.items():
+        try:
+            add(parser.add_argument_group(told.title), told.arguments)
+        except argparse.ArgumentError as error:
+            raise ConfigError(f"the addition '{name}': {error}; uninstall it, or rename its option") from None
     parser.set_defaults(optional=optional)
 
 

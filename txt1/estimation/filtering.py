@@ -37,10 +37,11 @@ async def prepare(runtime: Runtime, config: EstimationConfig) -> Estimator | Non
         runtime.put(CombinedOdometry(x, y, theta, v, omega), now)
 
     task = partial(
-        estimation, estimator=estimator, state=runtime.state, wheels=partial(wheels, runtime),
+        estimation, estimator=estimator, wheels=partial(wheels, runtime),
         offer=offer if config.loops else None, tell=runtime.state.tell,
     )  # fmt: skip
-    runtime.bus.offer(FILTERED, lambda: runtime.state.estimate)
+    runtime.estimate = lambda: estimator.estimate
+    runtime.bus.offer(FILTERED, runtime.estimate)
     runtime.bus.offer(TRUSTS, estimator.trusts)
     runtime.on_place.append(estimator.fusion.lifted)
     runtime.add_own_task("estimation", PRIORITY, PERIOD, task)

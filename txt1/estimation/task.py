@@ -15,7 +15,6 @@ from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
-from txt1.tasks.state import State
 from txt1.telemetry.topics import Rule, Topic, declare
 
 PERIOD: Final = 0.02
@@ -205,7 +204,6 @@ def usable(estimate: Estimate) -> bool:
 async def estimation(
     ticks: Ticks,
     estimator: Estimator,
-    state: State,
     wheels: Callable[[], Wheels],
     offer: Callable[[Estimate, float], None] | None,
     tell: Callable[[float, str], None],
@@ -228,7 +226,7 @@ async def estimation(
             for change in changes:
                 tell(now, f"estimation: {change}")
             changes.clear()
-        estimate = state.estimate = estimator.estimate
+        estimate = estimator.estimate
         if estimator.failure:
             off = True
             tell(now, f"the estimate is off: {estimator.failure}; the loops go by the encoders")

@@ -22,6 +22,7 @@ from txt1.control.car import Car, car_of
 from txt1.control.schedule import Schedule
 from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
@@ -155,11 +156,11 @@ def gains_table(schedule: Schedule) -> Array:
 def world_at(config: Config, episode: int, episodes: int) -> Config:
     """The configuration in force in an episode, from 1: with the changes up to it, and what drifts."""
     values: dict[str, Any] = {}
-    for change in config.learning.changes:
+    for change in config.section(LearningConfig).changes:
         if change.episode <= episode:
             values |= change.set
     share = (episode - 1) / max(1, episodes - 1)
-    for key, (first, last) in config.learning.drift.items():
+    for key, (first, last) in config.section(LearningConfig).drift.items():
         values[key] = first + share * (last - first)
     return with_values(config, values) if values else config
 
@@ -176,12 +177,13 @@ def trials(
     rng = stream(seed, numbers[0], ABREAST)
     task = task_of(config)
     every = [
-        Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.learning.actions) for k in numbers
+        Trial(make(stream(seed, k, AGENT)), task, starts(seed, k, episodes), config.section(LearningConfig).actions)
+        for k in numbers
     ]
     for episode in range(1, episodes + 1):
         world = world_at(config, episode, episodes)
         for trial in every:
-            trial.task, trial.commands = task_of(world), world.learning.actions
+            trial.task, trial.commands = task_of(world), world.section(LearningConfig).actions
         _episode(world, every, rng)
         for trial in every:
             done(episode, trial)

@@ -8,7 +8,7 @@ pyproject.toml::
 
 where ``create(config, rng, stored) -> txt1.learning.agent.Agent``: a learner that knows nothing yet, or with a stored
 table (else None) one that takes the best action of it and learns no more; ValueError says why the table does not fit.
-Its settings come in ``config.learning.options``. The table that it stores has its name as `agent`.
+Its settings come in ``learning.options``. The table that it stores has its name as `agent`.
 """
 
 from pathlib import Path

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from txt1.config import Config
+from txt1.config import Config, completed
+from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, MissingExtra
 from txt1.learning.abreast import trials
@@ -113,7 +114,7 @@ def compare(
             from txt1.learning import sb3  # noqa: F401 - says that the extra is missing
         else:
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
-    told = config.model_dump(mode="json", exclude={"seed"})
+    told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
     lines = _begun(file, {**head, "provenance": provenance()})
     done = {(line["contender"], line["trial"]) for line in lines}
@@ -152,7 +153,8 @@ def _begun(file: Path, head: Line) -> list[Line]:
 def _as_today(config: Any) -> Any:
     """A configuration with the defaults of what it did not know yet; None: it is none of today's."""
     try:
-        return json.loads(json.dumps(Config.model_validate(config).model_dump(mode="json", exclude={"seed"})))
+        known = completed(Config.model_validate(config, context=RECORDED))
+        return json.loads(json.dumps(known.model_dump(mode="json", exclude={"seed"})))
     except ValidationError:
         return None
 

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.commands import need
-from txt1.config import Config
+from txt1.config import Config, completed
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
 from txt1.learning.floor import Floor, known_floor
 from txt1.learning.provenance import code_hash, provenance
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
 from txt1.record.session import discard
@@ -59,7 +60,7 @@ class Plan(NamedTuple):
     @property
     def simulated(self) -> bool:
         """Whether trials repeat, and can be done side by side."""
-        light = self.config.sensors.get(self.config.learning.sensor)
+        light = self.config.sensors.get(self.config.section(LearningConfig).sensor)
         return self.config.hal == "sim" and (light is None or light.driver == SIMULATED)
 
     def keep_paths(self) -> set[int]:
@@ -68,7 +69,7 @@ class Plan(NamedTuple):
 
     def identity(self) -> dict[str, Any]:
         """Return all that must be equal for one run to carry on where another ended; the number of trials may grow."""
-        config = self.config.model_dump(mode="json", exclude={"seed"})
+        config = completed(self.config).model_dump(mode="json", exclude={"seed"})
         return {"agent": self.agent, "episodes": self.episodes, "seed": self.seed, "config": config}
 
 
@@ -219,8 +220,8 @@ def write(plan: Plan, out: Path, results: Sequence[TrialResult]) -> dict[str, An
         "hal": plan.config.hal,
         "voided": sum(one.voided for one in results),
         "provenance": provenance(),
-        "settings": plan.config.learning.model_dump(mode="json").get(plan.agent),
-        "config": plan.config.model_dump(mode="json", exclude={"seed"}),
+        "settings": plan.config.section(LearningConfig).model_dump(mode="json").get(plan.agent),
+        "config": completed(plan.config).model_dump(mode="json", exclude={"seed"}),
         **summary([one.episodes for one in results], floor),
     }
     qtable.replace_file(out / "metrics.json", json.dumps(metrics, indent=1) + "\n")

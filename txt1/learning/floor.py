@@ -26,6 +26,7 @@ from txt1.control.car import Car, car_of
 from txt1.control.pid import Gains
 from txt1.learning.abreast import DECISION_MS, gains_table
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, Task, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
@@ -119,7 +120,7 @@ def _drive(
 def floor_of(config: Config) -> Floor:
     """Search for the floor of a world; seconds with numba."""
     task = task_of(config)
-    actions = len(config.learning.actions)
+    actions = len(config.section(LearningConfig).actions)
     usual = max(1e-3, task.speed) * 0.001 * DECISION_MS
     turn = int(2.0 * pi * task.radius_min / usual)
     horizon = int((2.0 * pi * task.radius_min + task.start_radius) / usual) + 20
@@ -166,9 +167,9 @@ def _best(
     robots[PHASE : PHASE + 2] = 0.5
     light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
     body, parameters = config.geometry, dynamics(config.sim.vehicle, config.geometry)
-    car = car_of(config.car, body)
+    car, actions = car_of(config.car, body), config.section(LearningConfig).actions
     arrived, ways = _drive(
-        robots, np.array(plans), np.array(config.learning.actions), round(task.delay * 1000.0 / TICK_MS), horizon,
+        robots, np.array(plans), np.array(actions), round(task.delay * 1000.0 / TICK_MS), horizon,
         light, task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
         gains_table(config.control.schedule()), config.control.linear.gains(), car or UNKNOWN, car is not None,
     )  # fmt: skip

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
@@ -66,8 +67,8 @@ SETTINGS: Final = Settings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "NeuralAgent":
     """Return a learner as configured, or one that drives by stored networks; ValueError: they have another shape."""
-    settings = checked(Settings, config.learning.neural, "learning.neural")
-    agent = NeuralAgent(rng, len(config.learning.actions), settings)
+    settings = checked(Settings, config.section(LearningConfig).neural, "learning.neural")
+    agent = NeuralAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.drive_by(table)
     return agent

@@ -32,6 +32,7 @@ from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.course import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.learning.survey import (
     NUMBERS,
     PLACES,
@@ -74,8 +75,8 @@ SETTINGS: Final = Settings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
     """Return a learner as configured, or one that drives by a stored survey; ValueError: it has another shape."""
-    settings = checked(Settings, config.learning.pilot, "learning.pilot")
-    agent = PilotAgent(rng, len(config.learning.actions), settings)
+    settings = checked(Settings, config.section(LearningConfig).pilot, "learning.pilot")
+    agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings)
     _compile()
     if table is not None:
         table.shaped(*agent.table().values.shape)

@@ -25,6 +25,7 @@ from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.abreast import DECISION_MS, LIGHT_MS, REST_MS, Abreast
 from txt1.learning.batch import SENSED, TICK_MS
+from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, stream, task_of
 from txt1.model.light import LUX_MAX, LUX_MIN
 
@@ -61,7 +62,7 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
     def __init__(self, config: Config, robots: int = 16, seed: int = 0, stack: int = STACK) -> None:
         self.config = config
         self.task = task_of(config)
-        self._commands = np.array(config.learning.actions)
+        self._commands = np.array(config.section(LearningConfig).actions)
         self._frame = 6 + len(self._commands)
         ones = [1.0] * len(self._commands)
         self._low = np.tile([0.0] * 4 + [-2.0, -10.0] + [0.0] * len(ones), stack).astype(np.float32)
@@ -190,7 +191,7 @@ def train(
     """
     torch.set_num_threads(1)
     env = LightSeekingVecEnv(config, ROBOTS[name], seed)
-    own = getattr(config.learning, name)
+    own = getattr(config.section(LearningConfig), name)
     try:
         model = CLASSES[name]("MlpPolicy", env, seed=seed % 2**31, device="cpu", **{**SETTINGS[name], **own})
     except TypeError as error:

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.config import Config, load
+from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.abreast import trials, world_at
@@ -25,6 +25,7 @@ from txt1.learning.agents import make
 from txt1.learning.floor import Floor, floor_of, known_floor
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
+from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
 
 FORMAT: Final = "txt1 world result"
@@ -109,11 +110,13 @@ def _floor(config: str) -> Floor:
 
 def _stage(config: Config, episode: int, episodes: int) -> Config:
     """The world of an episode; one that drifts in a few stages, each as it is in its middle."""
-    if config.learning.drift:
+    if config.section(LearningConfig).drift:
         length = -(-episodes // STAGES)
         episode = min(episodes, (episode - 1) // length * length + (length + 1) // 2)
     plain = world_at(config, episode, episodes)
-    return plain.model_copy(update={"learning": plain.learning.model_copy(update={"drift": {}, "changes": ()})})
+    return plain.model_copy(
+        update={"learning": plain.section(LearningConfig).model_copy(update={"drift": {}, "changes": ()})}
+    )
 
 
 def run(world: World, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
@@ -133,7 +136,7 @@ def run(world: World, agent: str, first: int, count: int, episodes: int, seed: i
         "trials": count,
         "episodes": episodes,
         "provenance": provenance(),
-        "config": config.model_dump(mode="json", exclude={"seed"}),
+        "config": completed(config).model_dump(mode="json", exclude={"seed"}),
         "floor_exists": all(each.exists for each in floor),
         "refused": refused,  # why the learner does not believe these sensors, and the trials were broken off
         "floor_gap": max(each.gap for each in floor),

@@ -22,6 +22,7 @@ from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, Rows
 from txt1.learning.light import LightFilter, spread_limit
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
 from txt1.model.odometry import Odometry
@@ -53,8 +54,10 @@ SETTINGS: Final = Settings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
     """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
-    settings = checked(Settings, config.learning.sweeps, "learning.sweeps")
-    return SweepsAgent(rng, settings, float(config.sim.light.exponent), table, len(config.learning.actions))
+    settings = checked(Settings, config.section(LearningConfig).sweeps, "learning.sweeps")
+    return SweepsAgent(
+        rng, settings, float(config.sim.light.exponent), table, len(config.section(LearningConfig).actions)
+    )
 
 
 class TurnModel:

@@ -13,6 +13,7 @@ from txt1.config.schema import SensorConfig
 from txt1.errors import HalError, NotArmed, Overruled
 from txt1.kernel.ticks import Ticks
 from txt1.learning.agent import Agent
+from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
 from txt1.model.light import Readings
@@ -66,8 +67,8 @@ class LearningTask:
         trial.decided = self._tell
         self.ended = asyncio.Event()  # the last episode is over, or somebody stopped the trial: it commands nothing
         self._robot = robot
-        self._light = robot.sensors[robot.config.learning.sensor]
-        by = robot.config.learning.pose
+        self._light = robot.sensors[robot.config.section(LearningConfig).sensor]
+        by = robot.config.section(LearningConfig).pose
         self._given = fused_pose(robot) if pose is None and by == "fused" else pose
         self._stopped = stopped
         self._truth = by == "truth" and robot.hal.capabilities.pose
@@ -210,14 +211,18 @@ def start(
     config = robot.config
     if robot.hal.capabilities.place:
         room = config.sim.room
-        boundary = min(config.learning.boundary, 0.5 * min(room.length, room.width) - FROM_WALL)
-        config = config.model_copy(update={"learning": config.learning.model_copy(update={"boundary": boundary})})
+        boundary = min(config.section(LearningConfig).boundary, 0.5 * min(room.length, room.width) - FROM_WALL)
+        config = config.model_copy(
+            update={"learning": config.section(LearningConfig).model_copy(update={"boundary": boundary})}
+        )
 
     def tell(one: Episode) -> None:
         how = "reached the light" if one.success else "lost the light"
         robot.tell(f"episode {one.number}: {how} after {one.time:.1f} s, best possible {one.optimal_time:.1f} s")
 
-    trial = Trial(agent, task_of(config), starts(config.own_seed, 1, episodes), config.learning.actions, done=tell)
+    trial = Trial(
+        agent, task_of(config), starts(config.own_seed, 1, episodes), config.section(LearningConfig).actions, done=tell
+    )
     if sharing is not None:
         sharing.accompany(trial)
     task = LearningTask(robot, trial, pose)
@@ -230,7 +235,7 @@ async def need_light(robot: Robot, seed: Sequence[int] | None = None) -> None:
 
     `seed` repeats their noise; None: that of the configuration does. Raises HalError: there are none.
     """
-    name = robot.config.learning.sensor
+    name = robot.config.section(LearningConfig).sensor
     if name in robot.sensors:
         return
     if not robot.hal.capabilities.pose:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.model.light import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, Share
@@ -62,8 +63,8 @@ SETTINGS: Final = Settings()
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "TaxisAgent":
     """Return a learner as configured, or one that drives by stored synapses; ValueError: they have another shape."""
-    settings = checked(Settings, config.learning.taxis, "learning.taxis")
-    agent = TaxisAgent(rng, len(config.learning.actions), settings)
+    settings = checked(Settings, config.section(LearningConfig).taxis, "learning.taxis")
+    agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.synapses = table.shaped(*agent.synapses.shape).copy()
         agent.used, agent.varies = np.array(table.about["used"]), np.array(table.about["varies"])

@@ -11,12 +11,12 @@ from mypy_extensions import mypyc_attr
 from numpy.typing import NDArray
 
 from txt1.config import Config
-from txt1.config.schema import ThesisConfig
 from txt1.errors import NoDirection
 from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, Rows
 from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
+from txt1.learning.settings import LearningConfig, ThesisConfig
 from txt1.learning.trial import COMMANDS, Commands
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry
@@ -83,8 +83,8 @@ def state_learning_rate(visits: int) -> float:
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> ThesisAgent:
     """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
-    settings, exponent = config.learning.thesis, float(config.sim.light.exponent)
-    commands = config.learning.actions
+    settings, exponent = config.section(LearningConfig).thesis, float(config.sim.light.exponent)
+    commands = config.section(LearningConfig).actions
     if table is None:
         return ThesisAgent(rng, commands, settings, exponent)
     values = table.shaped(STATES, len(commands))

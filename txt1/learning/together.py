@@ -7,6 +7,7 @@ from contextlib import AsyncExitStack
 from txt1.config import Config
 from txt1.learning.agent import Sharer
 from txt1.learning.agents import make
+from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing, sharer
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import AGENT, SENSORS, Episode, Trial, robot_config, starts, stream, task_of
@@ -24,7 +25,9 @@ async def learn_together(
         ended = []
         for number, name in enumerate(names, start=1):
             agent = make(learner, config, stream(seed, number, AGENT))
-            trial = Trial(agent, task_of(config), starts(seed, number, episodes), config.learning.actions)
+            trial = Trial(
+                agent, task_of(config), starts(seed, number, episodes), config.section(LearningConfig).actions
+            )
             if join is not None:
                 join(name, sharer(learner, agent)).accompany(trial)
             own = robot_config(config, seed, number).model_copy(update={"name": name})

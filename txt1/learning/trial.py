@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from txt1.config import Config
-from txt1.config.schema import LearningConfig
 from txt1.learning.agent import Agent
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import LearningConfig
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, optimal_time
 from txt1.model.vehicle import SPEED, Geometry
@@ -111,7 +111,7 @@ def starts(seed: int, trial: int, count: int) -> list[Start]:
 
 def task_of(config: Config) -> Task:
     """Return the task, as configured."""
-    one = config.learning
+    one = config.section(LearningConfig)
     speed = max(abs(v) for v, _ in one.actions)
     sharpest = min((abs(v / omega) for v, omega in one.actions if omega), default=inf)
     radius_min = max(config.geometry.radius_min, sharpest)
@@ -123,7 +123,7 @@ def task_of(config: Config) -> Task:
 
 def ready_to_learn(config: Config) -> Config:
     """The configuration with a simulated room that holds the boundary, and power that outlasts a pack."""
-    side = 2.0 * (config.learning.boundary + MARGIN)
+    side = 2.0 * (config.section(LearningConfig).boundary + MARGIN)
     sim = config.sim
     room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
     battery = replace(sim.battery, used_1=None, used_2=None)

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Final
 
 from txt1.hal.base import BoardLink, Capabilities
-from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.tasks.fields import (
     LOG,
@@ -56,7 +55,6 @@ class State:
         self.panel = Panel(manual=False if can.pwm else None)
         self.backlight: float | None = None
         self.transmitted = 0  # by the odometry task
-        self.estimate: Estimate | None = None  # by the filter, where there is one
         self.events: deque[Event] = deque(maxlen=20)  # the latest, oldest first: everybody may append to them
         self.line_faults: dict[str, int] = {}  # what went wrong on the line to the host; kept by whoever reads it
 

@@ -8,10 +8,10 @@ from math import pi, radians
 import numpy as np
 import pytest
 
-from txt1.cli.trials import on_robot
 from txt1.config import load
-from txt1.config.schema import TURN
+from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan, summary
+from txt1.learning.settings import TURN
 from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action, courses
 from txt1.learning.trial import COMMANDS
 from txt1.model.light import Readings

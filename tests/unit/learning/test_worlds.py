@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from txt1.config import Config, load
-from txt1.config.schema import TURN
+from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
 from txt1.learning import pilot, suite, thesis
 from txt1.learning.abreast import trials, world_at
@@ -20,6 +19,7 @@ from txt1.learning.experiment import KEPT
 from txt1.learning.floor import floor_of
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import StoredTable
+from txt1.learning.settings import TURN, LearningConfig
 from txt1.learning.trial import Trial, starts, task_of
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
@@ -31,14 +31,14 @@ def raw(times: list[list[float]], won: list[list[int]]) -> dict[str, Any]:
         [[0.0, 0.0, t, w, 4.0, 5.0] for t, w in zip(ts, ws, strict=True)] for ts, ws in zip(times, won, strict=True)
     ]
     return {"agent": "a", "world": "w", "seed": 1, "trials": len(times), "episodes": len(times[0]), "results": rows,
-            "provenance": {"code": "0"}, "config": Config().model_dump(mode="json")}  # fmt: skip
+            "provenance": {"code": "0"}, "config": completed(Config()).model_dump(mode="json")}  # fmt: skip
 
 
 def test_there_are_at_least_24_worlds_and_each_is_a_sound_configuration() -> None:
     found = suite.worlds(WORLDS, [])
     assert len(found) >= 24
     for world in found:
-        assert all(world_at(world.config, episode, 31).learning.actions for episode in (1, 16, 31))
+        assert all(world_at(world.config, episode, 31).section(LearningConfig).actions for episode in (1, 16, 31))
 
 
 def test_the_seed_of_the_day_draws_four_more_and_the_same_again() -> None:

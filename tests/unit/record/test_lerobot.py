@@ -64,7 +64,7 @@ def test_a_drive_is_an_episode_and_what_is_missing_is_told_in_a_line(
     assert parquet.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == ["drive"]
     assert execute(export) == 2, "what is there is not overwritten"
     assert "choose another name" in capsys.readouterr().err
-    monkeypatch.setattr("txt1.record.session.find_spec", lambda name: None if name == "pyarrow" else sys.modules)
+    monkeypatch.setattr("txt1.commands.find_spec", lambda name: None if name == "pyarrow" else sys.modules)
     assert execute([*export[:-1], str(tmp_path / "other")]) != 0
     told = capsys.readouterr().err
     assert told.startswith("txt1: --lerobot needs the extra 'parquet': ") and told.endswith("'txt1[parquet]'\n")

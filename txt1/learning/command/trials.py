@@ -27,6 +27,7 @@ from txt1.learning.experiment import (
     save_result,
 )
 from txt1.learning.qtable import replace_file
+from txt1.learning.settings import LearningConfig
 from txt1.learning.task import LearningTask, need_light
 from txt1.learning.trial import (
     AGENT,
@@ -129,10 +130,10 @@ def on_robot(
     Overruled: another source of commands took the wheel; TaskFault: a task failed; the robot was stopped first.
     """
     config, seed, episodes = plan.config, plan.seed, plan.episodes
-    if config.learning.changes or config.learning.drift:
+    if config.section(LearningConfig).changes or config.section(LearningConfig).drift:
         raise ConfigError("learning.changes, learning.drift: a running robot's world does not change; use --worlds")
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
-    commands = commands or config.learning.actions
+    commands = commands or config.section(LearningConfig).actions
     trial = Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, plan.keep_paths())
     if before is not None:
         trial.carry_on(before)

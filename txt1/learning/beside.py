@@ -1,0 +1,29 @@
+"""The learning task beside a robot that others may watch and stop."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from txt1.learning.options import Learner
+from txt1.learning.sharing import Sharing, sharer
+from txt1.learning.task import need_light, start
+from txt1.robot import Robot
+
+
+@asynccontextmanager
+async def beside(robot: Robot, learner: Learner) -> AsyncIterator[None]:
+    """Let the learner drive as soon as the robot is ready; raises HalError: there are no light sensors."""
+    await need_light(robot)
+
+    async def begin() -> None:
+        sharing = None
+        if learner.share is not None:
+            from txt1.fleet.link import Link
+
+            link = robot.runtime.part(Link)
+            assert link is not None  # the options see to it
+            sharing = Sharing(sharer(str(learner.name), learner.agent), link, learner.share, tell=robot.tell)
+            await sharing.joined()
+        start(robot, learner.agent, sharing=sharing)
+
+    robot.on_ready.append(begin)
+    yield

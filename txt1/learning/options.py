@@ -1,0 +1,58 @@
+"""The options by which the robot of `txt1 run` learns, or drives by what was learned."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from txt1.additions import Options
+from txt1.commands import count, existing, takes
+from txt1.errors import ConfigError
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+    from txt1.learning.agent import Agent
+
+
+class Learner(NamedTuple):
+    """Who learns, or drives by a policy."""
+
+    name: str | None
+    agent: Agent
+    share: int | None
+    """Episodes between two times at which it takes over what the fleet has learned; None: never."""
+
+
+def asked(arguments: Namespace, config: Config) -> Learner | None:
+    """Return the learner that was asked for, None where there is none; raises ConfigError."""
+    if arguments.learn is None and arguments.policy is None:
+        if arguments.share is not None:
+            raise ConfigError("--share: this robot does not learn; add --learn")
+        return None
+    steering = [name for name in ("learn", "policy", "drive", "source") if getattr(arguments, name) is not None]
+    if len(steering) > 1:
+        raise ConfigError(f"--{steering[0]}: --{steering[1]} drives already; leave one of them out")
+    from txt1.learning.agents import agent_of
+
+    agent = agent_of(config, arguments.learn, arguments.policy)
+    assert agent is not None  # one of the two is given
+    if arguments.share is not None:
+        from txt1.learning.sharing import sharer
+
+        if arguments.fleet is None:
+            raise ConfigError("--share: the robot is in no fleet; add --fleet")
+        if arguments.learn is None:
+            raise ConfigError("--share: this robot does not learn; add --learn")
+        sharer(arguments.learn, agent)
+    return Learner(arguments.learn, agent, arguments.share)
+
+
+OPTIONS: Final = Options(
+    "learning",
+    {
+        "--learn": takes("AGENT", "let this learner learn to find the light (see txt1 learn)"),
+        "--policy": takes("FILE", "drive to the light by a learned qtable.json", existing),
+        "--share": takes("EPISODES", "with --learn: learn from the fleet before every so many episodes", count),
+    },
+    asked,
+)

@@ -1,0 +1,95 @@
+"""The section ``learning`` of the configuration."""
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field
+
+from txt1.config.schema import Section
+from txt1.model.vehicle import SPEED, Geometry
+from txt1.units import NotNegative, Positive, PositiveInt
+
+TURN: Final = SPEED / Geometry().radius_min  # sharpest yaw rate at the learning robot's speed, rad/s: 0.54 in table 5.2
+
+Action = tuple[float, float]  # (v, omega) of one of the learner's actions, m/s and rad/s
+
+
+class ChangeConfig(Section):
+    """A change of the world in mid-trial."""
+
+    episode: PositiveInt
+    """The first episode in which it is in force."""
+    set: dict[str, Any]
+    """What is set, by dotted key, as with --set."""
+
+
+class ThesisConfig(Section):
+    """The thesis's learner (thesis 5)."""
+
+    period: Positive = 0.5
+    """Time between two decisions, s."""
+    remedy: Literal["none", "hold", "sensed"] = "sensed"
+    """Its remedy for the delay: update what was commanded; hold until that is reached; update what was sensed."""
+    policy: Literal["boltzmann", "greedy", "random"] = "boltzmann"
+    """How it chooses."""
+    alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
+    """Its learning rate."""
+    rate: Literal["constant", "fading", "per_state"] = "constant"
+    """How its learning rate goes on: over episodes, or by visits of each state."""
+    gamma: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
+    """Its discount factor."""
+    temperature: Positive = 5.0
+    """Its temperature in the first episode."""
+    temperature_decay: Annotated[float, Field(gt=0.0, le=1.0)] = 0.65
+    """Factor on it from one episode to the next."""
+    temperature_floor: Positive = 0.05
+    """The lowest."""
+    filtered: bool = True
+    """Whether its readings pass the filter (5.10)."""
+    direction: Literal["summed", "corrected"] = "summed"
+    """How it makes a direction of them: the thesis's sum (5.3), or the same without its compression."""
+    training: Annotated[int, Field(ge=0)] | None = None
+    """Episodes after which it chooses greedily; null: never."""
+    learn_on: bool = True
+    """Whether it goes on learning then."""
+
+
+class LearningConfig(Section):
+    """The learning task (thesis 5), and the learners' settings by their names."""
+
+    actions: Annotated[tuple[Action, ...], Field(min_length=2)] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
+    """(v, omega) of each action, m/s and rad/s; right, straight, left (table 5.2). The learners see their numbers."""
+    delay: NotNegative = 0.0
+    """Every action reaches the robot so much later, s, as over a slow link."""
+    changes: tuple[ChangeConfig, ...] = ()
+    """Changes of the simulated world in mid-trial; for trials side by side (txt1 learn --worlds)."""
+    drift: dict[str, tuple[float, float]] = {}
+    """Numbers that change slowly, by dotted key: their values in the first and in the last episode; likewise."""
+
+    start_radius: Positive = 1.25
+    """Distance from the light at which an episode begins, m."""
+    goal_radius: Positive = 0.5
+    """Distance at which it has succeeded, m."""
+    boundary: Positive = 8.0
+    """It has failed when abs(x) or abs(y) is more, m; the simulated room is made large enough."""
+    time_limit: Positive = 300.0
+    """It has failed when it takes longer, s; not in the thesis."""
+    pose: Literal["truth", "odometry", "fused"] = "truth"
+    """Where the robot is, for goal and boundary: the simulation's truth, odometry from the start pose on, or by all
+    sensors together (estimation)."""
+    sensor: Annotated[str, Field(min_length=1)] = "light"
+    """Name of the four light sensors; where it is not among `sensors`, a simulated robot gets simulated ones."""
+    thesis: ThesisConfig = ThesisConfig()
+    sweeps: dict[str, Any] = {}
+    """Settings of the learner sweeps, handed to it as they are."""
+    pilot: dict[str, Any] = {}
+    """The same of the learner pilot."""
+    neural: dict[str, Any] = {}
+    """The same of the learner neural."""
+    taxis: dict[str, Any] = {}
+    """The same of the learner taxis."""
+    ppo: dict[str, Any] = {}
+    """Settings of Stable-Baselines3's PPO, a contender of txt1 learn --compare."""
+    dqn: dict[str, Any] = {}
+    """The same of its DQN."""
+    options: dict[str, Any] = {}
+    """The same of a learner from another package."""
