@@ -16,12 +16,9 @@ from importlib.util import find_spec
 from math import isfinite, nan
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Literal
 
 from txt1.errors import MissingExtra
-
-if TYPE_CHECKING:
-    from txt1.kernel.loop import Speed
 
 OK: Final = 0  # all went as asked, or the reader of the output had enough of it
 FAULT: Final = 1  # of the hardware, a task, the terminal, or a damaged file
@@ -89,7 +86,7 @@ def count(text: str) -> int:
     return int(text)
 
 
-def speed(text: str) -> Speed:
+def speed(text: str) -> float | Literal["max"]:
     """Return the speed of a robot's time that a word is; raises ArgumentTypeError."""
     if text == "max":
         return "max"

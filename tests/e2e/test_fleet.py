@@ -413,7 +413,7 @@ def test_a_robot_learns_together_with_others_on_the_network_of_whom_some_lie(tmp
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--learn", "thesis"], "--fleet-key, --cooperate, --share: the robot is in no fleet; add --fleet"),
+        (["--learn", "thesis"], "--share: the robot is in no fleet; add --fleet"),
         (["--fleet", "--name", "txt01"], "--share: this robot does not learn; add --learn"),
         (["--fleet", "--name", "txt01", "--learn", "taxis"], "--share: the learner 'taxis' shares nothing; choose"),
     ],

@@ -26,10 +26,11 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from tests.patience import LIMIT, TXT1, S
-from txt1.cli import app, execute
+from txt1.cli import execute
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
+from txt1.record import options
 from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
 from txt1.record.view_proxy import CLIENTS_MAX, STRANGERS_ALIKE_MAX, ViewProxy, token_in
@@ -449,7 +450,7 @@ def test_what_is_no_twist_is_no_command() -> None:
 
 # -- the layout --------------------------------------------------------------------------------------------------
 
-LAYOUT = json.loads(app.LAYOUT.read_text())  # the file that `--view` names
+LAYOUT = json.loads(options.LAYOUT.read_text())  # the file that `--view` names
 PANELS: dict[str, type] = {
     "3D": layouts.ThreeDeeConfig,
     "Plot": layouts.PlotConfig,

@@ -28,10 +28,10 @@ from txt1.hal.base import Hal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
-from txt1.record.session import open_view, recording, recording_together
+from txt1.record.options import Recording
+from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.shipped import shipped
 from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
 PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
-LAYOUT: Final = shipped("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
 
 View = Literal["screens", "lines", "nothing"]
 
@@ -115,21 +114,20 @@ class App:
         *,
         log: Path | None = None,
         about: Mapping[str, object] | None = None,
-        view: LiveView | None = None,
         hal: Hal | None = None,
         additions: Mapping[str, object] | None = None,
     ) -> AsyncIterator[Robot]:
         """Return a running robot, disarmed, its link not up yet; on leaving it stands and its recording is complete.
 
-        It is recorded to `log` with what the recording is to say `about` the command, and served to `view`, if given;
-        its hardware layer is the configured one, or `hal`; `additions` are those of `Robot.open`.
+        It is recorded to `log`, if given, with what the recording is to say `about` the command; its hardware layer is
+        the configured one, or `hal`; `additions` are those of `Robot.open`.
         """
         through = False
+        asked = dict(additions or {})
+        if log is not None:
+            asked["record"] = Recording(log, None, about or {}, self.speed)
         try:
-            async with (
-                recording(log, config, self.speed, about or {}, say, view) as attach,
-                Robot.open(hal, config=config, arm=False, patience=0.0, attach=attach, additions=additions) as robot,
-            ):
+            async with Robot.open(hal, config=config, arm=False, patience=0.0, additions=asked) as robot:
                 self._subject = robot
                 yield robot
                 through = True
@@ -237,20 +235,6 @@ def real_time(robot: Robot) -> Iterator[None]:
         robot.tell(f"real time: {rights.granted}")  # on screens and in recordings
         robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
         yield
-
-
-async def live_view(arguments: argparse.Namespace, *, control: bool = False) -> LiveView | None:
-    """Return the live view that was asked for, if any was; raises ConfigError for one of its options without it."""
-    place, token = arguments.view, arguments.view_token
-    if place is None:
-        if token is not None or control:
-            option = "--view-token" if token is not None else "--view-control"
-            raise ConfigError(f"{option}: there is no live view; add --view")
-        return None
-    view = await asyncio.to_thread(open_view, *place, control=control, token=token)
-    say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
-    say(f"its layout for Foxglove, to be imported from file: {LAYOUT}")
-    return view
 
 
 def view_of(arguments: argparse.Namespace) -> View:

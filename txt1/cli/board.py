@@ -11,14 +11,15 @@ from typing import Final
 from txt1 import commands
 from txt1.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.cli import options
-from txt1.cli.app import App, conclude, in_journal, live_view, view_of
+from txt1.cli.app import App, conclude, in_journal, view_of
 from txt1.cli.ros import BoardNode, board_node
 from txt1.commands import flag, say, takes
 from txt1.config import Config, load
 from txt1.link.base import Listener
 from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
-from txt1.tasks.fields import LOG
+from txt1.record.options import LOG, VIEW, live_view
+from txt1.tasks.fields import LOG as EVENT_LOG
 from txt1.tasks.original import OUTAGE
 from txt1.ui.terminal import Terminal
 
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
         "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
     })  # fmt: skip
-    commands.add(parser, options.CONFIGURATION | options.SEED | options.LOG | options.VIEW | options.ROS2 | {
+    commands.add(parser, options.CONFIGURATION | options.SEED | LOG | VIEW | options.ROS2 | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),
         "--as": {
@@ -109,7 +110,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: BoardNode | None) -> None:
-    view = await live_view(arguments)
+    view = await asyncio.to_thread(live_view, arguments)
     told = {"board": True, "duration": arguments.duration}
     async with (
         app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board,
@@ -132,7 +133,7 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
             if arguments.duration is not None:
                 board.runtime.scheduler.end_at(arguments.duration)
             if view_of(arguments) == "lines" and not in_journal():  # which has them anyway
-                board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [LOG])
+                board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [EVENT_LOG])
             events = asyncio.ensure_future(_let_happen(board, arguments.event))
             terminal = partial(Terminal, board, beat=app.beat, shown=SHOWN, more=keys(board))
             try:

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.machines import OPTIONS, Machines, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, loaded, robot_speed
+from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
 from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -23,6 +23,7 @@ from txt1.experiments.recording import mean_of
 from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import ANOTHER, Experiment, Outcome, outcome_of
 from txt1.kernel.loop import Speed
+from txt1.record.options import LOG
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's hall is larger than its learning room
 

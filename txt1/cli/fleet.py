@@ -24,6 +24,7 @@ from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.stopping import Standing
+from txt1.record.options import LOG
 from txt1.ui import tty
 from txt1.ui.helm import KEYS, Helm
 from txt1.ui.teleop import Teleop
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             const="",
         ),
     })  # fmt: skip
-    commands.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | options.LOG | {
+    commands.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | LOG | {
         "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
         "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
         "--fleet-key": options.NETWORK["--fleet-key"],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import options
-from txt1.cli.app import App, conclude, live_view, real_time, refusal_of_gains, view_of
+from txt1.cli.app import App, conclude, real_time, refusal_of_gains, view_of
 from txt1.cli.errands import Errands
 from txt1.cli.network import fleet_bridge
 from txt1.cli.notify import served
@@ -90,11 +90,8 @@ def _tell_limits(drive: tuple[float, float], config: Config) -> None:
 
 async def _operate(app: App, arguments: argparse.Namespace, config: Config, asked: Asked) -> None:
     """Bring the robot up with all that was asked for, and watch it to the end."""
-    view = await live_view(arguments, control=arguments.view_control)
-    told = {name: getattr(arguments, name) for name in ("duration", "arm", "drive", "source", "learn", "share")}
-    told["policy"] = None if arguments.policy is None else str(arguments.policy)
     async with (
-        app.robot(config, log=arguments.log, about=told, view=view, additions=asked.additions) as robot,
+        app.robot(config, additions=asked.additions) as robot,
         AsyncExitStack() as bridges,
     ):
         if arguments.realtime:
@@ -102,9 +99,6 @@ async def _operate(app: App, arguments: argparse.Namespace, config: Config, aske
         radius_min = config.geometry.radius_min
         pivots = config.geometry.steering == "skid"
         teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min, pivots)
-        if view is not None:
-            hand = robot.source("view")
-            view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), radius_min)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         link = None if asked.fleet is None else Link(robot)

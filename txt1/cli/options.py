@@ -50,16 +50,6 @@ ROBOT: Final = CONFIGURATION | LINE | SEED | VEHICLE | {
     ),
 }  # fmt: skip
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
-LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
-VIEW: Final = {
-    "--view": takes(
-        "[HOST:]PORT", "serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token "
-        "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
-    ),
-    "--view-token": takes(
-        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", path
-    ),
-}  # fmt: skip
 WEB: Final = {
     "--web": takes(
         "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "

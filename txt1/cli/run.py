@@ -10,12 +10,11 @@ from txt1.errors import ConfigError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` takes."""
-    add(parser, options.ROBOT | options.LOG | options.VIEW | {
+    add(parser, options.ROBOT | {
         "--duration": takes("S", "end after S seconds of the robot's time", positive),
         "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
-        "--view-control": flag("let the live view's teleop panel drive"),
     } | options.WEB | options.ROS | options.NETWORK | {
         "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
         "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),

@@ -238,19 +238,6 @@ class SensorConfig(Section):
 SensorName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
-class RecordConfig(Section):
-    """Recordings."""
-
-    epoch: NotNegative = 0.0
-    """Time stamp of the run's start, s since 1970; the wall clock's start is in the metadata."""
-    rotate_size: NotNegative = 0.0
-    """A new file is begun when one has so many megabytes; 0: never."""
-    rotate_time: NotNegative = 0.0
-    """... and when it covers so many seconds of the run; 0: never."""
-    compression: Literal["zstd", "lz4", "none"] = "zstd"
-    """Of the chunks in the file."""
-
-
 class HostConfig(Section):
     """The computer this runs on."""
 
@@ -295,7 +282,6 @@ class Config(Section):
     sensors: dict[SensorName, SensorConfig] = {}
     """Sensors beside those of the hardware layer, by name."""
     host: HostConfig = HostConfig()
-    record: RecordConfig = RecordConfig()
 
     @property
     def given(self) -> Collection[str]:

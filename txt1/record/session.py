@@ -19,6 +19,7 @@ from txt1.commands import need
 from txt1.config import Config, flatten
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
+from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def metadata(config: Config, speed: Speed, plan: Mapping[str, object]) -> dict[s
         "hal": config.hal,
         "clock": "real" if speed is None else "virtual",
         "speed": str(speed),
-        "epoch": repr(config.record.epoch),
+        "epoch": repr(config.section(RecordConfig).epoch),
         "wall_start": datetime.fromtimestamp(wall_ns() / NS_PER_S, UTC).isoformat(),
         "plan": json.dumps(dict(plan)),
         "config": json.dumps(config.model_dump(mode="json")),
@@ -100,7 +101,7 @@ async def recording(
 
         def attach(runtime: Runtime) -> None:
             nonlocal recorder
-            recorder = make(runtime, sinks, config.record.epoch, batch)
+            recorder = make(runtime, sinks, config.section(RecordConfig).epoch, batch)
             if view is not None:
                 view.advertise(runtime.bus)
 
@@ -138,7 +139,7 @@ async def recording_together(
     channels: list[Channel] = []
 
     def attach(runtime: Runtime) -> None:
-        recorders.append(make(runtime, sinks, first.record.epoch, writer=writer, channels=channels))
+        recorders.append(make(runtime, sinks, first.section(RecordConfig).epoch, writer=writer, channels=channels))
 
     try:
         yield attach
@@ -175,7 +176,7 @@ def _prepare(
     from txt1.record.disk import FileSink, Rotation
     from txt1.record.recorder import Recorder
 
-    record = config.record
+    record = config.section(RecordConfig)
     rotation = Rotation(round(record.rotate_size * MEGABYTE), round(record.rotate_time * NS_PER_S))
     about = {**metadata(config, speed, plan), **(more or {})}
     if file is not None:

@@ -31,6 +31,7 @@ from txt1.record.comparison import Comparison, Difference
 from txt1.record.reading import robots_in
 from txt1.record.recorded import Recorded, read
 from txt1.record.recorder import Recorder
+from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
 from txt1.sim.room import Room
@@ -119,7 +120,7 @@ class _Again:
             exact=recorded.alike, real=bool(recorded.steps), sensed=recorded.sensed,
             ends=recorded.reports,
         )  # fmt: skip
-        self.recorder = Recorder(self.runtime, [self.comparison], config.record.epoch, batch=1.0)
+        self.recorder = Recorder(self.runtime, [self.comparison], config.section(RecordConfig).epoch, batch=1.0)
         attach(self.runtime)
         self.script = Script(self.runtime, recorded.given)
 

@@ -28,6 +28,7 @@ from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.model.vehicle import Geometry
 from txt1.record.encoder import Encoder, Event
+from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, origin
@@ -179,7 +180,9 @@ class Feed:
 
     def _offset(self) -> float:
         """Time of day at the run's start; in virtual time that of recordings."""
-        return self._runtime.config.record.epoch if self.virtual else seconds(wall_ns()) - self._runtime.now
+        return (
+            self._runtime.config.section(RecordConfig).epoch if self.virtual else seconds(wall_ns()) - self._runtime.now
+        )
 
     def _forget(self) -> None:
         """Begin anew: nobody knows any channel."""

@@ -15,6 +15,7 @@ from txt1.errors import CommandRefused
 from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.protocol.messages import Switch
+from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 
 ODOMETRY: Final = 0.05  # s between two odometry messages
@@ -63,7 +64,7 @@ class Ros1Desk:
             told["answers"] = self._calls.take()
         if not told:
             return None
-        epoch = robot.config.record.epoch if self._virtual else seconds(wall_ns()) - now
+        epoch = robot.config.section(RecordConfig).epoch if self._virtual else seconds(wall_ns()) - now
         told["now"] = round((epoch + now) * NS_PER_S)
         return f"{json.dumps(told)}\n".encode("ascii")
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from txt1.cli.machines import OPTIONS, machines_of
-from txt1.cli.options import ARM, LOG, ROBOT, loaded, robot_speed
+from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
 from txt1.commands import DISARMED, OK, add, busy, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
@@ -22,6 +22,7 @@ from txt1.learning.experiment import Plan
 from txt1.learning.floor import floor_of, known_floor
 from txt1.learning.suite import Each
 from txt1.learning.trial import Episode, starts, task_of
+from txt1.record.options import LOG
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

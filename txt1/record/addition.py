@@ -1,0 +1,13 @@
+"""Recordings and the live view as an addition."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="record",
+    order=-100,
+    settings="txt1.record.settings:RecordConfig",
+    wanted=lambda config: False,
+    watch="txt1.record.watching:watch",
+    beside="txt1.record.watching:beside",
+    options="txt1.record.options:OPTIONS",
+)

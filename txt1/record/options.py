@@ -1,0 +1,78 @@
+"""The options by which a run is recorded, and shown live."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from txt1.additions import Options
+from txt1.commands import flag, host_and_port, path, say, takes
+from txt1.errors import ConfigError
+from txt1.shipped import shipped
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+    from txt1.kernel.loop import Speed
+    from txt1.record.live import LiveView
+
+LAYOUT: Final = shipped("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
+
+LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
+VIEW: Final = {
+    "--view": takes(
+        "[HOST:]PORT", "serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token "
+        "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
+    ),
+    "--view-token": takes(
+        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", path
+    ),
+}  # fmt: skip
+
+
+class Recording(NamedTuple):
+    """What is recorded, and shown live."""
+
+    file: Path | None
+    view: LiveView | None = None
+    about: Mapping[str, object] = {}
+    """What the command was told, for the recording's metadata."""
+    speed: Speed = None
+
+
+def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None:
+    """Return the live view that was asked for, if any was; raises ConfigError for one of its options without it."""
+    place, token = arguments.view, arguments.view_token
+    if place is None:
+        if token is not None or control:
+            option = "--view-token" if token is not None else "--view-control"
+            raise ConfigError(f"{option}: there is no live view; add --view")
+        return None
+    from txt1.record.session import open_view
+
+    view = open_view(*place, control=control, token=token)
+    say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
+    say(f"its layout for Foxglove, to be imported from file: {LAYOUT}")
+    return view
+
+
+def asked(arguments: Namespace, config: Config) -> Recording | None:
+    """Return what is to be recorded or shown live, None for nothing; raises ConfigError, MissingExtra."""
+    view = live_view(arguments, control=arguments.view_control)
+    if arguments.log is None and view is None:
+        return None
+    return Recording(arguments.log, view, dict(_given(arguments)), arguments.speed)
+
+
+def _given(arguments: Namespace) -> Mapping[str, Any]:
+    """Return the options that were given, as far as they are words and numbers."""
+    told = {name: str(value) if isinstance(value, Path) else value for name, value in vars(arguments).items()}
+    return {
+        name: value for name, value in told.items() if value and isinstance(value, str | int | float | tuple | list)
+    }
+
+
+OPTIONS: Final = Options(
+    "recordings and live view", LOG | VIEW | {"--view-control": flag("let the live view's teleop panel drive")}, asked
+)
