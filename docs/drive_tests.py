@@ -21,10 +21,10 @@ from typing import Any, Final, NamedTuple
 
 from benchmarks.poses import Trip, sentence, trips
 from txt1.cli import execute
-from txt1.cli.experiment import ENDLESS, drive
-from txt1.cli.tune import TESTS, repeated
 from txt1.config import Config, load
 from txt1.experiments import figures, report, run_folder
+from txt1.experiments.command.experiment import ENDLESS, drive
+from txt1.experiments.command.tune import TESTS, repeated
 from txt1.experiments.metrics import QUANTUM, Deviation, difference, measure, paths_apart
 from txt1.experiments.profile import Profile, Step, load_profile
 from txt1.experiments.run_folder import Run

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from txt1.cli.experiment import ENDLESS
-from txt1.cli.experiment import drive as experiment
 from txt1.config import Config, load
+from txt1.experiments.command.experiment import ENDLESS
+from txt1.experiments.command.experiment import drive as experiment
 from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.experiments.profile import load_profile
 from txt1.kernel.loop import run as run_loop

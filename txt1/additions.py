@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -91,8 +91,17 @@ def ours() -> Mapping[str, Addition]:
     """Return our own additions by their names."""
     package = Path(__file__).parent
     files = sorted(file for folder in FOLDERS for file in package.glob(f"{folder}/addition.py"))
-    modules = [".".join(file.relative_to(package.parent).with_suffix("").parts) for file in files]
-    return {each.name: each for each in (import_module(module).ADDITION for module in modules)}
+    return {each.name: each for each in map(_addition_of, files)}
+
+
+def _addition_of(file: Path) -> Addition:
+    """Read an addition.py as a module of its own: to import it would import its package, which may be large."""
+    spec = spec_from_file_location(f"txt1_addition_{file.parent.name}", file)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    addition: Addition = module.ADDITION
+    return addition
 
 
 class Strangers(NamedTuple):

@@ -40,7 +40,7 @@ KINDS = ("txt1", "f1tenth", "donkeycar", "rover")
 def files_may_be_read_and_written(blocking_calls_fail: BlockBuster) -> None:
     """Before anything runs, and while nothing moves."""
     may_block(blocking_calls_fail, "txt1/config/sources.py", "load")
-    may_block(blocking_calls_fail, "txt1/cli/calibrate.py", "keep")
+    may_block(blocking_calls_fail, "txt1/experiments/command/calibrate.py", "keep")
 
 
 def opener(hal: SimHal) -> Callable[..., Any]:

@@ -14,9 +14,9 @@ import pytest
 
 from tests.patience import LIMIT
 from txt1.cli import execute
-from txt1.cli.experiment import ENDLESS, drive
 from txt1.config import Config, load
 from txt1.experiments import figures, run_folder
+from txt1.experiments.command.experiment import ENDLESS, drive
 from txt1.experiments.identify import Hold, identify, try_out
 from txt1.experiments.metrics import QUANTUM, difference, measure
 from txt1.experiments.profile import load_profile

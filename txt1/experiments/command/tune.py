@@ -7,7 +7,6 @@ from typing import Final
 from rich.console import Console
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.experiment import configure, drive_all, progress_bar, repeated
 from txt1.cli.machines import OPTIONS, Machines, machines_of
 from txt1.cli.options import ARM, ROBOT
 from txt1.commands import OK, add, count, flag, path, say, takes
@@ -15,6 +14,7 @@ from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
 from txt1.experiments import figures, report, run_folder
+from txt1.experiments.command.experiment import configure, drive_all, progress_bar, repeated
 from txt1.experiments.identify import Plant, identify, try_out
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run

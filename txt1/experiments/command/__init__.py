@@ -1,0 +1,1 @@
+"""The commands of measuring, calibrating and tuning."""
