@@ -50,6 +50,7 @@ lint: $(VENV)/.dev  ## style, types, and who imports whom
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@mkdir -p build; $(BIN)/python -m tests.arrows > build/arrows.txt || { tail -20 build/arrows.txt; false; }
 
 wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to three times as fast; takes a minute
 	rm -rf build dist

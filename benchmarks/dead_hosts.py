@@ -23,9 +23,9 @@ from typing import Any, Final
 
 from docs import parts
 from txt1.config import load
-from txt1.devices.i2c import pulse_of
-from txt1.devices.vesc import Vesc
-from txt1.devices.waveshare import Waveshare
+from txt1.hal.pi.double import pulse_of
+from txt1.hal.vesc.double import Vesc
+from txt1.hal.waveshare.double import Waveshare
 from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
 

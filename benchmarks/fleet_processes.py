@@ -71,7 +71,7 @@ def bridge_of(robot: int) -> int:
     """The process of a robot's bridge to its fleet."""
     threads = Path(f"/proc/{robot}/task").iterdir()  # any of them may have begun it
     children = [int(each) for one in threads for each in (one / "children").read_text(encoding="ascii").split()]
-    return next(each for each in children if b"bridges.fleet" in Path(f"/proc/{each}/cmdline").read_bytes())
+    return next(each for each in children if b"fleet.bridge" in Path(f"/proc/{each}/cmdline").read_bytes())
 
 
 def main() -> None:

@@ -18,10 +18,10 @@ import numpy as np
 
 from benchmarks.rounds import table
 from txt1.config import load
-from txt1.fleet.learned import Learned
 from txt1.fleet.plan import names
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
+from txt1.learning.learned import Learned
 from txt1.learning.provenance import code_hash
 from txt1.learning.sharing import Lessons, Sharing
 from txt1.learning.together import Join, learn_together

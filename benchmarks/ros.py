@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from docs import parts
-from txt1.bridges.ros.python import RosPython, ros2
 from txt1.record.reading import Decoding, Reading
+from txt1.ros.python import RosPython, ros2
 
 ROOT: Final = Path(__file__).parents[1]
 PEERS: Final = Path(__file__).with_name("ros_peers.py")

@@ -23,7 +23,7 @@ import numpy as np
 
 from docs import parts
 from txt1 import run
-from txt1.board import Board, BoardEvent
+from txt1.board.board import Board, BoardEvent
 from txt1.config import load
 from txt1.errors import CommandRefused, HalError, LinkLost, NotArmed, StopNotVerified, TaskFault
 from txt1.hal import serial

@@ -12,8 +12,8 @@ There are four kinds of arrow:
 - text: "package.module:function"; in a module that calls import_module, and in a file addition.py, "package.module",
   too. A text with a variable part, such as f"txt1.cli.{name}", is an arrow to the part before it.
 
-An arrow runs back up when it ends in a higher layer than it begins in, or in the same one. A text that does not resolve
-is told, and the exit code is 1.
+An arrow runs back up when it ends in a higher layer than it begins in, or in the same one. The exit code is 1 when a
+text does not resolve, or when the spine knows an addition: any folder that holds an addition.py.
 """
 
 import argparse
@@ -23,11 +23,31 @@ import sys
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[1]
 TOPS: Final = ("txt1", "studies", "benchmarks", "torture", "tests", "docs", "examples")
+SPINE: Final = frozenset(
+    f"txt1.{name}"
+    for name in (
+        *("additions", "commands", "config", "conformance", "control", "driver", "errors", "hal", "kernel", "link"),
+        *(
+            "model",
+            "plugins",
+            "protocol",
+            "robot",
+            "runtime",
+            "sensors",
+            "shipped",
+            "sim",
+            "tasks",
+            "telemetry",
+            "units",
+        ),
+    )
+)
 KINDS: Final = ("import", "lazy", "typing", "text")
 _TEXT: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*(:\w+(\.\w+)*)?")
 _BEGIN: Final = re.compile(rf"({'|'.join(TOPS)})(\.\w+)*\.")
@@ -97,6 +117,10 @@ class _Reader(ast.NodeVisitor):
         if isinstance(text, str) and _TEXT.fullmatch(text) and (":" in text or (self._plain and "." in text)):
             self._add(node, "text", text)
 
+    def visit_Dict(self, node: ast.Dict) -> None:
+        for each in node.values:  # a key is a name in a table, such as the group of parts "txt1.ports"
+            self.visit(each)
+
     def visit_BinOp(self, node: ast.BinOp) -> None:
         self.visit(node.left)
         if not isinstance(node.op, ast.Div):  # a part of a path, such as "txt1.yaml", is no module
@@ -165,17 +189,30 @@ def layers() -> dict[str, int]:
         name.strip(" ()"): height
         for given in lists
         for height, line in enumerate(reversed(given))
-        for name in re.split(r"[|:]", line)
+        for name in line.split("|")
     }
 
 
+@cache
+def additions() -> frozenset[str]:
+    """Return the folders of additions, as packages."""
+    files = (ROOT / "txt1").rglob("addition.py")
+    return frozenset(".".join(file.parent.relative_to(ROOT).parts) for file in files)
+
+
 def folder(module: str, of_layers: Mapping[str, int]) -> str:
-    """Return the layer that a module is in, else its package in txt1/, else its folder beside txt1/."""
+    """Return the addition or the layer that a module is in, else its package in txt1/, else its folder beside txt1/."""
     parts = module.partition(":")[0].split(".")
     for end in range(len(parts), 0, -1):
-        if ".".join(parts[:end]) in of_layers:
-            return ".".join(parts[:end])
+        package = ".".join(parts[:end])
+        if package in additions() or package in of_layers:
+            return package
     return ".".join(parts[: 2 if parts[0] == "txt1" and len(parts) > 1 else 1])
+
+
+def knower(module: str, of_layers: Mapping[str, int]) -> str:
+    """Return the folder of a module that imports: a command in its addition's folder is front, as in the contract."""
+    return "txt1.cli" if "command" in module.split(".")[2:] else folder(module, of_layers)
 
 
 def upwards(pair: Pair, of_layers: Mapping[str, int]) -> bool:
@@ -222,7 +259,7 @@ def main(words: Sequence[str]) -> int:
     found: defaultdict[Pair, list[Arrow]] = defaultdict(list)
     broken = []
     for arrow in arrows():
-        pair = Pair(folder(module_of(arrow.file), of_layers), folder(arrow.target, of_layers))
+        pair = Pair(knower(module_of(arrow.file), of_layers), folder(arrow.target, of_layers))
         if pair.source != pair.target:
             found[pair].append(arrow)
         if arrow.kind == "text" and not resolves(arrow.target):
@@ -251,7 +288,16 @@ def main(words: Sequence[str]) -> int:
     print(f"\ntexts that do not resolve: {len(broken)}")
     for each in broken:
         print(f"  {each.file}:{each.line}: {each.target!r}")
-    return 1 if broken else 0
+    known_to_spine = [
+        arrow
+        for pair, members in found.items()
+        if pair.source in SPINE and pair.target in additions()
+        for arrow in members
+    ]
+    print(f"\nadditions that the spine knows: {len(known_to_spine)}")
+    for each in known_to_spine:
+        print(f"  {each.file}:{each.line}: {each.kind} {each.target}")
+    return 1 if broken or known_to_spine else 0
 
 
 if __name__ == "__main__":

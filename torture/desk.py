@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.random import Generator
 
-from txt1.board import Board, VirtualPort
+from txt1.board.board import Board, VirtualPort
 from txt1.config import Config, load
 from txt1.errors import CommandRefused, NotArmed, NotCapable, StopNotVerified
 from txt1.hal.base import Inputs, Outputs

@@ -23,12 +23,12 @@ from typing import Final
 
 from torture import page
 from torture.campaign import sources
+from txt1.board.original import Framer
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import EncoderOdometry, PidSet, PwmTest, Velocity
-from txt1.tasks.original import Framer
 
 PENDING_MAX: Final = 241  # bytes that a decoder may hold back
 PIECE_MAX: Final = 600  # bytes of a read from the line

@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from torture import page
 from torture.desk import ENDLESS, Broken, coasting
-from txt1.board import Board
+from txt1.board.board import Board
 from txt1.config import load
 from txt1.errors import StopNotVerified
 from txt1.kernel.loop import run

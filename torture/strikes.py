@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from torture.desk import Desk
-from txt1.board import BoardEvent
+from txt1.board.board import BoardEvent
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused, NotArmed, NotCapable

@@ -48,6 +48,14 @@ def say(text: str) -> None:
     print(f"txt1: {text}", file=sys.stderr)
 
 
+View = Literal["screens", "lines", "nothing"]
+
+
+def view_of(arguments: argparse.Namespace) -> View:
+    """Return what the operator is to see; without a terminal, and at full speed, lines take the place of screens."""
+    return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
+
+
 def need(feature: str, extra: str, *modules: str) -> None:
     """Raise MissingExtra unless the modules of an optional feature are installed."""
     if any(find_spec(module) is None for module in modules):

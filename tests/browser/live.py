@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from tests.patience import LIMIT, TXT1, surviving, wait_until
 from txt1.bridges.registry import bridge
+from txt1.bridges.services import Services
 from txt1.cli.app import real_time
-from txt1.cli.errands import Errands
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -126,8 +126,8 @@ async def _main(
             here = Live(robot, asyncio.get_running_loop(), given["port"])
             here.ended = asyncio.Event()  # type: ignore[attr-defined]
             robot.add_task("watch", 0.02, here.watch, -10)
-            errands = Errands(robot, robot.config, None, folder)
-            async with bridge(robot, "web", given, errands.requests) as beside:
+            services = Services(robot, robot.config, None, folder)
+            async with bridge(robot, "web", given, services.requests) as beside:
                 while True:
                     try:
                         _, writer = await asyncio.open_connection("127.0.0.1", given["port"])
@@ -138,7 +138,7 @@ async def _main(
                 here.pid = beside.pid or 0
                 started.set_result(here)
                 await here.ended.wait()  # type: ignore[attr-defined]
-            await errands.close()
+            await services.close()
     except BaseException as error:
         if not started.done():
             started.set_exception(error)

@@ -16,7 +16,7 @@ import pytest
 from tests.browser.conftest import fresh, opened
 from tests.browser.live import Live, arrive, command, live
 from tests.patience import LIMIT, TXT1, S
-from txt1.bridges.web.certificate import own_certificate
+from txt1.web.certificate import own_certificate
 
 pytestmark = pytest.mark.browser
 

@@ -16,14 +16,14 @@ from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.config.schema import RoomConfig, SerialConfig, SimConfig
 from txt1.conformance import promises
-from txt1.devices.vesc import Vesc
 from txt1.errors import HalError, NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.hal.vesc import Unpacker, VescHal
+from txt1.hal.vesc.double import Vesc
+from txt1.hal.vesc.driver import Unpacker, VescHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
@@ -441,12 +441,12 @@ class Untroubled(VescHal):
 
 
 ON_BAD_LINES = [
-    ("tears", "txt1.hal.vesc.Unpacker", Forgetful, "BoardLink.ready comes true"),
-    ("merges", "txt1.hal.vesc.Unpacker", OneAtATime, "BoardLink.ready comes true"),
-    ("corrupts", "txt1.hal.vesc.Unpacker", Credulous, "has firmware 0.02"),
+    ("tears", "txt1.hal.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
+    ("merges", "txt1.hal.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
+    ("corrupts", "txt1.hal.vesc.driver.Unpacker", Credulous, "has firmware 0.02"),
     ("is_late", "txt1.hal.line.LOST", 0.05, "it leapt by"),
     ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
-    ("is_cut", "txt1.hal.vesc.VescHal", Untroubled, "counts a line that is cut"),
+    ("is_cut", "txt1.hal.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),
 ]
 
 

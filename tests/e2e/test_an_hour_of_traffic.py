@@ -12,8 +12,8 @@ from functools import partial
 import pytest
 
 from tests.e2e.conftest import ENDLESS
-from txt1 import board as board_module
-from txt1.board import SPACER, VirtualPort
+from txt1.board import board as board_module
+from txt1.board.board import SPACER, VirtualPort
 from txt1.config import load
 from txt1.hal import serial as serial_hal
 from txt1.hal.serial import SerialHal

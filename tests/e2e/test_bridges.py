@@ -22,7 +22,7 @@ from tests.e2e.conftest import may_block, passing
 from tests.patience import until
 from txt1.beside import Request
 from txt1.bridges.registry import BRIDGES, RESTART, Desk, bridge
-from txt1.cli.errands import Errands
+from txt1.bridges.services import Services
 from txt1.errors import ConfigError
 from txt1.fleet.link import Link
 from txt1.kernel.loop import run
@@ -30,8 +30,8 @@ from txt1.robot import Robot
 from txt1.tasks.fields import WARNINGS, Panel
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui import screens
 from txt1.ui.line import status_line
-from txt1.ui.screens import SCREENS, render
 from txt1.ui.viewer import Viewer
 
 TARGETS = Path(__file__).parents[1] / "unit" / "beside"
@@ -155,7 +155,7 @@ def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started
             return snapshot
 
     snapshot = run(main())
-    for at, name in enumerate(SCREENS):
+    for at, name in enumerate(screens.installed()):
         seen = text_of(snapshot.replaced({MODE: Mode(panel=Panel(screen=at))}))
         assert "bridge 'fail' ended with 3 and is started again in" in seen, name
     assert "bridge 'fail' ended with 3 and is started again in" in status_line(snapshot)
@@ -163,7 +163,7 @@ def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started
 
 def text_of(snapshot: Snapshot) -> str:
     console = Console(file=StringIO(), width=100, height=30)
-    console.print(render(snapshot, Viewer(), 100, 30))
+    console.print(screens.render(snapshot, Viewer(), 100, 30))
     return str(console.file.getvalue())  # type: ignore[attr-defined]
 
 
@@ -207,8 +207,8 @@ def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_i
         loop.set_exception_handler(lambda loop, context: unexpected.append(context))
         async with Robot.open(hal="sim", seed=1) as robot:
             await robot.load_gains()
-            errands = Errands(robot, robot.config, "max", Path("/nowhere"))
-            desk = Desk(robot, "ask", {**Link(robot).requests, **errands.requests})
+            services = Services(robot, robot.config, "max", Path("/nowhere"))
+            desk = Desk(robot, "ask", {**Link(robot).requests, **services.requests})
             for name, fields in asked:
                 desk.request(Request(name, fields, 0.0))
                 await asyncio.sleep(0.05)
@@ -221,7 +221,7 @@ def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_i
             assert robot.runtime.state.control.v == 0.4
             desk.request(Request("stop", {"why": [asked]}, 0.0))
             assert not robot.armed, "a stop is a stop, whatever else its message says"
-            await errands.close()
+            await services.close()
             gc.collect()
         assert not unexpected
 
@@ -231,13 +231,13 @@ def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_i
 def test_gains_of_401_digits_are_refused_in_one_line() -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:
-            errands = Errands(robot, robot.config, "max", Path("/nowhere"))
-            desk = Desk(robot, "web", errands.requests)
+            services = Services(robot, robot.config, "max", Path("/nowhere"))
+            desk = Desk(robot, "web", services.requests)
             desk.request(Request("gains", {"linear": [10**400, 1, 1], "angular": [[1.5, 4, 5, 6]]}, 0.0))
             assert robot.runtime.state.events[-1].text == (
                 "bridge 'web': speed: kp must be a finite number, not an integer of 1329 bits"
             )
-            await errands.close()
+            await services.close()
 
     run(main(), speed="max")
 

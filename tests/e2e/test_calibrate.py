@@ -20,16 +20,16 @@ from txt1.cli import execute
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
-from txt1.devices.car import DevicePort
-from txt1.devices.vesc import Vesc
 from txt1.errors import NotArmed
 from txt1.experiments.calibration.bench import Bench
 from txt1.experiments.calibration.practice import Onlooker, judge, passes, unknown_car
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.channels import rewired
+from txt1.hal.desk import DevicePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
-from txt1.hal.vesc import Options, VescHal
+from txt1.hal.vesc.double import Vesc
+from txt1.hal.vesc.driver import Options, VescHal
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 

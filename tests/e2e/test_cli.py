@@ -21,7 +21,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
 from tests.patience import LIMIT, TXT1, wait_until
-from txt1.board import Board
+from txt1.board.board import Board
 from txt1.cli import COMMANDS, execute
 from txt1.config import Config
 from txt1.errors import HalError

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from pytest import approx
 
-from txt1.board import VirtualPort
+from txt1.board.board import VirtualPort
 from txt1.cli import execute
 from txt1.cli.doctor import Findings, Remark, examine, remarks
 from txt1.config import load

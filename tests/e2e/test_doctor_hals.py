@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from txt1.cli import execute
-from txt1.cli.doctor_hal import access, chips, computer, examined, supply
+from txt1.cli.doctor_hal import examined, supply
 from txt1.config import load
+from txt1.hal.pi.command import access, chips, remarks
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
 
@@ -40,8 +41,8 @@ def test_chips_on_the_bus() -> None:
 
 def test_a_device_that_is_not_there_or_not_ours(tmp_path: Path) -> None:
     config = load(None, ["vehicle=donkeycar"], {}, {"hal": "pi"}).config
-    remarks = {remark.subject: remark for remark in computer(config, tmp_path)}
-    assert "raspi-config" in remarks["i2c"].text
+    found = {remark.subject: remark for remark in remarks(config, tmp_path)}
+    assert "raspi-config" in found["i2c"].text
     (tmp_path / "i2c-1").touch()
     assert access(tmp_path / "i2c-1", "i2c", "").well
 
@@ -58,7 +59,6 @@ def test_all_is_well_on_the_desk(hal: str, vehicle: str, capsys: pytest.CaptureF
 def test_a_line_that_brings_nothing_is_told() -> None:
     silent = ["vehicle=f1tenth", "serial.port=vesc", "serial.fault.drop=1"]
     hal = create(load(None, silent, {}, {"hal": "vesc"}).config)
-    remarks = run(examined(hal, 2.0), speed="max")
-    found = {remark.subject: remark for remark in remarks}
+    found = {remark.subject: remark for remark in run(examined(hal, 2.0), speed="max")}
     assert (found["link"].well, found["odometry"].well, found["battery"].well) == (False, False, False)
     assert "transmit and receive lines crossed" in found["link"].text

@@ -21,25 +21,25 @@ from tests.e2e.conftest import may_block
 from tests.patience import TXT1, until
 from txt1.bridges.registry import bridge
 from txt1.cli import execute
-from txt1.cli.fleet import line
 from txt1.errors import ConfigError
+from txt1.fleet.command import line
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.learned import FORGET, LEARNED, TOLD, Learned, learned_of
+from txt1.fleet.helm import Helm
 from txt1.fleet.link import STOPS, STOPS_MAX, Link
 from txt1.fleet.members import FLEET, Member
 from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
+from txt1.fleet.screen import screen as fleet_screen
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
+from txt1.learning.learned import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.record.reading import robots_in
 from txt1.record.snapshots import Snapshots
 from txt1.robot import Robot
 from txt1.tasks.encoder import POSE
 from txt1.tasks.fields import EVENTS, VEHICLES
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.fleet import screen as fleet_screen
-from txt1.ui.helm import Helm
 from txt1.ui.screens import render
 from txt1.ui.viewer import Viewer
 

@@ -19,7 +19,7 @@ import pytest
 
 import txt1
 from tests.e2e.conftest import ENDLESS
-from txt1.board import Board
+from txt1.board.board import Board
 from txt1.cli import execute
 from txt1.config import load
 from txt1.errors import HalError, LightFault, TaskFault

@@ -10,7 +10,7 @@ from math import pi
 import pytest
 
 from tests.e2e.test_board import GAINS, Desk, Host
-from txt1.board import Board, BoardEvent
+from txt1.board.board import Board, BoardEvent
 from txt1.link.base import connect
 from txt1.link.impairments import paced
 from txt1.protocol.layout import checksum, encode

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.patience import TXT1
-from txt1.devices.installer import folder
-from txt1.devices.pico import interpreter
 from txt1.errors import MissingExtra
+from txt1.hal.pico.double import interpreter
+from txt1.hal.pico.installer import folder
 
 FIRMWARE = """
 import time

@@ -19,7 +19,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block, passing
 from tests.patience import LIMIT, PATIENT, TXT1, lateness, until
-from txt1.board import Board, DevicePlace
+from txt1.board.board import Board, DevicePlace
 from txt1.config import Config, load
 from txt1.control.standstill import Stop
 from txt1.errors import StopNotVerified

@@ -14,12 +14,12 @@ from tests.e2e.conftest import may_block
 from txt1.cli import execute
 from txt1.errors import RecordingError
 from txt1.hal.base import Button
+from txt1.record.player import Player
 from txt1.record.snapshots import Snapshots
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import EVENTS
 from txt1.tasks.mode import MODE
-from txt1.ui.replay import Player
 from txt1.ui.screens import SCREENS, render
 from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import Viewer
@@ -28,7 +28,7 @@ from txt1.ui.viewer import Viewer
 @pytest.fixture(autouse=True)
 def a_replay_may_block(blocking_calls_fail: BlockBuster) -> None:
     """Nobody waits for a tick while a recording is played as lines."""
-    may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
+    may_block(blocking_calls_fail, "txt1/record/player.py", "play")
 
 
 @pytest.fixture(scope="module")

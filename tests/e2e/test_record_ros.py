@@ -10,7 +10,6 @@ from contextlib import AsyncExitStack
 from itertools import pairwise
 from pathlib import Path
 
-from txt1.bridges.ros.feed import Feed
 from txt1.config.sources import load
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -19,6 +18,7 @@ from txt1.record.encoder import Encoder
 from txt1.record.reading import Reading
 from txt1.record.session import recording
 from txt1.robot import Robot
+from txt1.ros.feed import Feed
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Rule, Topic
 

@@ -44,7 +44,14 @@ def imported_by(statement: str) -> set[str]:
 # -- what it costs -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("statement", ["import txt1", "import txt1.cli; txt1.cli.execute(['--help'])"])
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import txt1",
+        "import txt1.cli; txt1.cli.execute(['--help'])",
+        "import txt1.cli; txt1.cli.execute(['run', '--help'])",
+    ],
+)
 def test_neither_the_package_nor_its_help_imports_what_takes_long(statement: str) -> None:
     assert HEAVY & imported_by(statement) == set()
 

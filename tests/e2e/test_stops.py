@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 from tests.e2e.conftest import ENDLESS
-from txt1.board import Board, BoardEvent
+from txt1.board.board import Board, BoardEvent
 from txt1.cli import execute
 from txt1.control.standstill import Stop
 from txt1.errors import CommandRefused, HalError, NotArmed, StopNotVerified, TaskFault
@@ -220,7 +220,7 @@ def test_the_first_cause_is_told_first_and_the_exit_code_is_that_of_the_stop(
         except Exception as first:
             raise StopNotVerified("the robot did not stop") from first
 
-    monkeypatch.setattr("txt1.cli.board.main", fails)
+    monkeypatch.setattr("txt1.board.command.main", fails)
     assert execute(["board", "--tcp", ":0"]) == 4
     err = capsys.readouterr().err
     assert 0 < err.index("the first cause") < err.index("txt1: the robot did not stop")

@@ -18,9 +18,9 @@ import pytest
 
 from tests.browser.live import Live, live
 from tests.patience import LIMIT, S, until
-from txt1.bridges.web.door import Door, visitors_token
-from txt1.bridges.web.routes import MESSAGE_MAX, STRANGER
-from txt1.bridges.web.server import CONNECTIONS_MAX
+from txt1.web.door import Door, visitors_token
+from txt1.web.routes import MESSAGE_MAX, STRANGER
+from txt1.web.server import CONNECTIONS_MAX
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 
@@ -402,9 +402,9 @@ def test_every_answer_says_what_a_browser_may_do_with_it(car: Live) -> None:
 def test_the_page_needs_nothing_from_elsewhere() -> None:
     import re
 
-    from txt1.bridges.web.files import page_files
+    from txt1.web.files import page_files
 
-    static = Path(__file__).parents[2] / "txt1" / "bridges" / "web" / "static"
+    static = Path(__file__).parents[2] / "txt1" / "web" / "static"
     for name in page_files():
         found = re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", (static / name).read_text())
         assert [each for each in found if "w3.org" not in each] == [], name

@@ -15,8 +15,8 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
 from tests.patience import PATIENT, lateness
-from txt1 import board as board_module
-from txt1.board import Board
+from txt1.board import board as board_module
+from txt1.board.board import Board
 from txt1.config import load
 from txt1.control.limits import Fault as GateFault
 from txt1.errors import CommandRefused, HalError, NotArmed, NotCapable, StopNotVerified, TaskFault

@@ -22,9 +22,9 @@ import pytest
 from benchmarks.ros import child
 from tests.patience import LIMIT, TXT1, S
 from tests.ros.network import ADDRESSES, GUEST, HOST, plug_in, pull_out, two_computers, within
-from txt1.bridges.ros.python import SYSTEM, clean, ros1
-from txt1.bridges.ros.txt_driver import write_package
 from txt1.errors import ConfigError
+from txt1.ros.python import SYSTEM, clean, ros1
+from txt1.ros.txt_driver import write_package
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent

@@ -20,11 +20,11 @@ import pytest
 from benchmarks.ros import child
 from tests.patience import LIMIT, TXT1
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
-from txt1.bridges.ros.install import outdated
-from txt1.bridges.ros.python import RosPython, clean, home, ros2
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.record.reading import Reading
+from txt1.ros.install import outdated
+from txt1.ros.python import RosPython, clean, home, ros2
 
 pytestmark = pytest.mark.long
 HERE = Path(__file__).parent

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from txt1.bridges.ros.python import clean
+from txt1.ros.python import clean
 
 pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]

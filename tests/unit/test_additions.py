@@ -10,17 +10,10 @@ from pathlib import Path
 import pytest
 
 import txt1
-from tests.arrows import arrows, folder, layers, module_of
+from tests import arrows, size
 from txt1 import additions
 
 PACKAGE = Path(txt1.__file__).parent
-SPINE = {
-    f"txt1.{name}"
-    for name in (
-        *("additions", "config", "conformance", "control", "driver", "errors", "hal", "kernel", "link", "model"),
-        *("plugins", "protocol", "robot", "runtime", "sensors", "shipped", "sim", "tasks", "telemetry", "units"),
-    )
-}
 FILES = sorted(file for pattern in additions.FOLDERS for file in PACKAGE.glob(f"{pattern}/addition.py"))
 FOLDERS = [".".join(file.parent.relative_to(PACKAGE.parent).parts) for file in FILES]
 OPEN = """
@@ -36,26 +29,26 @@ def in_addition(module: str) -> bool:
     return any(module == each or module.startswith((f"{each}.", f"{each}:")) for each in FOLDERS)
 
 
-def test_the_spine_names_no_addition() -> None:
-    of_layers = layers()
-    known = [
-        f"{arrow.file}:{arrow.line}: {arrow.target}"
-        for arrow in arrows()
-        if folder(module_of(arrow.file), of_layers) in SPINE
-        and not in_addition(module_of(arrow.file))
-        and in_addition(arrow.target)
-    ]
-    assert known == []
+@pytest.mark.parametrize("code", ["from txt1.estimation.task import Estimator", "WHERE = 'txt1.hal.pi.driver:create'"])
+def test_a_spine_that_names_an_addition_is_told(
+    code: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert arrows.main([]) == 0
+    planted = arrows.arrows_of("txt1/hal/registry.py", code)
+    monkeypatch.setattr(arrows, "arrows", lambda: planted)
+    assert arrows.main([]) == 1
+    assert "additions that the spine knows: 1\n  txt1/hal/registry.py:1: " in capsys.readouterr().out
 
 
 def test_opening_a_simulated_robot_loads_no_addition() -> None:
     done = subprocess.run([sys.executable, "-c", OPEN], capture_output=True, text=True, check=True)
     loaded = json.loads(done.stdout)
     assert [module for module in loaded if in_addition(module)] == []
+    assert sum(map(size.statements, size.loaded())) <= 6500
 
 
 def test_ours_are_found_by_their_folders() -> None:
-    assert {"estimation", "obstacle_stop", "roll_guard"} <= set(additions.ours())
+    assert {"estimation", "obstacle_stop", "roll_guard", "board", "pi", "vesc"} <= set(additions.ours())
     assert sorted(additions.ours()) == sorted(file.parent.name for file in FILES)
 
 

@@ -33,13 +33,13 @@ def late():
 
 
 def test_a_text_is_an_arrow() -> None:
-    texts = '"txt1.board:VirtualPort", "mypackage.x:y", f"txt1.cli.{name}", "txt1.hal"'
-    assert [each.target for each in arrows.arrows_of("txt1/a.py", texts)] == ["txt1.board:VirtualPort", "txt1.cli"]
+    texts = '"txt1.hal.serial:Port", "mypackage.x:y", f"txt1.cli.{name}", "txt1.hal"'
+    assert [each.target for each in arrows.arrows_of("txt1/a.py", texts)] == ["txt1.hal.serial:Port", "txt1.cli"]
     called = f"import_module({texts})"
     assert [each.target for each in arrows.arrows_of("txt1/a.py", called)][-1] == "txt1.hal"
 
 
-@pytest.mark.parametrize(("module", "name"), [("bord", "VirtualPort"), ("board", "VirtualProt"), ("hal", "create")])
+@pytest.mark.parametrize(("module", "name"), [("hall", "Port"), ("hal.serial", "Prot"), ("hal", "create")])
 def test_a_text_that_names_nothing_does_not_resolve(module: str, name: str) -> None:
     assert not arrows.resolves(f"txt1.{module}:{name}")
 
@@ -54,14 +54,25 @@ def test_a_text_that_names_nothing_is_told_with_its_place(
 
 def test_a_text_that_names_a_module_or_a_function_resolves() -> None:
     assert arrows.resolves("txt1.hal.sim")
-    assert arrows.resolves("txt1.devices.i2c:desk")
+    assert arrows.resolves("txt1.hal.pi.double:desk")
 
 
 def test_an_arrow_to_a_higher_layer_runs_back_up() -> None:
     layers = arrows.layers()
     assert arrows.upwards(Pair("txt1.hal", "txt1.board"), layers)
-    assert arrows.upwards(Pair("txt1.hal", "txt1.sensors"), layers)  # beside each other: neither knows the other
+    assert arrows.upwards(Pair("txt1.hal", "txt1.sensors"), layers)
     assert not arrows.upwards(Pair("txt1.board", "txt1.hal"), layers)
+
+
+def test_a_command_in_the_folder_of_its_addition_is_front() -> None:
+    layers = arrows.layers()
+    known = [
+        arrows.knower(f"txt1.{name}", layers)
+        for name in ("gamepad.command", "learning.command.trials", "hal.pi.command")
+    ]
+    assert known == ["txt1.cli"] * 3
+    assert arrows.knower("txt1.hal.pi.driver", layers) == "txt1.hal.pi"
+    assert arrows.knower("txt1.commands", layers) == "txt1.commands"
 
 
 def test_folders_that_reach_each_other_are_a_circle() -> None:

@@ -38,10 +38,7 @@ from txt1.telemetry.topics import TOPICS, Rule, Topic
 BRIDGES: Final = Registry(
     "bridge",
     "txt1.bridges",
-    {
-        "fleet": "txt1.bridges.fleet:main",
-        "web": "txt1.bridges.web.server:main",
-    },
+    {},
 )
 
 RESTART: Final = Restart(limit=inf)

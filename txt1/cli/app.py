@@ -5,7 +5,6 @@ On every way out it is disarmed, its outputs are neutral, and its recording is c
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import os
@@ -16,11 +15,11 @@ import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 from txt1.beside import PERIOD as SCREENS_PERIOD
 from txt1.beside import PRIORITY as SCREENS_PRIORITY
-from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, say, signals_to
+from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, View, say, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError, HalError, StopNotVerified, TaskFault
@@ -42,15 +41,13 @@ from txt1.ui.terminal import Terminal
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from txt1.board import Board
+    from txt1.board.board import Board
     from txt1.fleet.fleet import Fleet
     from txt1.fleet.plan import FleetPlan
     from txt1.record.live import LiveView
 
 BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
 PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
-
-View = Literal["screens", "lines", "nothing"]
 
 
 class App:
@@ -235,11 +232,6 @@ def real_time(robot: Robot) -> Iterator[None]:
         robot.tell(f"real time: {rights.granted}")  # on screens and in recordings
         robot.runtime.add_task("real time", SCREENS_PRIORITY, SWEEP, keep_off)
         yield
-
-
-def view_of(arguments: argparse.Namespace) -> View:
-    """Return what the operator is to see; without a terminal, and at full speed, lines take the place of screens."""
-    return "nothing" if arguments.json else "lines" if arguments.headless else "screens"
 
 
 def report(runtime: Runtime) -> dict[str, Any]:

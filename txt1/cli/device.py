@@ -18,16 +18,7 @@ from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
 from txt1.plugins import Registry
 
-DEVICES: Final = Registry(
-    "device",
-    "txt1.devices",
-    {
-        "pico": "txt1.devices.pico:Pico",
-        "vesc": "txt1.devices.vesc:Vesc",
-        "waveshare": "txt1.devices.waveshare:Waveshare",
-    },
-    Txt1Error,
-)
+DEVICES: Final = Registry("device", "txt1.devices", {}, Txt1Error)
 
 
 class Device(Protocol):
@@ -51,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "name",
         choices=DEVICES.names(),
-        help="pico: our firmware under MicroPython's unix port; the others: the "
-        "controller that the hardware layer of that name drives",
+        help="a board with our firmware, under MicroPython's unix port, or the controller that the hardware layer of "
+        "that name drives",
     )
     commands.add(parser.add_mutually_exclusive_group(required=True), {
         "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),

@@ -9,16 +9,17 @@ from statistics import median
 from typing import Final
 
 from txt1.cli.app import App
-from txt1.cli.options import CONFIGURATION, LINE, VEHICLE, loaded
+from txt1.cli.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
 from txt1.cli.remark import Remark, judged
 from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
-from txt1.hal.registry import ON_A_LINE, PORTS, create, is_simulated, port_of
+from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
 from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
 from txt1.kernel.realtime import REMEDY, grantable
 from txt1.link.base import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
+from txt1.plugins import Registry
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
@@ -27,6 +28,7 @@ LINK_RULE: Final = 2.5  # s in which a board that hears the host has begun to an
 ODOMETRY_RATE: Final = 20.0  # odometry messages a second that a board sends
 RATE_SHARE: Final = 0.95  # of them that should come
 AGE_MAX: Final = 0.15  # s up to which odometry is fresh enough to drive by
+DOCTORS: Final = Registry("doctor", "txt1.doctors", {})  # by HAL: (Config) -> remarks on the computer that it is on
 ANSWER_MAX: Final = 0.3  # quick for the round trip of a PID set, s: 42 ms of it the bytes take at 57600 baud
 
 
@@ -177,7 +179,7 @@ def real_time() -> Remark:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the line and the time of listening to it."""
     add(parser, CONFIGURATION | LINE | VEHICLE | {
-        "--hal": takes("NAME", "hardware layer to look at: serial, which is the default, vesc, waveshare, pi, ..."),
+        "--hal": takes("NAME", f"hardware layer to look at: {HALS}, ...; serial by default"),
         "--duration": takes("S", "of listening; 5 by default", positive, default=5.0),
     })  # fmt: skip
     parser.set_defaults(hal="serial")
@@ -208,11 +210,17 @@ def main(arguments: argparse.Namespace) -> int:
     return OK if all(found) else FAULT
 
 
+def _of(config: Config) -> Iterator[Remark]:
+    """Return what the addition of a hardware layer finds out about the computer, if it brings that."""
+    if config.hal in DOCTORS.ours:
+        yield from DOCTORS.make("hal", config.hal, config)
+
+
 def _look_at(config: Config, duration: float) -> int:
     """Say in words what is wrong with another hardware layer than the board's, and with the computer it is on."""
     from txt1.cli import doctor_hal
 
-    before = [*(ports() if config.hal in ON_A_LINE else ()), *doctor_hal.computer(config)]
+    before = [*(ports() if is_on_a_line(config.hal) else ()), *doctor_hal.computer(), *_of(config)]
     found = [remark.show() for remark in before]
     print(f"opening the HAL '{config.hal}' for {duration:g} s; its outputs are neutral, so nothing moves")
     app = App("max" if is_simulated(config) else None)

@@ -1,27 +1,17 @@
 """What `txt1 doctor --hal NAME` finds out about a hardware layer, and about the Raspberry Pi that it may be on."""
 
 import asyncio
-import errno
-import os
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
-from importlib.util import find_spec
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from txt1.cli.remark import Remark, judged
-from txt1.config import Config
-from txt1.errors import installs
 from txt1.hal.base import Hal, Outputs
-from txt1.hal.pi import GET_LGPIO
 
 PERIOD: Final = 0.02  # s
 ODOMETRY_RATE: Final = 15.0  # readings a second of a hardware layer that computes odometry, at least
-CHIPS: Final = {
-    0x40: "servo board (PCA9685), or an INA219", 0x41: "INA219", 0x48: "ADS1115", 0x70: "servo board, all at once",
-}  # fmt: skip
-"""I2C addresses that are asked, and who may answer there."""
 THROTTLED: Final = (
     (0, "under-voltage now", "a stronger supply, or shorter and thicker wires to it"),
     (2, "slowed down now", "cool it, and look at its supply"),
@@ -43,8 +33,8 @@ def supply(text: str) -> Remark:
     return Remark("supply", "no under-voltage since it was switched on")
 
 
-def computer(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
-    """The Raspberry Pi, if this is one, and what the HAL `pi` needs of it; `devices` are in that folder."""
+def computer() -> Iterator[Remark]:
+    """The Raspberry Pi, if this is one, and its supply."""
     model = Path("/proc/device-tree/model")
     if model.exists():
         yield Remark("computer", model.read_text(errors="replace").strip("\0\n "))
@@ -53,52 +43,6 @@ def computer(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
         words = [command, "get_throttled"]
         said = subprocess.run(words, capture_output=True, text=True, check=False, timeout=5.0)  # noqa: S603 - ours
         yield supply(said.stdout or said.stderr)
-    options = config.hal_options
-    bus = options.get("bus", 1)
-    if config.hal != "pi" or isinstance(bus, str):
-        return
-    gpio = options.get("output") == "gpio"
-    for module, needed, get in (
-        ("smbus2", not gpio or options.get("battery", "none") != "none", installs("pi")),
-        ("lgpio", gpio or bool(options.get("encoders")), GET_LGPIO),
-    ):
-        if needed:
-            yield judged("extra", module, find_spec(module) is not None, f"it is missing: {get}")
-    if gpio or options.get("encoders"):
-        yield access(devices / "gpiochip0", "gpio", "is this a Raspberry Pi?")
-    if not gpio:
-        place = devices / f"i2c-{bus}"
-        remark = access(place, "i2c", "sudo raspi-config, Interface Options, I2C: on")
-        yield remark
-        if remark.well and find_spec("smbus2") is not None:
-            from smbus2 import SMBus
-
-            with SMBus(str(place)) as opened:
-                yield from chips(opened.read_byte, options.get("address", 0x40))
-
-
-def access(device: Path, group: str, absent: str) -> Remark:
-    """Whether a device is there and may be used; `absent` is what to do when it is not there."""
-    if not device.exists():
-        return Remark(group, f"{device} does not exist: {absent}", False)
-    well = os.access(device, os.R_OK | os.W_OK)
-    return judged(group, str(device), well, f"no permission: sudo usermod -aG {group} $USER, then log out and in again")
-
-
-def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
-    """The chips that answer on an I2C bus, of those that are known; the servo board at `wanted` has to."""
-    answered = []
-    for address in sorted({*CHIPS, wanted}):
-        try:
-            read_byte(address)
-        except OSError as error:
-            if error.errno == errno.EBUSY:  # a driver of the kernel's has it, so it is there
-                answered.append(address)
-            continue
-        answered.append(address)
-    told = ", ".join(f"0x{each:02x} ({CHIPS.get(each, 'servo board')})" for each in answered) or "none"
-    remedy = f"nothing at 0x{wanted:02x}: look at VCC, GND, SDA (pin 3), SCL (pin 5), and hal_options.address"
-    yield judged("chips", f"that answer: {told}", wanted in answered, remedy)
 
 
 async def examined(hal: Hal, duration: float) -> list[Remark]:

@@ -4,48 +4,29 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final
 
-from txt1.bridges.registry import BRIDGES, bridge
 from txt1.cli import options
-from txt1.cli.app import App, conclude, real_time, refusal_of_gains, view_of
-from txt1.cli.errands import Errands
-from txt1.cli.network import fleet_bridge
+from txt1.cli.app import App, conclude, real_time, refusal_of_gains
 from txt1.cli.notify import served
-from txt1.cli.ros import RosNode, ros1_node, ros2_node
-from txt1.cli.web import WebPage, web_page
-from txt1.commands import DISARMED, FAULT, OK, say
+from txt1.commands import DISARMED, FAULT, OK, say, view_of
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.control.limits import Fault, SetpointBounds
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import ConfigError, HalError, TaskFault, Txt1Error
-from txt1.fleet.link import Link
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
 from txt1.ui.viewer import DRIVING
 
-if TYPE_CHECKING:
-    pass
-
 Steer = Callable[[Robot], Awaitable[None]]
 DISARMING: Final = (Fault.LINK, Fault.MISSED, Fault.SLEPT, Fault.RUNAWAY, Fault.ODOMETRY, Fault.BATTERY, Fault.UNMOVED)
-
-
-class Asked(NamedTuple):
-    """Everything that was asked for along with the robot."""
-
-    steer: Steer | None  # a source of commands by --source
-    page: WebPage | None
-    nodes: Sequence[RosNode]
-    fleet: dict[str, object] | None  # options of the bridge to the fleet's network
-    additions: Mapping[str, object]  # by name, with their settings
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,27 +34,15 @@ def run(arguments: argparse.Namespace) -> int:
     config = options.loaded(arguments).config
     if arguments.name is not None:
         config = with_values(config, {"name": arguments.name})
-    asked = _asked(arguments, config)
-    app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, asked))
-    return conclude(app, arguments.json)
-
-
-def _asked(arguments: argparse.Namespace, config: Config) -> Asked:
-    """Find everything that was asked for; what there is not is refused before the robot is brought up."""
-    fleet = fleet_bridge(arguments, config)
     steer = None if arguments.source is None else SOURCES.find("--source", arguments.source)[0]
-    for name, _ in arguments.bridge:
-        BRIDGES.place("bridge", name)
     if arguments.drive is not None:
         _tell_limits(arguments.drive, config)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
-    page = web_page(arguments)
-    nodes = [node for node in (ros1_node(arguments), ros2_node(arguments)) if node is not None]
-    more = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
-    more = {name: settings for name, settings in more.items() if settings is not None}
-    return Asked(steer, page, nodes, fleet, more)
+    asked = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
+    app = App(arguments.speed)
+    app.run(_operate(app, arguments, config, steer, {name: each for name, each in asked.items() if each is not None}))
+    return conclude(app, arguments.json)
 
 
 def _tell_limits(drive: tuple[float, float], config: Config) -> None:
@@ -88,70 +57,35 @@ def _tell_limits(drive: tuple[float, float], config: Config) -> None:
         )
 
 
-async def _operate(app: App, arguments: argparse.Namespace, config: Config, asked: Asked) -> None:
+async def _operate(
+    app: App, arguments: argparse.Namespace, config: Config, steer: Steer | None, asked: Mapping[str, object]
+) -> None:
     """Bring the robot up with all that was asked for, and watch it to the end."""
-    async with (
-        app.robot(config, additions=asked.additions) as robot,
-        AsyncExitStack() as bridges,
-    ):
-        if arguments.realtime:
-            bridges.enter_context(real_time(robot))
-        radius_min = config.geometry.radius_min
+    async with app.robot(config, additions=asked) as robot:
         pivots = config.geometry.steering == "skid"
-        teleop = Teleop(config.teleop.speed, config.teleop.turn, radius_min, pivots)
+        teleop = Teleop(config.teleop.speed, config.teleop.turn, config.geometry.radius_min, pivots)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
-        link = None if asked.fleet is None else Link(robot)
-        await _open_bridges(bridges, robot, arguments, config, asked, link)
-        alongside = robot.alongside
+        keys = {name: key.meaning for name, key in robot.keys.items()}
+        shown = {"SPACE": DRIVING["SPACE"]} | keys | DRIVING if keys else None
         more = {"e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
-        shown = None if link is None else {"SPACE": DRIVING["SPACE"], "x": "stop all"} | DRIVING
-        if link is not None:
-            if arguments.cooperate is not None:
-                link.cooperate(arguments.cooperate, arguments.team)
-            alongside.append(link.refused)
-            more["x"] = link.stop_all
-        start = Start(robot, arguments.arm, arguments.drive, asked.steer)
+        start = Start(robot, arguments.arm, arguments.drive, steer)
 
         async def prepare() -> None:
             await start.get_ready()
             await asyncio.Future()  # only an error of this ends the run
 
         getting_ready = asyncio.ensure_future(prepare())
-        bridges.enter_context(served(robot.runtime))
-        try:
-            terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
-            await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *alongside)
-        finally:
-            getting_ready.cancel()
+        terminal = partial(Terminal, robot, robot.source("keys"), app.beat, teleop, shown, more)
+        with served(robot.runtime), real_time(robot) if arguments.realtime else nullcontext():
+            try:
+                await app.watch(robot.runtime, terminal, view_of(arguments), getting_ready, *robot.alongside)
+            finally:
+                getting_ready.cancel()
         if app.code == OK:
             app.code, app.reason = start.verdict(arguments.duration)
             if app.code == FAULT:
                 say(app.reason)
-
-
-async def _open_bridges(
-    bridges: AsyncExitStack,
-    robot: Robot,
-    arguments: argparse.Namespace,
-    config: Config,
-    asked: Asked,
-    link: Link | None,
-) -> None:
-    """Open the way to the web page, gamepads, ROS and the fleet, and the bridges asked for by name."""
-    page = [] if asked.page is None else [asked.page.bridge()]
-    if wanted := [*page, *arguments.bridge]:
-        errands = Errands(robot, config, arguments.speed, arguments.web_folder)
-        bridges.push_async_callback(errands.close)
-        for name, given in wanted:
-            requests = dict(errands.requests)
-            if link is not None and name == "web":
-                requests["stop"] = link.stop_all
-            await bridges.enter_async_context(bridge(robot, name, given, requests))
-    for node in asked.nodes:
-        await bridges.enter_async_context(node(robot))
-    if link is not None:
-        await bridges.enter_async_context(bridge(robot, "fleet", asked.fleet, link.requests))
 
 
 @dataclass

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from txt1.commands import existing, flag, host_and_port, named_url, path, positive, speed, takes
+from txt1 import additions
+from txt1.commands import existing, flag, speed, takes
 from txt1.errors import ConfigError
 
 if TYPE_CHECKING:  # so that the help is there at once
@@ -27,10 +28,20 @@ def recording(text: str) -> Path:
     return existing(text)
 
 
+def _brought(group: str) -> list[str]:
+    """Return the names in a table of parts that additions bring."""
+    return [name for addition in additions.known().values() for name in addition.parts.get(group, {})]
+
+
+_CARS: Final = _brought("txt1.hal")
+HALS: Final = ", ".join(("sim", "serial", *_CARS))
+"""The names of our hardware layers."""
+_OF_BOARDS: Final = ", ".join(name for name in _brought("txt1.ports") if name not in _CARS)
+_OF_CARS: Final = "".join(f"; with --hal {name}: {name}" for name in _brought("txt1.ports") if name in _CARS)
 LINE: Final = {
     "--port": takes(
-        "PORT", "where the board is: a device, socket://HOST:PORT, or a virtual one in this process (virtual; with "
-        "--hal vesc: vesc, with --hal waveshare: waveshare); left out, the only device that is plugged in",
+        "PORT", "where the board is: a device, socket://HOST:PORT, or a virtual one in this process "
+        f"({_OF_BOARDS}{_OF_CARS}); left out, the only device that is plugged in",
     ),
     "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
 }  # fmt: skip
@@ -43,41 +54,13 @@ CONFIGURATION: Final = {
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
 VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own")}
 ROBOT: Final = CONFIGURATION | LINE | SEED | VEHICLE | {
-    "--hal": takes("NAME", "hardware layer: sim, serial, vesc, waveshare, pi, or one from another package"),
+    "--hal": takes("NAME", f"hardware layer: {HALS}, or one from another package"),
     "--speed": takes(
         "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
         "when nobody watches", speed,
     ),
 }  # fmt: skip
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
-WEB: Final = {
-    "--web": takes(
-        "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
-        "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
-    ),
-    "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
-    "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
-    "--web-key": takes("FILE", "... and its key, if that is another file", existing),
-    "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
-    "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", path, default=Path("out/recordings")),
-    "--web-robot": takes(
-        "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
-    ),
-}  # fmt: skip
-ROS2: Final = {
-    "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
-    "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
-}  # fmt: skip
-ROS: Final = ROS2 | {
-    "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
-    "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
-}  # fmt: skip
-NETWORK: Final = {
-    "--fleet": takes(
-        "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
-    ),
-    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", path),
-}  # fmt: skip
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}
 
@@ -85,7 +68,7 @@ ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of
 def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedConfig:
     """Return the configuration that the arguments ask for, with origins; `first` overrides the defaults alone."""
     from txt1.config import load
-    from txt1.hal.registry import ON_A_LINE
+    from txt1.hal.registry import HALS, is_on_a_line
 
     given = {name: value for name, value in vars(arguments).items() if value is not None}
     options = {name: given[name] for name in ("vehicle", "hal", "seed") if name in given}
@@ -96,8 +79,8 @@ def loaded(arguments: argparse.Namespace, first: Sequence[str] = ()) -> LoadedCo
     config = found.config
     if config.hal == "serial":
         warn_of_baud(config)
-    elif "serial.port" in line and config.hal not in ON_A_LINE:
-        have = ", ".join(ON_A_LINE)
+    elif "serial.port" in line and not is_on_a_line(config.hal):
+        have = ", ".join(filter(is_on_a_line, HALS.names()))
         raise ConfigError(f"--port {arguments.port}: only these HALs have a port: {have}; '{config.hal}' has none")
     return found
 

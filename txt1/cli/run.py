@@ -4,7 +4,7 @@ import argparse
 
 from txt1 import additions
 from txt1.cli import options
-from txt1.commands import add, bridge_options, flag, names, positive, takes, velocity
+from txt1.commands import add, flag, positive, takes, velocity
 from txt1.errors import ConfigError
 
 
@@ -15,14 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
         "--headless": flag("no screens; one status line a second"),
         "--json": flag("no screens; one JSON object at the end"),
-    } | options.WEB | options.ROS | options.NETWORK | {
         "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
-        "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
-        "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", names),
-        "--bridge": takes(
-            "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
-            bridge_options, action="append", default=[],
-        ),
     })  # fmt: skip
     add(parser.add_mutually_exclusive_group(), {
         "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", velocity),

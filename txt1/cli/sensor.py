@@ -13,7 +13,6 @@ from txt1.commands import OK, add_actions, host_and_port, positive, say, takes, 
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import verdicts
-from txt1.devices.station import Device
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.hal.registry import create as create_hal
@@ -23,6 +22,7 @@ from txt1.link.pty import listen_pty
 from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading, Sensor, Setup
 from txt1.sensors.conformance import SensorConformance
+from txt1.sensors.double import Double
 from txt1.sensors.registry import DRIVERS, create
 
 
@@ -77,15 +77,17 @@ class Fake(NamedTuple):
 
 
 FAKES: Final = {
-    "imu": Fake("sim_imu", {}, "txt1.devices.imu:FakeImu", "txt1.devices.imu:FakeImu"),
-    "gps": Fake("sim_gps", {}, "txt1.devices.gps:FakeGpsd", "txt1.devices.gps:receiver"),
-    "vicon": Fake("sim_vicon", {}, "txt1.devices.vicon:FakeVicon", "txt1.devices.vicon:FakeVicon"),
-    "laser": Fake("sim_laser", {"range_max": 5.6}, "txt1.devices.laser:FakeScip", "txt1.devices.laser:FakeScip"),
+    "imu": Fake("sim_imu", {}, "txt1.sensors.imu_double:FakeImu", "txt1.sensors.imu_double:FakeImu"),
+    "gps": Fake("sim_gps", {}, "txt1.sensors.gps_double:FakeGpsd", "txt1.sensors.gps_double:receiver"),
+    "vicon": Fake("sim_vicon", {}, "txt1.sensors.mocap_double:FakeVicon", "txt1.sensors.mocap_double:FakeVicon"),
+    "laser": Fake(
+        "sim_laser", {"range_max": 5.6}, "txt1.sensors.laser_double:FakeScip", "txt1.sensors.laser_double:FakeScip"
+    ),
     "ld19": Fake(
         "sim_laser",
         {"steps": 450, "beams": 450, "range_max": 12.0},
-        "txt1.devices.laser:ld19",
-        "txt1.devices.laser:ld19",
+        "txt1.sensors.laser_double:ld19",
+        "txt1.sensors.laser_double:ld19",
     ),
 }
 WALK: Final = (0.3, 0.3)  # m/s and rad/s at which the robot of a device on the desk drives, a circle of 1 m
@@ -107,7 +109,7 @@ def fake_sensor(arguments: argparse.Namespace) -> int:
 
 async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen: Fake) -> None:
     where = chosen.at_tcp if arguments.pty is None else chosen.at_pty
-    device: Device = EntryPoint(arguments.kind, where, "").load()()
+    device: Double = EntryPoint(arguments.kind, where, "").load()()
     v, omega = arguments.drive or WALK
     async with app.robot(config) as robot:
         await get_ready(robot, True)

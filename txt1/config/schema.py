@@ -192,16 +192,6 @@ class OdometryConfig(Section):
     """Factor on its lengths and angles: 1.067 corrects original boards, which read 6.3 % low."""
 
 
-class BoardConfig(Section):
-    """The virtual board."""
-
-    habits: Literal["ours", "original"] = "ours"
-    """How it does what the protocol leaves open: as ours, or as the boards of 2011 were seen to (txt1 board --as)."""
-    link_timeout: Positive | None = 0.25
-    """Age at which a command from the host is stale, s; null: only the link rule, as on original boards."""
-    fault: LineFaults = LineFaults()
-
-
 class CommanderConfig(Section):
     """Who drives."""
 
@@ -276,7 +266,6 @@ class Config(Section):
     sim: SimConfig = SimConfig()
     serial: SerialConfig = SerialConfig()
     odometry: OdometryConfig = OdometryConfig()
-    board: BoardConfig = BoardConfig()
     commander: CommanderConfig = CommanderConfig()
     teleop: TeleopConfig = TeleopConfig()
     sensors: dict[SensorName, SensorConfig] = {}

@@ -1,4 +1,4 @@
-"""Hardware layers by name: ours from a table, other packages' through the entry-point group ``txt1.hal``.
+"""Hardware layers by name: ours from a table and additions, other packages' through the entry points ``txt1.hal``.
 
 A package announces its HAL in its pyproject.toml::
 
@@ -7,6 +7,9 @@ A package announces its HAL in its pyproject.toml::
 
 where ``create(config: txt1.config.Config) -> txt1.hal.Hal``; its own settings come in ``config.hal_options``. It is
 imported when it is first asked for.
+
+An addition brings a HAL, its doubles on the desk, or both. A HAL at `serial.port` has its double at the port of its own
+name; one at an I2C bus has its double where `hal_options.bus` is DESK.
 """
 
 from __future__ import annotations
@@ -16,7 +19,6 @@ from typing import TYPE_CHECKING, Final
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Hal
-from txt1.link.tcp import BOARD
 from txt1.plugins import Registry
 
 if TYPE_CHECKING:
@@ -59,41 +61,39 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
 
 
 # simulated ports by name; anything else is a device
-PORTS: Final = Registry(
-    "serial port",
-    "txt1.ports",
-    {
-        "virtual": "txt1.board:VirtualPort",
-        "pico": "txt1.devices.pico:PicoPort",
-        "vesc": "txt1.devices.vesc:port",
-        "waveshare": "txt1.devices.waveshare:port",
-    },
-)
+PORTS: Final = Registry("serial port", "txt1.ports", {})
 
 
-def port_of(config: Config, baud: int | None = None, behind: str = BOARD) -> Port:
+def port_of(config: Config, baud: int | None = None, behind: str | None = None) -> Port:
     """The port that a configuration names, or the only one there is.
 
-    `baud` is the rate, bits a second, where it is not `serial.baud`; `behind` the command that serves such a port.
+    `baud` is the rate, bits a second, where it is not `serial.baud`; `behind` the command that serves such a port,
+    where it is not ``txt1 board``.
     """
     from txt1.hal.serial import DevicePort
+    from txt1.link.tcp import BOARD
 
     serial = config.serial
     if serial.port is not None and serial.port in PORTS.ours:
         port: Port = PORTS.make("serial.port", serial.port, config)
         return port
-    return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind)
+    return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind or BOARD)
 
 
-BUSES: Final = Registry("bus", "txt1.buses", {"desk": "txt1.devices.i2c:desk"})  # simulated I2C buses by name
+BUSES: Final = Registry("bus", "txt1.buses", {})  # simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
+DESK: Final = "desk"
 
-ON_A_LINE: Final = ("serial", "vesc", "waveshare")  # our HALs whose far end is at serial.port
+
+def is_on_a_line(hal: str) -> bool:
+    """Whether the far end of a HAL is at `serial.port`: the board's, and of each that has a port of its own name."""
+    return hal == "serial" or (hal in HALS.ours and hal in PORTS.ours)
 
 
 def is_simulated(config: Config) -> bool:
     """Whether the configured hardware is, as far as that can be told before it is made."""
-    on_the_desk = config.hal == "pi" and config.hal_options.get("bus") in BUSES.ours
-    return config.hal == "sim" or on_the_desk or (config.hal in ON_A_LINE and config.serial.port in PORTS.ours)
+    if is_on_a_line(config.hal):
+        return config.serial.port in PORTS.ours
+    return config.hal == "sim" or (config.hal in BUSES.ours and config.hal_options.get("bus") == DESK)
 
 
 def create_serial(config: Config) -> Hal:
@@ -112,18 +112,7 @@ def create_serial(config: Config) -> Hal:
     return SerialHal(port_of(config), wrap, serial.control, config.odometry.scale, simulated=serial.port in PORTS.ours)
 
 
-HALS: Final = Registry(
-    "HAL",
-    "txt1.hal",
-    {
-        "sim": create_sim,
-        "serial": create_serial,
-        "vesc": "txt1.hal.vesc:create",
-        "waveshare": "txt1.hal.waveshare:create",
-        "pi": "txt1.hal.pi:create",
-    },
-    HalError,
-)
+HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial}, HalError)
 
 
 def create(config: Config, world: World | None = None) -> Hal:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.fleet.learned import Learned
+from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
 from txt1.model.light import Readings
 from txt1.model.odometry import Odometry

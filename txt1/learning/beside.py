@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from txt1.learning.options import Learner
-from txt1.learning.sharing import Sharing, sharer
+from txt1.learning.sharing import Exchange, Sharing, sharer
 from txt1.learning.task import need_light, start
 from txt1.robot import Robot
 
@@ -17,11 +17,9 @@ async def beside(robot: Robot, learner: Learner) -> AsyncIterator[None]:
     async def begin() -> None:
         sharing = None
         if learner.share is not None:
-            from txt1.fleet.link import Link
-
-            link = robot.runtime.part(Link)
-            assert link is not None  # the options see to it
-            sharing = Sharing(sharer(str(learner.name), learner.agent), link, learner.share, tell=robot.tell)
+            exchange = next((part for part in robot.runtime.parts if isinstance(part, Exchange)), None)
+            assert exchange is not None  # the options see to it that the robot is in a fleet
+            sharing = Sharing(sharer(str(learner.name), learner.agent), exchange, learner.share, tell=robot.tell)
             await sharing.joined()
         start(robot, learner.agent, sharing=sharing)
 

@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
 from txt1.learning.course import Array, Belief, Effects, Place, quickest
+from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.learning.survey import (

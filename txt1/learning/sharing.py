@@ -13,21 +13,22 @@ each counts for as many as one's own, so nobody can lie about it.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
-from txt1.fleet.learned import Learned, learned_of
 from txt1.learning.agent import Rows, Sharer
+from txt1.learning.learned import Learned, learned_of
 from txt1.learning.trial import Episode, Trial
 
 LIARS: Final = 1
 
 
+@runtime_checkable
 class Exchange(Protocol):
-    """A robot's way to those who learn with it; over a network it is `txt1.fleet.link.Link`."""
+    """A robot's way to those who learn with it; over a network it is the fleet's link."""
 
     def teach(self, learned: Learned) -> None:
         """Tell the others what this robot has learned."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, checked
-from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, Rows
+from txt1.learning.learned import Learned
 from txt1.learning.light import LightFilter, spread_limit
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.errors import NoDirection
-from txt1.fleet.learned import Learned
 from txt1.learning.agent import Decision, Rows
+from txt1.learning.learned import Learned
 from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.settings import LearningConfig, ThesisConfig

@@ -1,6 +1,7 @@
 """A snapshot as a full screen of text: header, state of the robot, one of the screens, keys.
 
-Screens go by name: ours from a table, other packages' through the entry-point group ``txt1.screens``::
+Screens go by name: ours from a table and from additions, other packages' through the entry-point group
+``txt1.screens``::
 
     [project.entry-points."txt1.screens"]
     THERMOMETER = "mypackage.thermometer:screen"
@@ -23,6 +24,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from txt1 import additions
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.fields import TRAFFIC, WARNINGS, Battery, Traffic
 from txt1.tasks.mode import MODE, Mode
@@ -40,7 +42,6 @@ SCREENS: Final = {
     "MAP": "txt1.ui.map:screen",
     "SENSORS": "txt1.ui.tables:sensors",
     "TASKS": "txt1.ui.tables:tasks",
-    "FLEET": "txt1.ui.fleet:screen",
 }
 """Our screens in the order of the joystick: the LCD's four, and more that it could not show."""
 
@@ -53,7 +54,8 @@ Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
 @cache
 def installed() -> dict[str, EntryPoint]:
     """All screens by name, in the order of the joystick."""
-    ours = (EntryPoint(name, where, GROUP) for name, where in SCREENS.items())
+    added = {name: where for each in additions.ours().values() for name, where in each.parts.get(GROUP, {}).items()}
+    ours = (EntryPoint(name, where, GROUP) for name, where in (SCREENS | added).items())
     return {point.name: point for point in (*ours, *sorted(entry_points(group=GROUP), key=lambda point: point.name))}
 
 

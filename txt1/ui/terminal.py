@@ -10,22 +10,14 @@ import asyncio
 from collections.abc import Callable, Mapping
 from math import inf
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import Final, Literal, Protocol, Self
 
 from txt1.beside import BEAT, PERIOD, Beside, Request
-from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
+from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop
-
-if TYPE_CHECKING:
-    from txt1.board import Board
-    from txt1.robot import Robot
-    from txt1.ui.console import Console
-    from txt1.ui.helm import Helm
-    from txt1.ui.replay import Player
-
 
 Reason = Literal["quit", "lost"]
 
@@ -33,6 +25,56 @@ INTERVAL: Final = 0.1  # s between snapshots
 BACKLOG: Final = 0.5  # s: keys older than that, found after this process was held up, no longer drive or arm
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 _ALWAYS: Final = frozenset(("space", "x", "q"))
+
+
+class Operated(Protocol):
+    """Who is shown on the screens and obeys the keys: a robot, a board, a fleet, a recording."""
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run started."""
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What the screens show."""
+
+    def stop(self) -> None:
+        """Stop at once."""
+
+    def arm(self) -> None:
+        """Arm, or refuse."""
+
+    def disarm(self, reason: str) -> None:
+        """Disarm."""
+
+    def press(self, button: Button) -> None:
+        """Press a button of the joystick."""
+
+    def tell(self, text: str) -> None:
+        """Add a line to the event log."""
+
+
+class Driven(Protocol):
+    """Who takes the commands of the driving keys."""
+
+    def command(self, v: float, omega: float, time: float, /) -> object:
+        """Command m/s and rad/s, given at `time`, s of the run."""
+
+    def release(self) -> None:
+        """Let go."""
+
+
+class Keys(Protocol):
+    """What the driving keys mean."""
+
+    def key(self, key: str, now: float, /) -> object:
+        """Take a key."""
+
+    def command(self, now: float, /) -> tuple[float, float] | None:
+        """Return the command in m/s and rad/s, None where nothing is commanded."""
+
+    def release(self) -> None:
+        """Let go of all keys."""
 
 
 class Terminal:
@@ -46,16 +88,16 @@ class Terminal:
 
     def __init__(
         self,
-        robot: Robot | Board | Player | Helm | Console,
-        keys: CommandSource | Helm | Console | None = None,
+        robot: Operated,
+        keys: Driven | None = None,
         beat: float = BEAT,
-        teleop: Teleop | Player | None = None,
+        teleop: Keys | None = None,
         shown: Mapping[str, str] | None = None,
         more: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys
         self._origin = self._sent = -inf  # of the newest command, and of the newest snapshot, s of the run
-        self._teleop = teleop or Teleop()
+        self._teleop: Keys = teleop or Teleop()
         self._more = more or {}
         target, options = "txt1.ui.drawing:main", {"keys": shown}
         self._beside = Beside(

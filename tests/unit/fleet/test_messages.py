@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from txt1.beside import LINE_MAX
-from txt1.bridges.fleet import fitting
+from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
     LARGEST,
     SIZE,

@@ -11,10 +11,10 @@ from uuid import uuid4
 import pytest
 
 from tests.patience import LIMIT, wait_until
-from txt1.bridges.web.network import Network
 from txt1.errors import CommandRefused, ConfigError
 from txt1.fleet.messages import SIZE, Answer
 from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration
+from txt1.fleet.page import Network
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
 

@@ -22,11 +22,11 @@ from hypothesis import strategies as st
 from tests.patience import LIMIT
 from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
-from txt1.devices.i2c import Desk, FakeBus, FileBus, pulse_of
 from txt1.errors import ConfigError, HalError
-from txt1.hal import pi_guard
-from txt1.hal.pi import Answer, Options, PiHal, Process, pulses_of, setup_of
-from txt1.hal.pi_guard import Ads1115, Guarded, Pca9685, Quadrature, Setup, guarded, ina219_voltage
+from txt1.hal.pi import guard as pi_guard
+from txt1.hal.pi.double import Desk, FakeBus, FileBus, pulse_of
+from txt1.hal.pi.driver import Answer, Options, PiHal, Process, pulses_of, setup_of
+from txt1.hal.pi.guard import Ads1115, Guarded, Pca9685, Quadrature, Setup, guarded, ina219_voltage
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
 from txt1.model.channels import Channel, Channels
@@ -371,7 +371,7 @@ def processes_of(path: Path) -> list[int]:
     for place in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):  # it has just ended
             words = place.read_bytes()
-            if os.fsencode(path) in words and b"pi_guard" in words:
+            if os.fsencode(path) in words and b"guard.py" in words:
                 found.append(int(place.parent.name))
     return found
 

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from txt1 import additions
+from txt1.additions import Addition
 from txt1.config import load
 from txt1.errors import ConfigError, HalError
-from txt1.hal.registry import HALS, create
+from txt1.hal.registry import HALS, create, is_on_a_line, is_simulated
 from txt1.hal.sim import SimHal
 from txt1.sim.parameters import Faults
 
@@ -139,3 +141,33 @@ def test_a_hal_may_refuse_its_settings_itself(install: Install) -> None:
     install()
     with pytest.raises(ConfigError, match=r"^hal_options\.port: must not be empty$"):
         create(load(overrides=["hal=mycar", "hal_options.port=''"]).config)
+
+
+@pytest.mark.parametrize(
+    ("settings", "simulated"),
+    [
+        (["hal=sim"], True),
+        (["hal=serial", "serial.port=virtual"], True),
+        (["hal=serial", "serial.port=pico"], True),
+        (["hal=serial", "serial.port=/dev/ttyUSB0"], False),
+        (["hal=serial"], False),
+        (["hal=vesc", "serial.port=vesc"], True),
+        (["hal=vesc", "hal_options.bus=desk"], False),
+        (["hal=waveshare", "serial.port=waveshare"], True),
+        (["hal=waveshare", "serial.port=/dev/ttyAMA0"], False),
+        (["hal=pi", "hal_options.bus=desk"], True),
+        (["hal=pi", "hal_options.bus=1"], False),
+        (["hal=pi", "serial.port=virtual"], False),
+        (["hal=mycar", "serial.port=virtual", "hal_options.bus=desk"], False),
+    ],
+)
+def test_a_configuration_says_whether_its_hardware_is_simulated(settings: list[str], simulated: bool) -> None:
+    assert is_simulated(load(overrides=settings).config) is simulated
+
+
+def test_a_hal_is_on_a_line_when_its_addition_brings_a_port_of_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [name for name in HALS.names() if is_on_a_line(name)] == ["serial", "vesc", "waveshare"]
+    mycar = Addition("mycar", parts={"txt1.hal": {"mycar": "mycar:create"}, "txt1.ports": {"mycar": "mycar:port"}})
+    monkeypatch.setattr(additions, "known", lambda: {"mycar": mycar})
+    assert (is_on_a_line("mycar"), is_on_a_line("vesc")) == (True, False)
+    assert is_simulated(load(overrides=["hal=mycar", "serial.port=mycar"]).config)

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import Config, load
-from txt1.devices.car import DevicePort
-from txt1.devices.vesc import Vesc
 from txt1.errors import ConfigError, TaskFault
-from txt1.hal import vesc
+from txt1.hal.desk import DevicePort
 from txt1.hal.registry import create
-from txt1.hal.vesc import Command, Options, Unpacker, VescHal, packet
+from txt1.hal.vesc import driver as vesc
+from txt1.hal.vesc.double import Vesc
+from txt1.hal.vesc.driver import Command, Options, Unpacker, VescHal, packet
 from txt1.kernel.loop import run
 from txt1.link.base import Link, connect
 from txt1.robot import Robot

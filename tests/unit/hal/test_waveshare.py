@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.config import Config, checked, load
-from txt1.devices.car import DevicePort
-from txt1.devices.waveshare import Waveshare
 from txt1.errors import ConfigError
-from txt1.hal import waveshare
 from txt1.hal.base import Inputs
+from txt1.hal.desk import DevicePort
 from txt1.hal.registry import create
-from txt1.hal.waveshare import Lines, Options, Report, WaveshareHal, goes_on, report_of, rolls_on
+from txt1.hal.waveshare import driver as waveshare
+from txt1.hal.waveshare.double import Waveshare
+from txt1.hal.waveshare.driver import Lines, Options, Report, WaveshareHal, goes_on, report_of, rolls_on
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.odometry import Odometry

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.devices.gps import nmea, sentence
-from txt1.devices.imu import FakeImu
-from txt1.devices.laser import FakeScip, turn
-from txt1.devices.vicon import FakeVicon
 from txt1.errors import HalError
 from txt1.link.base import Link
 from txt1.sensors import gps_gpsd, imu_3dmgx2, laser_ld19, laser_scip, mocap_vrpn, vrpn
 from txt1.sensors.base import Reading
+from txt1.sensors.gps_double import nmea, sentence
+from txt1.sensors.imu_double import FakeImu
+from txt1.sensors.laser_double import FakeScip, turn
+from txt1.sensors.mocap_double import FakeVicon
 from txt1.sensors.readings import FixReading, ImuReading, Scan, TrackerReading, heading
 
 AT_REST = bytes.fromhex(

@@ -16,11 +16,11 @@ from pathlib import Path
 import pytest
 
 from tests.patience import LIMIT, until
-from txt1.devices.gps import nmea
-from txt1.devices.vicon import FakeVicon
 from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading
+from txt1.sensors.gps_double import nmea
 from txt1.sensors.gps_gpsd import Decoder
+from txt1.sensors.mocap_double import FakeVicon
 from txt1.sensors.readings import FixReading, TrackerReading, fix_topic
 from txt1.sensors.stream import Streamed
 

@@ -22,12 +22,13 @@ def assignments(tree: ast.AST) -> set[str]:
 
 
 def test_every_field_is_written_by_one_task_and_nobody_else() -> None:
-    modules = [ast.parse(file.read_text()) for file in TASKS.glob("*.py") if file.name != "original.py"]
+    modules = [ast.parse(file.read_text()) for file in TASKS.glob("*.py")]
     written = [field for module in modules for function in module.body for field in assignments(function)]
     assert sorted(written) == sorted(set(vars(State())) - {"bus", "events", "line_faults", "warnings"})
 
 
 def test_nothing_outside_the_tasks_writes_to_the_state() -> None:
     for file in PACKAGE.rglob("*.py"):
-        if file.parent != TASKS and "sim" not in file.parts:  # the simulated vehicle has a state of its own
+        # the simulated vehicle has a state of its own, and a board of 2011 has tasks of its own
+        if file.parent != TASKS and "sim" not in file.parts and file.name != "original.py":
             assert assignments(ast.parse(file.read_text())) == set(), file

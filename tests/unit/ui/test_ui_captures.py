@@ -16,12 +16,12 @@ import pytest
 from rich.cells import cell_len
 from ui_snapshots import TEAM, blind, full, mode
 
+from txt1.fleet import console, helm
 from txt1.fleet.members import FLEET
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui import console, helm
 from txt1.ui.drawing import drawn
 from txt1.ui.line import status_line
-from txt1.ui.screens import SCREENS
+from txt1.ui.screens import installed
 from txt1.ui.viewer import Viewer
 
 FOLDER = Path(__file__).parents[2] / "golden" / "screens"
@@ -39,9 +39,9 @@ READ = ("TERM", "NO_COLOR", "COLORTERM", "FORCE_COLOR", "COLUMNS", "LINES")  # b
 def views() -> dict[str, tuple[Snapshot | None, Viewer]]:
     """What there is to be seen, by name: each screen, and those that tell that something is otherwise."""
     stopped = mode(full(), armed=False, stopped=True, reason="emergency stop")
-    team = full(screen=list(SCREENS).index("FLEET")).replaced({FLEET: TEAM})
+    team = full(screen=list(installed()).index("FLEET")).replaced({FLEET: TEAM})
     return {
-        **{name: (full(screen=index), Viewer()) for index, name in enumerate(SCREENS)},
+        **{name: (full(screen=index), Viewer()) for index, name in enumerate(installed())},
         "FLEET of four": (team, Viewer(helm.KEYS)),
         "FLEET on a console": (team, Viewer(console.KEYS)),
         "HELP": (full(), Viewer(help=True)),

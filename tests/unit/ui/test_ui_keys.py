@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.cli import board
-from txt1.ui import console, helm, replay
+from txt1.board import command as board
+from txt1.fleet import console, helm
+from txt1.record import player as replay
 from txt1.ui.tty import Keys
 from txt1.ui.viewer import DRIVING
 

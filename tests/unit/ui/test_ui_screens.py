@@ -20,12 +20,12 @@ from txt1.tasks.encoder import ODOMETRY
 from txt1.tasks.fields import EVENTS, GAIN_TABLE, TRAFFIC, Battery, Event, GainTable, LinkState, Panel, Traffic
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.screens import SCREENS, render
+from txt1.ui.screens import installed, render
 from txt1.ui.tables import in_force, visible
 from txt1.ui.text import count, duration, number, run_time
 from txt1.ui.viewer import DRIVING, Viewer
 
-NAMES = list(SCREENS)
+NAMES = list(installed())
 
 SIZES = [(80, 24), (110, 30), (133, 40), (200, 50)]
 
@@ -53,7 +53,7 @@ def printed(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) 
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("screen", range(len(SCREENS)))
+@pytest.mark.parametrize("screen", range(len(installed())))
 def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tuple[int, int]) -> None:
     lines = printed(full(screen=screen), Viewer(), *size)
     text = "\n".join(lines)
@@ -66,7 +66,7 @@ def test_every_screen_shows_its_fields_and_fits_the_window(screen: int, size: tu
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("screen", range(len(SCREENS)))
+@pytest.mark.parametrize("screen", range(len(installed())))
 def test_a_hal_that_knows_little_still_gets_every_screen(screen: int, size: tuple[int, int]) -> None:
     lines = printed(blind(screen=screen), Viewer(), *size)
     assert len(lines) == size[1]
@@ -123,7 +123,7 @@ def test_buzzer_and_leds_follow_the_robot() -> None:
     assert "BUZZER" in printed(mode(snapshot, link=LinkState()), Viewer(), 80, 24)[1]
 
 
-@pytest.mark.parametrize("screen", range(len(SCREENS)))
+@pytest.mark.parametrize("screen", range(len(installed())))
 def test_help_covers_the_screen_but_not_the_state(screen: int) -> None:
     lines = printed(full(screen=screen), Viewer(help=True), 80, 24)
     text = "\n".join(lines)
@@ -174,7 +174,7 @@ def test_many_faults_leave_room_for_the_events() -> None:
     assert "number 19" in text
 
 
-@pytest.mark.parametrize("screen", range(len(SCREENS)))
+@pytest.mark.parametrize("screen", range(len(installed())))
 def test_a_snapshot_that_tells_nothing_still_gets_every_screen(screen: int) -> None:
     text = "\n".join(printed(mode(Snapshot(1.0, "", {MODE.name: Mode()}), panel=Panel(screen)), Viewer(), 80, 24))
     assert "failed" not in text and "disarmed" in text
@@ -241,7 +241,7 @@ def test_many_sensors_are_listed_as_far_as_there_is_room_and_counted() -> None:
 
 
 @pytest.mark.parametrize("size", [(20, 5), (40, 10), (1, 1)])
-@pytest.mark.parametrize("screen", range(len(SCREENS)))
+@pytest.mark.parametrize("screen", range(len(installed())))
 def test_a_window_that_is_too_small_is_no_error(screen: int, size: tuple[int, int]) -> None:
     assert all(cell_len(line) <= size[0] for line in printed(full(screen=screen), Viewer(), *size))
 

@@ -1,0 +1,229 @@
+"""What ROS is told: stamps judged, messages that both generations read, and a description that a parser reads."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from math import tau
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from urdf_parser_py.urdf import URDF
+
+from txt1.errors import ConfigError
+from txt1.kernel.loop import run
+from txt1.model.vehicle import STEERING_MAX, Geometry
+from txt1.record.layout import Layout
+from txt1.record.rosbag1 import Converter
+from txt1.robot import Robot
+from txt1.ros.calls import Calls
+from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package
+from txt1.ros.feed import Feed
+from txt1.ros.python import INSTALLED, ros2
+from txt1.ros.stamps import Publishers, Stamps
+from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
+from txt1.ros.urdf import MOUNTS, links_of, robot_description
+from txt1.sensors.readings import OPTICAL, FixReading, Image, ImuReading, Scan
+from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
+from txt1.telemetry.topics import Rule, Topic
+
+STALE = 0.25
+
+
+@given(offset=st.floats(-50.0, 50.0), delays=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=50))
+def test_a_stamped_command_is_as_old_as_its_delay_beyond_the_shortest_whatever_the_clocks_say(
+    offset: float, delays: list[float]
+) -> None:
+    stamps = Stamps(STALE)
+    shortest = 1.0
+    for k, delay in enumerate(delays):
+        sent = 100.0 + 0.1 * k
+        age = stamps.age(sent + offset, sent + delay)
+        if delay < shortest - 0.1:
+            return  # so much sooner than all before that it may come from the future
+        shortest = min(shortest, delay)
+        assert age == pytest.approx(delay - shortest, abs=1e-6)
+
+
+def test_a_stamp_from_the_past_or_the_future_is_refused_and_counted() -> None:
+    stamps = Stamps(STALE)
+    assert stamps.age(100.0, 100.0) == 0.0
+    assert stamps.age(99.0, 100.1) is None and stamps.refused["past"] == 1
+    assert stamps.age(105.0, 100.2) is None and stamps.refused["future"] == 1
+    assert stamps.age(100.3, 100.3) == pytest.approx(0.0, abs=1e-9)
+    assert stamps.age(0.0, 100.4) == 0.0, "0 is no stamp"
+    assert Stamps(STALE).age(100.0, 5000.0) is None, "a recording's"
+
+
+def test_a_clock_that_was_set_is_believed_after_a_few_commands() -> None:
+    stamps = Stamps(STALE)
+    for k in range(10):
+        stamps.age(0.1 * k + 100.0, 0.1 * k + 100.0)
+    ages = [stamps.age(0.1 * k + 130.0, 0.1 * k + 101.0) for k in range(10)]
+    assert ages[:4] == [None] * 4 and ages[-1] is not None
+
+
+def test_two_publishers_are_told_apart_from_one_that_stutters() -> None:
+    one, two = Publishers(), Publishers()
+    for number in (1, 2, 3, 7, 8):
+        one.take(number)
+    for number in (1, 1, 2, 2, 3, 3):
+        two.take(number)
+    assert (one.mixed, one.lost) == (0, 3)
+    assert two.mixed == 3
+
+
+def _messages() -> list[str]:
+    own()
+    return sorted(DEFINITIONS)
+
+
+@pytest.fixture(scope="module")
+def generations() -> tuple[Typestore, Converter]:
+    """The other library's types of ROS 2, and the converter to those of ROS 1."""
+    return get_typestore(Stores.ROS2_JAZZY), Converter()
+
+
+@pytest.mark.parametrize("message", _messages())
+def test_every_message_is_read_by_another_library_on_both_generations(
+    message: str, generations: tuple[Typestore, Converter]
+) -> None:
+    kind, text = schema_name(message), schema_text(message)
+    store, converter = generations
+    found = get_types_from_msg(text, kind)
+    for name, fields in found.items():
+        if name in store.fielddefs:
+            assert store.fielddefs[name][1] == fields[1], f"{name} is ROS's own, and has ROS's fields"
+    store.register({name: fields for name, fields in found.items() if name not in store.fielddefs})
+    data = bytes(Layout(message))
+    read = store.deserialize_cdr(data, kind)
+    assert bytes(store.serialize_cdr(read, kind)) == data
+    converter.add(kind, text)
+    converter.store.deserialize_ros1(converter.convert(kind, data), kind)
+
+
+@pytest.mark.parametrize("steering", ["both", "front", "skid"])
+def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering: str) -> None:
+    geometry = Geometry(steering=steering)  # type: ignore[arg-type]
+    text = robot_description("txt03", geometry, links_of([Scan, Image, ImuReading, FixReading]))
+    robot = URDF.from_xml_string(text.partition("\n")[2])
+    assert robot.get_root() == "base_footprint"
+    assert {joint.name for joint in robot.joints} >= set(JOINTS)
+    for link, place in MOUNTS.items():
+        joint = robot.joint_map[f"{link}_joint"]
+        assert (joint.parent, joint.type) == ("base_link", "fixed") and tuple(joint.origin.xyz) == place
+    optical = robot.joint_map[f"{OPTICAL}_joint"]
+    assert optical.parent == "base_camera_link" and optical.origin.rpy == pytest.approx([-tau / 4, 0.0, -tau / 4])
+    moving = {joint.name for joint in robot.joints if joint.type == "revolute"}
+    assert len(moving) == {"both": 4, "front": 2, "skid": 0}[steering]
+    height = (
+        robot.joint_map["base_link_joint"].origin.xyz[2] + robot.joint_map["rear_left_steering_joint"].origin.xyz[2]
+    )
+    assert height == pytest.approx(robot.link_map["rear_left_wheel"].visual.geometry.radius, abs=1e-5), "on the floor"
+
+
+def test_a_camera_s_optical_frame_has_z_ahead_and_x_to_the_right() -> None:
+    x, y, z, w = (TO_OPTICAL[axis] for axis in "xyzw")
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    assert turn @ (0.0, 0.0, 1.0) == pytest.approx([1.0, 0.0, 0.0]), "z ahead"
+    assert turn @ (1.0, 0.0, 0.0) == pytest.approx([0.0, -1.0, 0.0]), "x to the right"
+
+
+def test_a_left_turn_turns_the_front_wheels_left() -> None:
+    front, rear = turned(-STEERING_MAX, STEERING_MAX, Geometry())
+    assert front == pytest.approx(Geometry().steering_max) and rear == -front
+    assert turned(-STEERING_MAX, STEERING_MAX, Geometry(steering="front"))[1] == 0.0
+
+
+def test_the_package_of_our_messages_names_every_file(tmp_path: Path) -> None:
+    package = write_package(tmp_path, "txt1_msgs", own(), "messages")
+    listed = (package / "CMakeLists.txt").read_text()
+    files = [path for path in package.rglob("*") if path.suffix in (".msg", ".srv", ".action")]
+    assert all(f'"{path.relative_to(package)}"' in listed for path in files)
+    assert {"Pwm", "Mode", "Driver", *SERVICES, *ACTIONS} <= {path.stem for path in files}
+
+
+BROKEN = Topic(
+    "/broken", str, "", "geometry_msgs/PoseStamped", Rule.EVENT, "", {}, ("pose.position.x",), lambda x: (x,)
+)
+
+
+def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic_its_message() -> None:
+    said: list[str] = []
+    names: set[str] = set()
+
+    async def listen() -> None:
+        async with Robot.open("sim", seed=1) as robot:
+            feed = Feed(robot.runtime, said.append)
+            feed.begin()
+            for _ in range(3):
+                await asyncio.sleep(0.1)
+                robot.runtime.bus.publish(BROKEN, "no number", robot.now)
+                line = json.loads(feed.line({}) or b"")
+                names.update(name for _, name, _, _ in line.get("new", ()))
+                assert len(line["messages"]) > 10
+
+    run(listen(), speed="max")
+    assert {"odom", "tf", "tf_static", "joint_states", "robot_description", "~/setpoint"} <= names
+    assert len(said) == 1 and "/broken" in said[0]
+
+
+def test_a_recording_is_published_under_the_names_of_a_run() -> None:
+    assert recorded("/odom", "nav_msgs/Odometry", ()) == ("odom", "default")
+    assert recorded("/mode", "txt1_msgs/Mode", ()) == ("~/mode", "latched")
+    assert recorded("/tf_room", "tf2_msgs/TFMessage", ()) == ("tf", "default")
+    assert recorded("/input", "txt1_msgs/Input", ()) is None
+    assert recorded("/sensors/front", "sensor_msgs/LaserScan", ()) == ("scan", "sensor")
+    assert recorded("/sensors/rear", "sensor_msgs/LaserScan", {"scan"}) == ("~/sensors/rear", "sensor")
+
+
+def test_the_ros_2_of_the_shell_comes_before_all_others_and_one_that_is_too_old_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TXT1_ROS2_HOME", str(tmp_path))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    if not INSTALLED.exists():
+        with pytest.raises(ConfigError, match=r"no ROS 2 on this machine: install ROS 2 .* or 'txt1 ros2 install'"):
+            ros2()
+        (tmp_path / "bin").mkdir()
+        (tmp_path / "bin" / "python").touch()
+        assert ros2().ours and ros2().program[0] == str(tmp_path / "bin" / "python")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/jazzy")
+    monkeypatch.setenv("PYTHONPATH", "/opt/ros/jazzy/lib/python3.12/site-packages")
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setattr(sys, "prefix", "/home/anna/venv")
+    monkeypatch.setenv("PATH", "/home/anna/venv/bin:/opt/ros/jazzy/bin:/usr/bin")
+    found = ros2()
+    assert found.environment["PATH"] == "/opt/ros/jazzy/bin:/usr/bin", "its python3, not that of our environment"
+    assert found.program[0] == "python3" and found.environment["PYTHONPATH"].startswith("/opt/ros/jazzy")
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    with pytest.raises(ConfigError, match=r"this shell's is humble: source Jazzy or later"):
+        ros2()
+
+
+@pytest.mark.parametrize("fields", [{}, {"x": 10**400}, {"y": 1}])
+def test_whatever_a_node_calls_for_is_answered_and_does_not_end_the_run(fields: dict[str, object]) -> None:
+    async def main() -> list[tuple[int, bool, str]]:
+        unexpected: list[object] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: unexpected.append(context))
+        calls = Calls({"turn": lambda x: float(x)})
+        calls.call(1, "turn", fields)
+        calls.call(2, "turn", {"x": 2})
+        await asyncio.sleep(0.0)
+        await asyncio.sleep(0.0)
+        assert not unexpected
+        return calls.take()
+
+    first, second = asyncio.run(main())
+    assert first[:2] == (1, False) and "Error" in first[2]
+    assert second == (2, True, "2.0")

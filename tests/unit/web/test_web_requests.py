@@ -1,0 +1,166 @@
+"""What a page may ask for: nothing raises, in a flood only a stop is heard, and another page's stop does not wait."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the extra 'web'")
+
+from txt1.web import requests  # noqa: E402
+from txt1.web.pages import MESSAGES, Page, Pages  # noqa: E402
+from txt1.web.requests import FLOOD, REQUESTS, STOP_MAX, take  # noqa: E402
+from txt1.web.routes import listen  # noqa: E402
+
+STOP = '{"do": "stop"}'
+ALIKE = '{"a": "stop", "do": "choose", "topics": []}'
+BURST = int(MESSAGES[1])
+
+
+class Robot:
+    """Writes down what it is asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, dict[str, object]]] = []
+
+    def fileno(self) -> int:
+        return -1
+
+    def newest(self) -> bytes | None:
+        return None
+
+    def request(self, name: str, /, **fields: object) -> None:
+        json.dumps(fields)
+        self.asked.append((name, fields))
+
+    def times(self, name: str) -> int:
+        return [each for each, _ in self.asked].count(name)
+
+
+class Socket:
+    """Of a browser that has sent everything already: reading it never waits."""
+
+    def __init__(self, *texts: str) -> None:
+        self.texts = texts
+        self.read = self.closed = 0
+
+    async def __aiter__(self) -> AsyncIterator[aiohttp.WSMessage]:
+        for text in self.texts:
+            self.read += 1
+            yield aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, text, None)
+
+    async def close(self, **_: object) -> None:
+        self.closed += 1
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def pages_of(robot: Robot) -> Pages:
+    return Pages(robot, Path("/nowhere"), 0.5, {}, [], invites=False)
+
+
+def join(pages: Pages, socket: object = None) -> Page:
+    page = pages.join("operator", "127.0.0.1", socket or Socket())  # type: ignore[arg-type]
+    page.clock.answered(0.0, 0.0, 0.0)
+    return page
+
+
+@pytest.fixture
+def frozen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time stands still, so no page's budget grows, however slow the computer is."""
+    monkeypatch.setattr(requests, "now", lambda: 0.0)
+
+
+@pytest.mark.usefixtures("frozen")
+async def test_in_a_flood_nothing_but_a_stop_is_heard(robot: Robot) -> None:
+    pages = pages_of(robot)
+    page = join(pages)
+    heard = [take(pages, page, ALIKE) for _ in range(1000)]
+    assert heard.count(True) == BURST and page.counts["dropped"] == 1000 - BURST
+    for no_stop in (
+        '{"do": "drive", "stop": "stop"}', '["stop"]', '"stop"', '{"stop"', '{"do": ["stop"]}',
+        '{"do": "stop", "x": "%s"}' % (STOP_MAX * "x"),
+    ):  # fmt: skip
+        take(pages, page, no_stop)
+    assert robot.times("stop") == 0
+    for stop in (STOP, '{"n": 7, "t": 1.5, "do": "stop"}', '{ "do" : "stop" }'):
+        take(pages, page, stop)
+    assert robot.times("stop") == 3
+
+
+@pytest.mark.usefixtures("frozen")
+async def test_a_page_that_goes_on_flooding_is_sent_away_whatever_its_messages_say(robot: Robot) -> None:
+    for text in (ALIKE, STOP, "x"):
+        pages, socket = pages_of(robot), Socket()
+        page = join(pages, socket)
+        for _ in range(BURST + FLOOD):
+            take(pages, page, text)
+        await asyncio.sleep(0)
+        assert socket.closed == 1, text
+
+
+@pytest.mark.usefixtures("frozen")
+async def test_a_stop_waits_for_few_messages_of_a_flood_that_has_come_before_it(robot: Robot) -> None:
+    pages = pages_of(robot)
+    flood, operator = Socket(*[ALIKE] * 1000), Socket(STOP)
+    flooding = asyncio.ensure_future(listen(pages, join(pages, flood), flood))  # type: ignore[arg-type]
+    stopping = asyncio.ensure_future(listen(pages, join(pages, operator), operator))  # type: ignore[arg-type]
+    await stopping
+    assert robot.times("stop") == 1 and flood.read <= BURST + 2
+    await flooding
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+    | st.sampled_from([10**400, -(10**400), 1e308, "1e999", "nan"]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=12,
+)  # fmt: skip
+NAMES = (
+    "n", "t", "v", "omega", "ping", "points", "speed", "linear", "angular", "on", "name", "topics", "to", "hold",
+)  # fmt: skip
+ASKED = st.dictionaries(st.sampled_from(NAMES), JSON | st.floats(-1.0, 1.0) | st.integers(0, 99))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(sorted(REQUESTS)) | JSON, ASKED) | JSON, max_size=20))
+def test_nothing_that_a_page_sends_raises_and_what_is_right_is_done_after_it(messages: list[Any]) -> None:
+    async def main() -> None:
+        robot = Robot()
+        pages = pages_of(robot)
+        page, other = join(pages), join(pages)
+        for message in messages:
+            asked = {**message[1], "do": message[0]} if isinstance(message, tuple) else message
+            take(pages, page, json.dumps(asked))
+        take(pages, page, json.dumps({"do": "give"}))
+        other.clock.answered(0.0, 0.0, requests.now())
+        before = robot.times("drive")
+        take(pages, other, json.dumps({"do": "drive", "v": 0.5, "omega": 0.0, "n": 1, "t": requests.now()}))
+        assert robot.times("drive") == before + 1
+        take(pages, page, STOP)
+        assert robot.asked[-1] == ("stop", {})
+
+    asyncio.run(main())
+
+
+async def test_a_mistake_of_ours_costs_one_message(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr(requests, "REQUESTS", {**REQUESTS, "broken": broken})
+    pages = pages_of(robot)
+    page = join(pages)
+    take(pages, page, '{"do": "broken"}')
+    assert json.loads(page.outbox[-1]) == {"told": "that failed: ZeroDivisionError: of ours"}
+    take(pages, page, STOP)
+    assert robot.times("stop") == 1

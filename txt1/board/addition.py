@@ -1,0 +1,16 @@
+"""The virtual board as an addition: a port with a board behind it, and the command."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="board",
+    settings="txt1.board.settings:BoardConfig",
+    wanted=lambda config: False,
+    parts={"txt1.ports": {"virtual": "txt1.board.board:VirtualPort"}},
+    commands={
+        "board": (
+            "txt1.board.command",
+            "be a board: the simulated vehicle behind a line, for --hal serial or any other host",
+        )
+    },
+)

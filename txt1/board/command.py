@@ -1,0 +1,146 @@
+"""`txt1 board`: the simulated vehicle behind a line."""
+
+import argparse
+import asyncio
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from functools import partial
+from typing import Final
+
+from txt1 import commands
+from txt1.board.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
+from txt1.board.original import OUTAGE
+from txt1.cli import options
+from txt1.cli.app import App, conclude, in_journal
+from txt1.commands import flag, say, takes, view_of
+from txt1.config import Config, load
+from txt1.link.base import Listener
+from txt1.link.pty import listen_pty
+from txt1.link.tcp import listen_tcp
+from txt1.record.options import LOG, VIEW, live_view
+from txt1.ros.beside import BoardNode, board_node
+from txt1.ros.options import ROS2
+from txt1.tasks.fields import LOG as EVENT_LOG
+from txt1.ui.terminal import Terminal
+
+LOW: Final = 8.7  # V that the packs read when b was pressed: bad
+SHOWN: Final = {
+    "q": "quit",
+    "?": "help",
+    "c": "centre button",
+    "e": "ESC",
+    "b": f"{LOW} V",
+    "r": f"restart {OUTAGE} s",
+    "space": "stop",
+    "←→": "screen",
+    "↑↓": "gains",
+}
+_STATES: Final = {"off": 0.0, "on": 1.0}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `board` takes."""
+    commands.add(parser.add_mutually_exclusive_group(required=True), {
+        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
+        "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
+        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
+    })  # fmt: skip
+    commands.add(parser, options.CONFIGURATION | options.SEED | LOG | VIEW | ROS2 | {
+        "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
+        "--manual": flag("start in manual mode, which obeys PWM test"),
+        "--as": {
+            "dest": "habits", "choices": tuple(HABITS),
+            "help": "behave like our boards, or like those of 2011 as they were observed",
+        },
+        "--event": takes(
+            "T:NAME[=VALUE]", "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "
+            "without power for S s); may be repeated", board_event, action="append", default=[],
+        ),
+        "--fault": takes(
+            "KIND=VALUE", "put a fault on the line: drop, tear, duplicate (shares of the frames), flip (of the "
+            "bits), split=true, merge, delay, jitter, stall, stall_every, cut (s); may be repeated",
+            action="append", default=[],
+        ),
+        "--duration": takes("S", "end after S seconds", commands.positive),
+        "--json": flag("no status lines; one JSON object at the end"),
+    })  # fmt: skip
+
+
+def board_event(text: str) -> tuple[float, BoardEvent]:
+    """Return the time in s and the event that a word is; raises ArgumentTypeError."""
+    time, _, event = text.partition(":")
+    name, equals, value = event.partition("=")
+    if name not in EVENTS or bool(equals) is (name == "centre"):
+        raise argparse.ArgumentTypeError(f"'{text}' is no event, such as 12.5:centre, 20:esc=off or 30:restart=0.2")
+    number = _STATES.get(value) if name == "esc" else commands.positive(value) if equals else 0.0
+    if number is None:
+        raise argparse.ArgumentTypeError(f"'{text}': the ESC is on or off")
+    return commands.positive(time), BoardEvent(name, number)
+
+
+def keys(board: Board) -> dict[str, Callable[[], None]]:
+    """Return the keys by which somebody at the board's screens lets something happen to it."""
+    vehicle = board.vehicle
+    return {
+        "e": lambda: board.happen(BoardEvent("esc", float(not vehicle.esc_on))),
+        "b": lambda: board.happen(BoardEvent("battery", LOW if vehicle.faults.voltage is None else None)),
+        "r": lambda: board.happen(BoardEvent("restart", OUTAGE)),
+    }
+
+
+async def _let_happen(board: Board, events: Sequence[tuple[float, BoardEvent]]) -> None:
+    """Let the events happen at their times; raises CommandRefused for one that cannot happen to this board."""
+    for time, event in sorted(events):
+        await asyncio.sleep(max(0.0, time - board.now))
+        board.happen(event)
+    await asyncio.Future()  # only an error ends the run
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run a virtual board until the duration is over, the operator quits or a signal comes."""
+    faults = [f"board.fault.{fault}" for fault in arguments.fault]
+    habits = {} if arguments.habits is None else {"board.habits": arguments.habits}
+    given = habits | ({} if arguments.seed is None else {"seed": arguments.seed})
+    config = load(arguments.config, [*arguments.set, *faults], os.environ, given).config
+    options.warn_of_baud(config)
+    node = board_node(arguments)
+    app = App()
+    app.run(_serve(app, arguments, config, node))
+    return conclude(app, arguments.json)
+
+
+async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: BoardNode | None) -> None:
+    view = await asyncio.to_thread(live_view, arguments)
+    told = {"board": True, "duration": arguments.duration}
+    async with (
+        app.board(Board(config, manual=arguments.manual), log=arguments.log, about=told, view=view) as board,
+        AsyncExitStack() as beside,
+    ):
+        listener: Listener
+        if arguments.pty is not None:
+            listener = listen_pty(arguments.pty, board.paced)
+        elif arguments.tcp is not None:
+            host, port = arguments.tcp
+            listener = await listen_tcp(host, port, board.paced)
+        else:
+            listener = place = DevicePlace(board, arguments.port)
+            await place.open()
+        try:
+            say(f"a virtual board is at {listener.address}")
+            await board.power_up()
+            if node is not None:
+                await beside.enter_async_context(node(board))
+            if arguments.duration is not None:
+                board.runtime.scheduler.end_at(arguments.duration)
+            if view_of(arguments) == "lines" and not in_journal():  # which has them anyway
+                board.runtime.bus.subscribe(lambda topic, event, time: say(event.text), [EVENT_LOG])
+            events = asyncio.ensure_future(_let_happen(board, arguments.event))
+            terminal = partial(Terminal, board, beat=app.beat, shown=SHOWN, more=keys(board))
+            try:
+                await app.watch(board.runtime, terminal, view_of(arguments), events)
+            finally:
+                events.cancel()
+        finally:
+            await board.power_down()
+            listener.close()

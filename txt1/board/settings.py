@@ -1,0 +1,17 @@
+"""The section ``board`` of the configuration."""
+
+from typing import Literal
+
+from txt1.config.schema import Section
+from txt1.sim.line import LineFaults
+from txt1.units import Positive
+
+
+class BoardConfig(Section):
+    """The virtual board."""
+
+    habits: Literal["ours", "original"] = "ours"
+    """How it does what the protocol leaves open: as ours, or as the boards of 2011 were seen to (txt1 board --as)."""
+    link_timeout: Positive | None = 0.25
+    """Age at which a command from the host is stale, s; null: only the link rule, as on original boards."""
+    fault: LineFaults = LineFaults()

@@ -1,0 +1,43 @@
+"""`txt1 run --bridge`."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from txt1.additions import Options
+from txt1.commands import bridge_options, takes
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+    from txt1.kernel.loop import Speed
+
+
+class Asked(NamedTuple):
+    """Bridges beside a robot."""
+
+    bridges: Sequence[tuple[str, Mapping[str, object]]]
+    """Their names and options."""
+    speed: Speed
+    """Of the robot's time, for the recordings that a bridge begins."""
+
+
+def asked(arguments: Namespace, config: Config) -> Asked | None:
+    """Return the bridges that were asked for, None for none; raises ConfigError: there is no such bridge."""
+    if not arguments.bridge:
+        return None
+    from txt1.bridges.registry import BRIDGES
+
+    for name, _ in arguments.bridge:
+        BRIDGES.place("bridge", name)
+    return Asked(arguments.bridge, arguments.speed)
+
+
+BRIDGE: Final = {
+    "--bridge": takes(
+        "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
+        bridge_options, action="append", default=[],
+    ),
+}  # fmt: skip
+OPTIONS: Final = Options("bridges", BRIDGE, asked)

@@ -1,0 +1,18 @@
+"""Fleets as an addition: a robot's way into one, and the command of several."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="fleet",
+    order=140,
+    wanted=lambda config: False,
+    beside="txt1.fleet.beside:beside",
+    options="txt1.fleet.options:OPTIONS",
+    commands={
+        "fleet": ("txt1.fleet.command", "run several simulated robots in one world, or watch those on a network")
+    },
+    parts={
+        "txt1.bridges": {"fleet": "txt1.fleet.bridge:main"},
+        "txt1.screens": {"FLEET": "txt1.fleet.screen:screen"},
+    },
+)

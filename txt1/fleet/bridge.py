@@ -1,0 +1,153 @@
+"""The bridge to a fleet on a network: a process of its own, which speaks Zenoh beside the robot.
+
+What the robot tells goes out twenty times a second; what was heard comes in as often. What it has learned is told once
+a second; what others have learned is checked here and passed on as seldom. A stop of all that others say stops the
+robot, and is answered by what the robot reports of its gate; a console may take its wheel, as the source "fleet".
+"""
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from math import inf
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from txt1.beside import LINE_MAX, Connection
+from txt1.errors import ConfigError
+from txt1.fleet.air import TIMEOUT
+from txt1.fleet.messages import Answer
+from txt1.fleet.network import Hooks, Peer
+from txt1.fleet.stopping import Standing
+from txt1.kernel.clock import NS_PER_S, RealClock
+from txt1.learning.learned import learned_of
+
+RATE: Final = 20.0  # Hz
+TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]
+SELDOM: Final = ["/learned"]  # once a second
+PASSED: Final = 0.8  # s from one table of another robot to the next that is passed on
+AT_ONCE: Final = 5  # of them
+ORDERS: Final = 20  # of each kind that wait for the next look; the newest count
+ROOM: Final = LINE_MAX * 2 // 5  # bytes of a list of the others
+ANSWERED: Final = 1.0  # s after which a stop of all that is not complete is told as it stands
+SHOWN: Final = 60.0  # s that it is shown
+WAIT: Final = 0.01  # s that an order of the others may wait for the next look
+
+T = TypeVar("T")
+
+
+def main(
+    robot: Connection,
+    name: str,
+    interface: str = "",
+    key: str | None = None,
+    loss: float = 0.0,
+    space: str = "txt1",
+) -> None:
+    """Be the robot's voice in the fleet until its run ends; the arguments are those of `Peer`."""
+    gate = Gate(RealClock().now_ns)
+    stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # of Zenoh's threads, which must not wait
+    drives: deque[tuple[float, float]] = deque(maxlen=ORDERS)  # apart: many of them push no stop out
+
+    def stop(who: str, identity: str) -> Answer:
+        if identity not in gate.obeyed:
+            stops.append((who, identity))
+        return gate.answer(identity)
+
+    hooks = Hooks(stop=stop, drive=lambda who, v, omega: drives.append((v, omega)))
+    robot.request("subscribe", topics=TOPICS, rate=RATE, seldom=SELDOM)
+    try:
+        with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken lasts longer than a heartbeat
+            joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, space)
+            while not joining.done():
+                robot.receive(WAIT)
+        peer = joining.result()
+    except ConfigError as error:
+        robot.request("refused", reason=str(error))
+        return
+    told: set[tuple[str, str]] = set()  # of whom a message was refused, and why
+    passed: dict[str, float] = {}  # when the last table of each was heard that was passed on
+    try:
+        while True:
+            telemetry = robot.receive(WAIT)
+            for _ in range(len(stops)):
+                who, identity = stops.popleft()
+                robot.request("stop", who=who, stop=identity)
+            for _ in range(len(drives)):
+                v, omega = drives.popleft()
+                robot.request("drive", v=v, omega=omega)
+            if telemetry is None:
+                continue
+            gate.reported(telemetry["topics"])
+            peer.tell(_state(telemetry["topics"]))
+            if learned := telemetry["topics"].get("/learned"):
+                peer.teach(learned)
+            if any(event["topic"] == "/fleet_order" for event in telemetry.get("events", ())):
+                peer.stop_all()
+            now = peer.now
+            heard = ((who, [*said[:5], now - said.time, said.data]) for who, said in peer.heard().items())
+            members = sorted(fitting(sorted(peer.members(), key=lambda one: not one.alive)))
+            robot.request("fleet", members=members, heard=dict(fitting(heard)), stop=_stop(peer))
+            _pass_on(robot, peer, passed)
+            for who, why in peer.refused().items() - told:
+                told.add((who, why))
+                robot.request("tell", text=f"a message of {who} is refused: {why}")
+    finally:
+        peer.close()
+
+
+def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
+    """Tell the robot what others have learned, or why that is refused."""
+    new = [(who, *told) for who, told in peer.taught().items() if told[1] >= passed.get(who, -inf) + PASSED]
+    for who, told, heard in new[:AT_ONCE]:
+        passed[who] = heard
+        try:
+            robot.request("learned", who=who, learned=learned_of(told)._asdict(), age=peer.now - heard)
+        except ValueError as error:
+            robot.request("learned", who=who, learned=None, why=str(error))
+
+
+class Gate:
+    """The robot's safety gate, as the robot itself reported it last: nothing else is ever answered to a stop."""
+
+    def __init__(self, clock: Callable[[], int]) -> None:
+        self.obeyed: frozenset[str] = frozenset()
+        """Identities of the stops of all that the robot has obeyed."""
+        self._clock = clock
+        self._armed, self._at = True, -inf
+
+    def reported(self, topics: Mapping[str, Any]) -> None:
+        """Take what the robot tells."""
+        self.obeyed = frozenset(topics.get("/fleet_stops") or ())
+        self._armed, self._at = (topics.get("/member") or {}).get("armed") is not False, self._clock() / NS_PER_S
+
+    def answer(self, stop: str) -> Answer:
+        """Return the answer to a stop of that identity."""
+        if self._clock() / NS_PER_S - self._at > TIMEOUT:
+            return Answer(closed=False, why="its program is silent")
+        if stop not in self.obeyed:
+            return Answer(closed=False, why="it has not obeyed yet")
+        return Answer(closed=False, why="it was armed again") if self._armed else Answer(closed=True)
+
+
+def _stop(peer: Peer) -> str:
+    """How the last stop of all stands that this robot has said, once there was time to answer; "" after a minute."""
+    standing, age = peer.standing() or (Standing(), inf)
+    return str(standing) if age < SHOWN and (standing.complete or age > ANSWERED) else ""
+
+
+def fitting(values: Iterable[T]) -> Iterator[T]:
+    """As many of the values as have room in a message to the robot: one that is too long would end this bridge."""
+    room = ROOM
+    for value in values:
+        room -= len(json.dumps(value)) + 2
+        if room < 0:
+            return
+        yield value
+
+
+def _state(topics: dict[str, Any]) -> dict[str, Any]:
+    """The part of the robot's telemetry that the others are told."""
+    said, member = topics.get("/said") or {}, topics.get("/member") or {}
+    told = ("armed", "reason", "driver", "battery", "silent")
+    return {**{key: value for key, value in said.items() if key != "time"}, **{key: member.get(key) for key in told}}

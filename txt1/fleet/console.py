@@ -1,0 +1,96 @@
+"""A console of a fleet on a network: all robots, one stop for all, and the wheel of one. It is no robot itself."""
+
+from collections.abc import Mapping
+from math import inf
+from typing import Final
+
+from txt1.fleet.members import FLEET, FLEET_STOP, Member
+from txt1.fleet.network import Peer
+from txt1.hal.base import Button
+from txt1.model.odometry import Odometry
+from txt1.tasks.encoder import ODOMETRY, POSE
+from txt1.tasks.fields import VEHICLES, Panel
+from txt1.tasks.mode import MODE, Mode
+from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.screens import installed
+
+KEYS: Final[Mapping[str, str]] = {
+    "SPACE": "stop all", "q": "quit", "?": "help", "n": "next robot", "wasd": "drive it", "+-": "speed", "←→": "screen",
+}  # fmt: skip
+
+
+class Console:
+    """To the terminal it is a robot, and the source of the driving keys' commands."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self._began = peer.now
+        self._at = ""
+        self._screen = list(installed()).index("FLEET")
+        self._driving = False
+
+    @property
+    def robot(self) -> Member | None:
+        """The robot at hand; None while none is there."""
+        members = self._peer.members()
+        return next((one for one in members if one.name == self._at), members[0] if members else None)
+
+    def next(self) -> None:
+        """Let go of this robot, and take the next one."""
+        self.release()
+        names = [one.name for one in self._peer.members()]
+        self._at = names[(names.index(self._at) + 1) % len(names)] if self._at in names else "".join(names[:1])
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The fleet, and the robot at hand on the map."""
+        robot, members = self.robot, self._peer.members()
+        name = "fleet" if robot is None else f"fleet, at {robot.name}"
+        standing, _ = self._peer.standing() or ("", 0.0)
+        values: dict[str, object] = {
+            FLEET.name: members,
+            FLEET_STOP.name: str(standing) or None,
+            MODE.name: Mode(panel=Panel(screen=self._screen)),
+        }
+        if robot is not None and robot.pose is not None:
+            values[POSE.name] = robot.pose
+            values[ODOMETRY.name] = Odometry(*robot.pose, robot.v, robot.omega)
+            values[VEHICLES.name] = tuple(one.pose for one in members if one.pose and one is not robot)
+        return Snapshot(self.now, name, values)
+
+    @property
+    def now(self) -> float:
+        """Seconds since it was started."""
+        return self._peer.now - self._began
+
+    def stop(self) -> None:
+        """Stop all robots of the fleet."""
+        self._peer.stop_all()
+
+    def arm(self) -> None:
+        """Nobody arms a robot from afar."""
+
+    def disarm(self, reason: str) -> None:
+        """Let go of the wheel: the robot that it drove stops by itself."""
+        self.release()
+
+    def press(self, button: Button) -> None:
+        """The joystick changes the screen."""
+        step = {Button.LEFT: -1, Button.RIGHT: 1}.get(button, 0)
+        self._screen = (self._screen + step) % len(installed())
+
+    def tell(self, text: str) -> None:
+        """There is no log to add to."""
+
+    def command(self, v: float, omega: float, time: float = -inf) -> None:
+        """Drive the robot at hand, m/s and rad/s."""
+        del time
+        if (robot := self.robot) is not None:
+            self._peer.drive(robot.name, v, omega)
+            self._driving = True
+
+    def release(self) -> None:
+        """Let go of the robot at hand."""
+        if self._driving and (robot := self.robot) is not None:
+            self._peer.drive(robot.name, 0.0, 0.0)
+        self._driving = False

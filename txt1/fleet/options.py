@@ -1,0 +1,57 @@
+"""The options by which a robot joins a fleet on a network."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from txt1.additions import Options
+from txt1.commands import names, need, path, takes
+from txt1.errors import ConfigError
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+
+NETWORK: Final = {
+    "--fleet": takes(
+        "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
+    ),
+    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", path),
+}  # fmt: skip
+
+
+class Joining(NamedTuple):
+    """How a robot joins a fleet."""
+
+    bridge: Mapping[str, object]
+    """Options of the bridge to its network."""
+    law: str | None
+    """Of cooperation, by which it drives; None: it drives by none."""
+    team: Sequence[str] | None
+    """Who cooperates."""
+
+
+def asked(arguments: Namespace, config: Config) -> Joining | None:
+    """Return how the robot joins a fleet, None where it joins none; raises ConfigError, MissingExtra."""
+    if arguments.fleet is None:
+        if arguments.fleet_key or arguments.cooperate:
+            raise ConfigError("--fleet-key, --cooperate: the robot is in no fleet; add --fleet")
+        return None
+    if not config.name:
+        raise ConfigError("--fleet: a robot of a fleet has a name; add --name")
+    if arguments.cooperate is not None and config.name not in (arguments.team or []):
+        raise ConfigError(f"--cooperate: '{config.name}' is not of the team; add --team with all names, its own, too")
+    if arguments.speed is not None:
+        raise ConfigError("--fleet: others live in real time; leave --speed out")
+    need("--fleet", "fleet", "zenoh")
+    key = None if arguments.fleet_key is None else str(arguments.fleet_key)
+    bridge = {"name": config.name, "interface": arguments.fleet, "key": key}
+    return Joining(bridge, arguments.cooperate, arguments.team)
+
+
+LAWS: Final = {
+    "--cooperate": takes("LAW", "drive by a law of cooperation with those of --team (see docs/fleet.md)"),
+    "--team": takes("NAME,NAME,...", "robots that cooperate, the leader of a convoy first", names),
+}
+OPTIONS: Final = Options("fleet", NETWORK | LAWS, asked)

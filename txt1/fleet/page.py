@@ -1,0 +1,102 @@
+"""The web page of a fleet on a network: the page's server on one side, a peer without a robot on the other.
+
+Of each robot there is what it tells the others, 20 times a second: pose, velocities, whether it may drive and who
+drives it. A stop is the stop of all, which is said until all have answered; driving goes to the robot that the page
+shows. Anything else is done at the robot itself.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from contextlib import suppress
+from math import inf
+from typing import TYPE_CHECKING, Any, Final
+
+from txt1.errors import CommandRefused
+from txt1.fleet.members import Member
+from txt1.telemetry.snapshot import plain
+
+if TYPE_CHECKING:
+    from txt1.fleet.network import Peer
+
+RATE: Final = 20.0  # looks a second
+QUIET: Final = ("", "subscribe", "request", "halt")  # have no meaning here, and need none
+HELD: Final = 0.5  # s after a command in which the wheel of a robot that "fleet" drives is this page's
+
+
+class Network:
+    """All robots of a fleet on a network, as the page's server sees robots (`txt1.web.pages.Robots`)."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self._began = peer.now
+        self._drove: dict[str, float] = {}  # when each robot was driven from here
+        self._ours, self._theirs = socket.socketpair()
+        self._ours.setblocking(False)
+        self._closing = threading.Event()
+        self._beating = threading.Thread(target=self._beat, name="fleet page", daemon=True)
+        self._beating.start()
+
+    def close(self) -> None:
+        """Look no more."""
+        self._closing.set()
+        self._beating.join()
+        self._ours.close()
+        self._theirs.close()
+
+    def names(self) -> list[str]:
+        """The robots that are there."""
+        return [one.name for one in self._peer.members() if one.alive]
+
+    def fileno(self) -> int:
+        """Of what becomes readable whenever it is time to look."""
+        return self._ours.fileno()
+
+    def newest(self) -> bytes:
+        """The telemetry of all that are there, as a list; the others' poses are among each one's."""
+        with suppress(BlockingIOError):
+            self._ours.recv(4096)
+        members = self._peer.members()
+        there = [one for one in members if one.alive and one.pose is not None]
+        told = [_telemetry(self._seen(one), there, members, self._peer.now - self._began) for one in there]
+        if (stop := self._peer.standing()) is not None:
+            for each in told:
+                each["topics"]["/fleet_stop"] = str(stop[0])
+        return json.dumps(told).encode()
+
+    def request(self, name: str, /, **fields: object) -> None:
+        """Do what a page asks for; raises CommandRefused: it is not to be done from here."""
+        if name == "stop":
+            self._peer.stop_all()
+        elif name == "drive":
+            self._drove[str(fields["robot"])] = self._peer.now
+            self._peer.drive(str(fields["robot"]), float(str(fields["v"])), float(str(fields["omega"])))
+        elif name == "release":
+            self._peer.drive(str(fields["robot"]), 0.0, 0.0)
+        elif name not in QUIET:
+            raise CommandRefused(f"a fleet's page stops and drives; '{name}' is done at the robot or on its own page")
+
+    def _seen(self, one: Member) -> Member:
+        """A robot whose wheel was taken from here, as one that the page drives; another console's is "fleet"."""
+        ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < HELD
+        return one._replace(driver="web") if ours else one
+
+    def _beat(self) -> None:
+        while not self._closing.wait(1.0 / RATE):
+            self._theirs.send(b".")
+
+
+def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], time: float) -> dict[str, Any]:
+    assert one.pose is not None
+    x, y, theta = one.pose
+    topics: dict[str, object] = {
+        "/odom": {"x": x, "y": y, "theta": theta, "v": one.v, "omega": one.omega},
+        "/mode": {"armed": one.armed, "reason": one.reason, "link": {"alive": True}, "remote": True},
+        "/driver": {"name": one.driver},
+        "/vehicles": [other.pose for other in there if other is not one],
+        "/fleet": plain(members),
+        "/capabilities": None,  # marks what is all that there is
+    }
+    return {"name": one.name, "time": time, "topics": topics}

@@ -1,0 +1,178 @@
+"""A simulated vehicle under a controller that closes its own speed loop, as motor controllers and rover boards do."""
+
+import asyncio
+from collections.abc import Callable
+from math import copysign
+from typing import Final, Generic, TypeVar
+
+from txt1.config import Config
+from txt1.control.limits import Outputs
+from txt1.control.open_loop import TRACK_COUNTS
+from txt1.hal.registry import create_sim
+from txt1.link.base import End, Link, connect
+from txt1.link.station import Station
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+
+PERIOD: Final = 0.005  # s between two steps of a controller's loops
+GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
+RESET: Final = 4.0  # 1/s, of its integral
+
+
+class Car:
+    """A simulated vehicle; `move` it again and again."""
+
+    def __init__(self, config: Config) -> None:
+        self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
+        self.vehicle = self.hal.vehicle
+        self._sides = [0.0, 0.0]  # integrals of the loops, m/s: right and left, or the one motor's
+        self._time = 0.0
+
+    @property
+    def paths(self) -> tuple[float, float]:
+        """Paths that the right and the left wheel have rolled, m."""
+        return self.vehicle.motion[6], self.vehicle.motion[7]
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Speeds of the right and the left side, m/s; of the whole vehicle, where wheels steer."""
+        motion = self.vehicle.motion
+        return (motion[4], motion[5]) if self.vehicle.skids else (motion[3], motion[3])
+
+    @property
+    def voltage(self) -> float:
+        """Of the pack, V."""
+        return max(self.vehicle.battery_readings())
+
+    def move(self, now: float) -> None:
+        """Let it move with what it was told until now, s since power-up."""
+        self.vehicle.advance_to(now)
+
+    def counts(self, now: float, right: float | None, left: float | None = None) -> tuple[float, float]:
+        """Counts of the motors for speeds in m/s, or of the one motor, by loops; None lets it roll."""
+        dt, self._time = now - self._time, now
+        made = []
+        for side, (wanted, v) in enumerate(zip((right, left), self.speeds, strict=True)):
+            if wanted is None or wanted == 0.0:
+                self._sides[side] = 0.0
+                made.append(0.0)
+                continue
+            error = wanted - v
+            self._sides[side] = min(max(self._sides[side] + RESET * error * dt, -1.0), 1.0)
+            speed = wanted + GAIN * error + self._sides[side]
+            parameters = self.vehicle.parameters
+            counts = copysign(abs(speed) / parameters.speed_gain + parameters.dead_band, speed)
+            made.append(min(max(counts, -PWM_MAX), PWM_MAX))
+        return made[0], made[1]
+
+    def steer(self, now: float, motor: float, share: float) -> None:
+        """Put out counts of the motor, and a share of the steering's range, left positive."""
+        steering = round(STEERING_MAX * share)
+        self.hal.write(Outputs(round(motor), -steering, steering), now)
+
+    def skid(self, now: float, right: float, left: float) -> None:
+        """Put out counts of both sides' motors."""
+        steering = round(0.5 * TRACK_COUNTS * (right - left))
+        self.hal.write(Outputs(round(0.5 * (right + left)), -steering, steering), now)
+
+
+class Steps:
+    """A controller's loops while it has power: `step` is given the time since then, s, again and again."""
+
+    def __init__(self, car: Car, step: Callable[[float], None]) -> None:
+        self._car, self._step = car, step
+        self._began = 0.0
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def now(self) -> float:
+        """Seconds since power-up."""
+        return asyncio.get_running_loop().time() - self._began
+
+    async def begin(self) -> None:
+        """Begin them."""
+        self._began = asyncio.get_running_loop().time()
+        await self._car.hal.open()
+        self._task = asyncio.create_task(self._run())
+
+    async def end(self) -> None:
+        """End them; harmless when that is done already."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        await self._car.hal.close()
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for so many seconds, or for ever; raises what went wrong inside."""
+        assert self._task is not None
+        await asyncio.wait([self._task], timeout=duration)
+        if self._task.done():
+            self._task.result()
+
+    async def _run(self) -> None:
+        while True:
+            self._step(self.now)
+            await asyncio.sleep(PERIOD)
+
+
+class Controller:
+    """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
+
+    def __init__(self, config: Config) -> None:
+        self.car = Car(config)
+        self.line: End = self
+        """Its end of the line, where need be behind faults."""
+        self.station = Station()
+        """Where it says something."""
+        self.steps = Steps(self.car, self.step)
+
+    def step(self, now: float) -> None:
+        """Do what its loops do, s since power-up."""
+        raise NotImplementedError
+
+    async def power_up(self) -> None:
+        """Begin its loops."""
+        await self.steps.begin()
+
+    async def power_down(self) -> None:
+        """End them; harmless when that is done already."""
+        await self.steps.end()
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for so many seconds, or for ever; raises what went wrong inside."""
+        await self.steps.ended(duration)
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self.station.connected(link)
+
+    def received(self, data: bytes) -> None:
+        """Do as the host says."""
+        raise NotImplementedError
+
+    def lost(self, reason: str) -> None:
+        """Go on without a link."""
+        self.station.lost(reason)
+
+
+D = TypeVar("D", bound=Controller)
+
+
+class DevicePort(Generic[D]):
+    """A port with a controller behind it, in the same process and the same time."""
+
+    def __init__(self, address: str, make: Callable[[], D]) -> None:
+        self.address, self._make = address, make
+        self.device: D | None = None
+
+    async def open(self, end: End) -> Link:
+        """A link to it; it is powered up first if need be."""
+        if self.device is None:
+            self.device = self._make()
+            await self.device.power_up()
+        return connect(end, self.device.line)[0]
+
+    async def close(self) -> None:
+        """Power it down."""
+        if self.device is not None:
+            device, self.device = self.device, None
+            await device.power_down()

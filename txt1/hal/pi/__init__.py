@@ -1,0 +1,1 @@
+"""An R/C car on a Raspberry Pi: its HAL, the guard of its outputs, and a double of its bus."""

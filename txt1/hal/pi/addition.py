@@ -1,0 +1,13 @@
+"""R/C cars on a Raspberry Pi as an addition: the HAL, a bus on the desk, and what the doctor looks at."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="pi",
+    wanted=lambda config: False,
+    parts={
+        "txt1.hal": {"pi": "txt1.hal.pi.driver:create"},
+        "txt1.buses": {"pi": "txt1.hal.pi.double:desk"},
+        "txt1.doctors": {"pi": "txt1.hal.pi.command:remarks"},
+    },
+)

@@ -1,0 +1,68 @@
+"""What `txt1 doctor --hal pi` looks at: the libraries, the devices and the chips that such a car needs."""
+
+import errno
+import os
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.cli.remark import Remark, judged
+from txt1.config import Config
+from txt1.errors import installs
+from txt1.hal.pi.driver import GET_LGPIO
+
+CHIPS: Final = {
+    0x40: "servo board (PCA9685), or an INA219", 0x41: "INA219", 0x48: "ADS1115", 0x70: "servo board, all at once",
+}  # fmt: skip
+"""I2C addresses that are asked, and who may answer there."""
+
+
+def remarks(config: Config, devices: Path = Path("/dev")) -> Iterator[Remark]:
+    """What the car needs of the Raspberry Pi that it is on; `devices` are in that folder."""
+    options = config.hal_options
+    bus = options.get("bus", 1)
+    if isinstance(bus, str):
+        return
+    gpio = options.get("output") == "gpio"
+    for module, needed, get in (
+        ("smbus2", not gpio or options.get("battery", "none") != "none", installs("pi")),
+        ("lgpio", gpio or bool(options.get("encoders")), GET_LGPIO),
+    ):
+        if needed:
+            yield judged("extra", module, find_spec(module) is not None, f"it is missing: {get}")
+    if gpio or options.get("encoders"):
+        yield access(devices / "gpiochip0", "gpio", "is this a Raspberry Pi?")
+    if not gpio:
+        place = devices / f"i2c-{bus}"
+        remark = access(place, "i2c", "sudo raspi-config, Interface Options, I2C: on")
+        yield remark
+        if remark.well and find_spec("smbus2") is not None:
+            from smbus2 import SMBus
+
+            with SMBus(str(place)) as opened:
+                yield from chips(opened.read_byte, options.get("address", 0x40))
+
+
+def access(device: Path, group: str, absent: str) -> Remark:
+    """Whether a device is there and may be used; `absent` is what to do when it is not there."""
+    if not device.exists():
+        return Remark(group, f"{device} does not exist: {absent}", False)
+    well = os.access(device, os.R_OK | os.W_OK)
+    return judged(group, str(device), well, f"no permission: sudo usermod -aG {group} $USER, then log out and in again")
+
+
+def chips(read_byte: Callable[[int], Any], wanted: int) -> Iterator[Remark]:
+    """The chips that answer on an I2C bus, of those that are known; the servo board at `wanted` has to."""
+    answered = []
+    for address in sorted({*CHIPS, wanted}):
+        try:
+            read_byte(address)
+        except OSError as error:
+            if error.errno == errno.EBUSY:  # a driver of the kernel's has it, so it is there
+                answered.append(address)
+            continue
+        answered.append(address)
+    told = ", ".join(f"0x{each:02x} ({CHIPS.get(each, 'servo board')})" for each in answered) or "none"
+    remedy = f"nothing at 0x{wanted:02x}: look at VCC, GND, SDA (pin 3), SCL (pin 5), and hal_options.address"
+    yield judged("chips", f"that answer: {told}", wanted in answered, remedy)

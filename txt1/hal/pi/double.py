@@ -1,0 +1,257 @@
+"""A fake I2C bus with a servo board (PCA9685) and battery sensors (INA219, ADS1115), register by register.
+
+The chips do what their data sheets say of the registers that are used, and no more: the servo board has no time-out,
+takes a prescaler only while it sleeps, and keeps on putting out what it was told last. A chip that is not there does
+not acknowledge: OSError 121, as Linux has it.
+"""
+
+import errno
+import mmap
+import os
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from txt1.config import Config, checked
+from txt1.control.limits import Outputs
+from txt1.control.open_loop import TRACK_COUNTS
+from txt1.hal.pi.driver import Answer, Options, answer_of
+from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, Pca9685, Quadrature, Setup
+from txt1.hal.registry import create_sim
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.sim.line import LineFaults
+
+FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
+OSCILLATOR: Final = 25e6  # Hz
+TRANSFER: Final = 54  # bits of a transfer of four bytes: address, register, data, each acknowledged
+BUS: Final = 3  # marks the random values of a bus
+AWAY: Final = 1.0  # s for which a line that is cut leaves the servo board without power
+
+
+class Chip(Protocol):
+    """A chip on the bus."""
+
+    def write(self, register: int, data: Sequence[int]) -> None:
+        """Take bytes from a register on."""
+
+    def read(self, register: int, count: int) -> list[int]:
+        """Bytes from a register on."""
+
+
+class Pca9685Chip:
+    """The servo board's registers, in a buffer of 256 bytes."""
+
+    def __init__(self, registers: bytearray | mmap.mmap | None = None) -> None:
+        self.registers = bytearray(256) if registers is None else registers
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Sleep, and put out nothing."""
+        self.registers[MODE1], self.registers[MODE2], self.registers[PRESCALE] = 0x11, 0x04, 0x1E
+        for channel in range(16):
+            self.registers[LED0 + 4 * channel : LED0 + 4 * channel + 4] = bytes((0, 0, 0, FULL_OFF))
+
+    def write(self, register: int, data: Sequence[int]) -> None:
+        """Take bytes; only the first goes anywhere else than to the same register unless it counts on."""
+        for byte in data:
+            if register != PRESCALE:
+                self.registers[register] = byte
+            elif self.registers[MODE1] & SLEEP:
+                self.registers[register] = max(byte, 3)
+            if self.registers[MODE1] & AUTO:
+                register = (register + 1) % 256
+
+    def read(self, register: int, count: int) -> list[int]:
+        """Bytes from a register on."""
+        return list(self.registers[register : register + count])
+
+    def pulse(self, channel: int) -> float:
+        """The pulse at an output, us; 0 while nothing comes out."""
+        return pulse_of(self.registers, channel)
+
+
+def pulse_of(registers: bytes | bytearray | mmap.mmap, channel: int) -> float:
+    """The pulse at a servo board's output by its registers, us; 0 while nothing comes out."""
+    on_low, on_high, off_low, off_high = registers[LED0 + 4 * channel : LED0 + 4 * channel + 4]
+    if registers[MODE1] & SLEEP or off_high & FULL_OFF:
+        return 0.0
+    steps = ((off_high << 8 | off_low) - (on_high << 8 | on_low)) % STEPS
+    return steps * (registers[PRESCALE] + 1) / OSCILLATOR * 1e6
+
+
+class WordChip:
+    """A chip whose registers have 16 bits, high byte first."""
+
+    def __init__(self, **words: int) -> None:
+        self.words = {int(name[1:], 16): word for name, word in words.items()}
+
+    def write(self, register: int, data: Sequence[int]) -> None:
+        """Take a word."""
+        if len(data) == 2:
+            self.words[register] = data[0] << 8 | data[1]
+
+    def read(self, register: int, count: int) -> list[int]:
+        """The word there."""
+        return list((self.words.get(register, 0) & 0xFFFF).to_bytes(2))[:count]
+
+
+class Ina219Chip(WordChip):
+    """The sensor of voltage and current; `voltage` may be set, V."""
+
+    voltage = 0.0
+
+    def read(self, register: int, count: int) -> list[int]:
+        """The word there: 4 mV in the upper 13 bits, and that a conversion is done."""
+        if register == 0x02:
+            self.words[register] = round(self.voltage / 0.004) << 3 | 2
+        return super().read(register, count)
+
+
+class Ads1115Chip(WordChip):
+    """The converter; `voltage` at its first input may be set, V."""
+
+    voltage = 0.0
+
+    def write(self, register: int, data: Sequence[int]) -> None:
+        """Take a word; a single shot at +-4.096 V of an input against ground is done at once here."""
+        super().write(register, data)
+        config = self.words.get(0x01, 0)
+        if register == 0x01 and config & 0x8000 and (config >> 9) & 7 == 1:
+            volts = self.voltage if (config >> 12) & 7 == 4 else 0.0
+            self.words[0x00] = min(round(volts / 0.000125), 0x7FFF)
+
+
+class FakeBus:
+    """The bus; `chips` by address."""
+
+    def __init__(self, chips: dict[int, Chip]) -> None:
+        self.chips = chips
+
+    def write_i2c_block_data(self, address: int, register: int, data: Sequence[int]) -> None:
+        """Write bytes."""
+        self._chip(address).write(register, data)
+
+    def read_i2c_block_data(self, address: int, register: int, count: int) -> list[int]:
+        """Read bytes."""
+        return self._chip(address).read(register, count)
+
+    def close(self) -> None:
+        """Nothing: whoever made the chips keeps them."""
+
+    def _chip(self, address: int) -> Chip:
+        try:
+            return self.chips[address]
+        except KeyError:
+            raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO)) from None
+
+
+class LooseBus(FakeBus):
+    """A bus with faults: what a line would lose, tear or corrupt is not acknowledged here, as I2C has no check sum."""
+
+    def __init__(self, chips: dict[int, Chip], faults: LineFaults, rng: Generator) -> None:
+        super().__init__(chips)
+        self._share = min(1.0, faults.drop + faults.tear + TRANSFER * faults.flip)
+        self._rng = rng
+        self.dead = False
+        """Whether a wire is off."""
+
+    def _chip(self, address: int) -> Chip:
+        if self.dead or (self._share and self._rng.random() < self._share):
+            raise OSError(errno.EREMOTEIO, os.strerror(errno.EREMOTEIO))
+        return super()._chip(address)
+
+
+class FileBus(FakeBus):
+    """A bus whose servo board, at 0x40, has its registers in a file, for others to look at."""
+
+    def __init__(self, path: str) -> None:
+        with open(path, "a+b") as file:
+            file.truncate(256)
+            registers = mmap.mmap(file.fileno(), 256)
+        super().__init__({0x40: Pca9685Chip(registers)})
+
+
+class Desk:
+    """A servo board on the desk with a simulated car behind it, in the same process and the same time."""
+
+    def __init__(self, config: Config, setup: Setup) -> None:
+        options = checked(Options, config.hal_options, "hal_options")
+        self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
+        self.vehicle = self.hal.vehicle
+        self.board, self.ina219, self.ads1115 = Pca9685Chip(), Ina219Chip(), Ads1115Chip()
+        rng = np.random.default_rng(np.random.SeedSequence([config.own_seed, BUS]))
+        self.bus = LooseBus({setup.address: self.board}, config.serial.fault, rng)
+        self._cut = config.serial.fault.cut
+        if setup.battery != "none":
+            self.bus.chips[setup.battery_address] = self.ina219 if setup.battery == "ina219" else self.ads1115
+        self._options, self._setup = options, setup
+        self._encoders = [Quadrature(pins) for pins in setup.encoders]
+        self._guard: Guarded | None = None
+        self._answer: bytes | None = None
+        self._counts_per_m = 0.0 if not setup.encoders else 1.0 / config.geometry.count_length
+
+    async def open(self) -> None:
+        """Put out neutral."""
+        self._answer = None
+        await self.hal.open()
+        self._guard = Guarded(self._setup, self.bus, Pca9685(self.bus, self._setup), self._encoders)
+        self._guard.neutral()
+        self._move(self.vehicle.time)
+
+    async def close(self) -> None:
+        """Put out neutral."""
+        if self._guard is not None:
+            self._guard.neutral()
+            self._move(self.vehicle.time)
+
+    def put(self, pulses: Sequence[float], now: float) -> None:
+        """Put out pulses, and let the car do as they say."""
+        assert self._guard is not None
+        if self._cut and self._cut <= now < self._cut + AWAY:
+            self.bus.dead = True
+        elif self.bus.dead:
+            self.bus.dead = False
+            self.board.power_up()
+        self.vehicle.advance_to(now)
+        for encoder, path in zip(self._encoders, self._paths(), strict=False):
+            encoder.count = int(path * self._counts_per_m)
+        volts = max(self.vehicle.battery_readings()) / self._setup.divider
+        self.ina219.voltage = self.ads1115.voltage = volts
+        self._answer = self._guard.answer(pulses)
+        self._move(now)
+
+    def heard(self, now: float) -> Answer | None:
+        """The guard's answer."""
+        answer, self._answer = self._answer, None
+        return None if answer is None else answer_of(answer)
+
+    def _paths(self) -> tuple[float, ...]:
+        right, left = self.vehicle.motion[6:8]
+        if len(self._encoders) == 2:
+            return right, left
+        path = 0.5 * (right + left)
+        return (path,)
+
+    def _move(self, now: float) -> None:
+        """Give the car what comes out of the servo board, as its ESC and servos understand it."""
+        o, pulses = self._options, [self.board.pulse(channel) for channel in self._setup.channels]
+        motors = [
+            0.0 if not pulse else PWM_MAX * (pulse - o.motor_neutral) / o.motor_range
+            for pulse in pulses[: len(o.motor)]
+        ]
+        if self.vehicle.skids:
+            rear = 0.5 * TRACK_COUNTS * (motors[0] - motors[1])
+            self.hal.write(Outputs(round(sum(motors) / 2.0), -round(rear), round(rear)), now)
+            return
+        front = 0.0 if not pulses[1] else STEERING_MAX * (o.straight - pulses[1]) / o.steering_range
+        rear = -front
+        if len(pulses) > 2:
+            rear = 0.0 if not pulses[2] else STEERING_MAX * (pulses[2] - o.rear_straight) / o.rear_range
+        self.hal.write(Outputs(round(motors[0]), round(front), round(rear)), now)
+
+
+def desk(config: Config, setup: Setup) -> Desk:
+    """A servo board on the desk: `hal_options.bus: desk`."""
+    return Desk(config, setup)

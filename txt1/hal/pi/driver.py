@@ -1,0 +1,413 @@
+"""A Raspberry Pi (3 to 5) on an R/C car as a HAL: a PCA9685 servo board or GPIO pins, wheel encoders, a battery sensor.
+
+The outputs are another process's, `txt1.hal.pi.guard`, which puts them to neutral when this one is gone.
+"""
+
+import asyncio
+import json
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import inf
+from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
+
+from annotated_types import Ge, Le
+
+from txt1.config import Config, checked
+from txt1.control.open_loop import TRACK_COUNTS
+from txt1.errors import ConfigError, HalError, MissingExtra, installs
+from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
+from txt1.hal.pi import guard
+from txt1.hal.pi.guard import ANSWER, Setup, pulses_in
+from txt1.hal.plain import PlainHal
+from txt1.hal.registry import BUSES, DESK
+from txt1.model.channels import STRAIGHT, Channels
+from txt1.model.odometry import Odometry, rolled
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.units import Positive
+
+LOST: Final = 0.3  # s without an answer of the guard's
+HANGS: Final = 0.25  # s for which a guard may leave pulses without an answer; then it is killed
+ENDS: Final = 0.5  # s that a guard may take to end; then it is killed
+SETTLED: Final = 1.0  # s of neutral before the first other output: an ESC arms in that
+AGAIN: Final = 1.0  # s after which a guard that has ended is started again
+START: Final = 10.0  # s that a guard may take to begin: Python on a Raspberry Pi 3
+PULSES: Final = (500.0, 2500.0)  # us, which no output leaves
+GET_LGPIO: Final = (
+    "pip install 'txt1[pi]'; or, from Python 3.13 on, where it has no wheel: sudo apt install python3-lgpio, and an "
+    "environment made with --system-site-packages"
+)
+
+Pulse = Annotated[float, Ge(PULSES[0]), Le(PULSES[1])]
+Pin = Annotated[int, Ge(0), Le(27)]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Settings of the HAL, under `hal_options`."""
+
+    output: Literal["pca9685", "gpio"] = "pca9685"
+    """A servo board on the I2C bus, or GPIO pins."""
+    bus: int | str = 1
+    """Number of the I2C bus; desk: a servo board on the desk; or the file that holds the registers of one."""
+    address: Annotated[int, Ge(3), Le(0x77)] = 0x40
+    """Of the servo board."""
+    frequency: Annotated[float, Ge(40.0), Le(200.0)] = 50.0
+    """Of the pulses, Hz."""
+    oscillator: Positive = 25e6
+    """Of the servo board, Hz: many run at 26 to 27 MHz, which shows in pulses that are too short."""
+    motor: tuple[Pin, ...] = (0,)
+    """Channel or GPIO number of the ESC; of a rover, right and left."""
+    steering: tuple[Pin, ...] = (1,)
+    """Channel or GPIO number of the steering servo; of a car that steers with both axles, front and rear."""
+    motor_neutral: Pulse = 1500.0
+    """Pulse at which the motor stands, us."""
+    motor_range: float = 500.0
+    """From there to full speed forward, us; negative where the motor runs the other way."""
+    straight: Pulse = 1500.0
+    """Pulse at which it drives straight, us."""
+    steering_range: float = 400.0
+    """From there to full lock on the left, us; negative where shorter pulses steer left."""
+    rear_straight: Pulse = 1500.0
+    """The same of the rear axle."""
+    rear_range: float = 400.0
+    """From there to where the rear wheels point to the left; negative where shorter pulses do."""
+    encoders: tuple[tuple[Pin, ...], ...] = ()
+    """GPIO numbers A and B, or A alone, of an encoder on the drive, or of two, right and left."""
+    battery: Literal["none", "ina219", "ads1115"] = "none"
+    """What measures the battery's voltage."""
+    battery_address: Annotated[int, Ge(3), Le(0x77)] | None = None
+    """Its address; null: 0x41 of an INA219, as a servo board has 0x40, and 0x48 of an ADS1115."""
+    battery_channel: Annotated[int, Ge(0), Le(3)] = 0
+    """Of the ADS1115."""
+    divider: Positive = 1.0
+    """Battery's voltage over the one that is measured."""
+
+
+class Answer(NamedTuple):
+    """An answer of the guard."""
+
+    done: bool  # the pulses were put out
+    voltage: float | None  # V
+    counts: tuple[int, int]  # of the encoders
+
+
+class Keeper(Protocol):
+    """Holds the outputs, and knows the sensors."""
+
+    async def open(self) -> None:
+        """Put out neutral; a HalError says what to do."""
+
+    async def close(self) -> None:
+        """Put out neutral, and let go."""
+
+    def put(self, pulses: Sequence[float], now: float) -> None:
+        """Put out pulses, us; never waits."""
+
+    def heard(self, now: float) -> Answer | None:
+        """The newest answer since the last time.
+
+        A HalError says, once, that the guard has ended or hangs: the next one counts its encoders from 0.
+        """
+
+
+def answer_of(data: bytes) -> Answer:
+    """The answer in its bytes."""
+    done, voltage, one, two = ANSWER.unpack(data)
+    return Answer(done, None if voltage < 0.0 else voltage, (one, two))
+
+
+class Process:
+    """The guard as a process of its own, in a session of its own: no signal of the terminal's reaches it.
+
+    A guard that does not answer is killed. A servo board keeps the last pulse, so when a guard was killed, by whomever,
+    this process puts out neutral itself, and only then starts another guard: two never write at the same time.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._process: subprocess.Popen[bytes] | None = None
+        self._starting: asyncio.Task[None] | None = None
+        self._ended: subprocess.Popen[bytes] | None = None
+        self._again = inf
+        self._rest = b""
+        self._unanswered = inf  # since when pulses wait for an answer, s of the run
+
+    async def open(self) -> None:
+        """Start it, and wait until it has put out neutral."""
+        self._process, self._rest, self._again = await asyncio.to_thread(_start, self._setup), b"", inf
+        self._unanswered = inf
+
+    async def close(self) -> None:
+        """End it: its outputs are neutral then, also when it had to be killed; else a HalError."""
+        if self._starting is not None:  # a guard that begins just now has to be ended, too
+            await self._starting
+            self._starting = None
+        process, self._process, self._ended = self._process or self._ended, None, None
+        if process is not None and not await asyncio.to_thread(_end, process, self._setup):
+            raise HalError(
+                "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
+                "switch the ESC off, or take its battery out"
+            )
+
+    def put(self, pulses: Sequence[float], now: float) -> None:
+        """Send it pulses, unless it takes none."""
+        if self._process is not None and self._process.stdin is not None:
+            self._unanswered = min(self._unanswered, now)
+            with suppress(OSError):
+                os.write(self._process.stdin.fileno(), pulses_in(self._setup, pulses))
+
+    def heard(self, now: float) -> Answer | None:
+        """Its newest answer; when it has ended or hangs, another one is started."""
+        process = self._process
+        if process is None or process.stdout is None:
+            if now >= self._again and (self._starting is None or self._starting.done()):
+                self._again = now + AGAIN
+                self._starting = asyncio.ensure_future(self._start_again())
+            return None
+        try:
+            data = os.read(process.stdout.fileno(), 4096)
+        except BlockingIOError:
+            if now - self._unanswered > HANGS:
+                process.kill()
+                self._give_up(process, now, "hung, so it was killed")
+            return None
+        if not data:
+            self._give_up(process, now, "has ended")
+        self._unanswered = inf
+        data = self._rest + data
+        whole = len(data) // ANSWER.size * ANSWER.size
+        self._rest = data[whole:]
+        return answer_of(data[whole - ANSWER.size : whole]) if whole else None
+
+    def _give_up(self, process: subprocess.Popen[bytes], now: float, reason: str) -> NoReturn:
+        self._process, self._ended, self._again = None, process, now
+        raise HalError(f"the outputs are lost: their guard {reason}")
+
+    async def _start_again(self) -> None:
+        if self._ended is not None:
+            await asyncio.to_thread(_end, self._ended, self._setup)
+            self._ended = None
+        with suppress(HalError, OSError):
+            await self.open()
+
+
+def _start(setup: Setup) -> subprocess.Popen[bytes]:
+    """Start a guard; called in a thread."""
+    process = subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())], start_new_session=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+    begun, _, _ = select.select([process.stdout], [], [], START)
+    if not begun:
+        process.kill()
+        process.wait()
+        raise HalError(explain(setup, f"nothing within {START:g} s"))
+    if len(process.stdout.read(ANSWER.size)) < ANSWER.size:
+        error = process.stderr.read().decode(errors="replace").strip().splitlines()
+        process.communicate()
+        raise HalError(explain(setup, error[-1] if error else "it ended"))
+    for pipe in (process.stdin, process.stdout):
+        os.set_blocking(pipe.fileno(), False)
+    return process
+
+
+def _end(process: subprocess.Popen[bytes], setup: Setup) -> bool:
+    """Hang up on a guard, which ends it, and wait; whether the outputs are neutral then. Called in a thread."""
+    for pipe in (process.stdin, process.stdout, process.stderr):
+        if pipe is not None:
+            with suppress(OSError):
+                pipe.close()
+    try:
+        process.wait(ENDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    return process.returncode == 0 or guard.neutral_without_guard(setup)
+
+
+def explain(setup: Setup, error: str) -> str:
+    """Why a guard cannot begin, and what to do, by its own last words."""
+    where = f"I2C bus {setup.bus}" if setup.output == "pca9685" else "GPIO"
+    remedy = "see txt1 doctor --hal pi"
+    if "No such file" in error:
+        remedy = "switch I2C on (sudo raspi-config, Interface Options) and check hal_options.bus"
+    elif "Permission" in error:
+        remedy = "sudo usermod -aG i2c,gpio $USER, then log out and in again"
+    elif "Remote I/O" in error or "Errno 121" in error:
+        remedy = f"nothing answers at 0x{setup.address:02x}: check wiring, power and hal_options.address"
+    elif "busy" in error:
+        remedy = "another program has the pins: end it"
+    elif "No module" in error:
+        remedy = GET_LGPIO if "lgpio" in error else installs("pi")
+    return f"the outputs on {where} cannot be opened ({error}): {remedy}"
+
+
+class PiHal(PlainHal):
+    """An R/C car on a Raspberry Pi."""
+
+    name = "pi"
+
+    def __init__(
+        self,
+        keeper: Keeper,
+        options: Options,
+        geometry: Geometry,
+        channels: Channels = STRAIGHT,
+        simulated: bool = False,
+    ) -> None:
+        encoders = len(options.encoders)
+        self.capabilities = Capabilities(
+            ticks=encoders == 2,
+            odometry=encoders == 1,
+            pwm=True,
+            battery=options.battery != "none",
+            simulated=simulated,
+        )
+        self._keeper, self._options, self._geometry, self._channels = keeper, options, geometry, channels
+        self._neutral = neutral(options, geometry, channels)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._heard, self._heard_since = -inf, inf  # s of the run
+        self._counts: tuple[int, int] | None = None
+        self._past = (0, 0)  # counts of the guards that have ended
+        self._odometry = Odometry()
+        self._voltage: float | None = None
+        self._share, self._forward = 0.0, True
+        self._losses, self._failures = 0, 0
+        self._text, self._reason = "waiting for the guard of the outputs", ""
+        self._link: BoardLink | None = None
+
+    async def open(self) -> None:
+        """Start the guard, which puts out neutral."""
+        self._forget()
+        await self._keeper.open()
+
+    async def close(self) -> None:
+        """End the guard: the outputs are neutral, and stay so."""
+        await self._keeper.close()
+
+    def read(self, now: float) -> Inputs:
+        """The encoders, and the battery's voltage, as the guard told them last."""
+        answer = None
+        try:
+            answer = self._keeper.heard(now)
+        except HalError as error:
+            self._past = self._counts or (0, 0)
+            self._lose(str(error))
+        if answer is not None and answer.done:
+            self._take(answer, now)
+        elif answer is not None:
+            self._failures += 1
+        if now - self._heard > LOST:
+            self._lose("the outputs are lost: the bus fails, or their guard hangs")
+        ready = now - self._heard_since >= SETTLED
+        link = BoardLink(ready, self._losses, self._reason, self._text, {"bus_failures": self._failures})
+        if link != self._link:
+            self._link = link
+        can, heard = self.capabilities, max(0.0, self._heard)
+        return Inputs(
+            ticks=(self._counts or (0, 0)) if can.ticks else None, odometry=self._odometry if can.odometry else None,
+            odometry_time=heard, batteries=None if self._voltage is None else (self._voltage, 0.0), link=self._link,
+        )  # fmt: skip
+
+    def _lose(self, reason: str) -> None:
+        """Count a loss and keep its reason, unless they are lost already or were never there."""
+        if self._heard_since < inf:
+            self._losses += 1
+            self._text = self._reason = reason
+            self._heard_since = inf
+
+    def _take(self, answer: Answer, now: float) -> None:
+        if self._heard_since == inf:
+            self._heard_since = now
+            self._counts = None if not self.capabilities.ticks else self._counts
+            self._text = "the guard puts the outputs out; it puts them to neutral when nothing comes for 0.25 s"
+        dt, self._heard = now - self._heard, now
+        before = self._counts
+        self._counts = self._past[0] + answer.counts[0], self._past[1] + answer.counts[1]
+        self._voltage = answer.voltage if self.capabilities.battery else None
+        if self.capabilities.odometry and before is not None and dt > 0.0:
+            moved = self._counts[0] - before[0]
+            if len(self._options.encoders[0]) == 1 and not self._forward:
+                moved = -moved
+            distance = moved * self._geometry.count_length
+            curvature = self._geometry.curvature(self._share)
+            self._odometry = rolled(self._odometry, distance, curvature, distance / dt)
+
+    def write(self, outputs: Outputs, now: float) -> None:
+        """Hand the guard the pulses of these outputs."""
+        if self._options.encoders:  # which are read by what is meant, not by what the wires want
+            motor, front, _ = self._channels.meant(*outputs[:3], self._geometry.steering == "skid")
+            self._forward = motor > 0.0 if motor else self._forward
+            self._share = min(max(-front / STEERING_MAX, -1.0), 1.0)
+        ready = now - self._heard_since >= SETTLED
+        self._keeper.put(pulses_of(outputs, self._options, self._geometry) if ready else self._neutral, now)
+
+
+def pulses_of(outputs: Outputs, options: Options, geometry: Geometry) -> tuple[float, ...]:
+    """The pulses of the motors and the servos, us, in the order of their channels."""
+    turn = outputs.rear / TRACK_COUNTS
+    counts = (outputs.motor + turn, outputs.motor - turn) if geometry.steering == "skid" else (outputs.motor,)
+    motors = (options.motor_neutral + options.motor_range * min(max(count / PWM_MAX, -1.0), 1.0) for count in counts)
+    servos: tuple[float, ...] = ()
+    if geometry.steering != "skid":
+        servos = (options.straight - options.steering_range * outputs.front / STEERING_MAX,)
+    if geometry.steering == "both":
+        servos += (options.rear_straight + options.rear_range * outputs.rear / STEERING_MAX,)
+    return tuple(min(max(pulse, PULSES[0]), PULSES[1]) for pulse in (*motors, *servos))
+
+
+def neutral(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> tuple[float, ...]:
+    """The pulses at which it stands, its wheels straight, us: with the trims that `txt1 calibrate` found."""
+    held = Outputs(*channels.wired(0.0, 0.0, 0.0, geometry.steering == "skid"))
+    return pulses_of(held, options, geometry)
+
+
+def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> Setup:
+    """The guard's setup; raises ConfigError when the channels are not those that such a vehicle has."""
+    wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
+    motors, servos = wanted
+    car = f"a car with geometry.steering '{geometry.steering}'"
+    remedy = "give as many, or choose your car with --vehicle, such as --vehicle donkeycar"
+    if len(options.motor) != motors:
+        raise ConfigError(f"hal_options.motor: {len(options.motor)} of them; {car} has {motors}: {remedy}")
+    if servos and len(options.steering) != servos:
+        raise ConfigError(f"hal_options.steering: {len(options.steering)} of them; {car} has {servos}: {remedy}")
+    if len(options.encoders) > 2 or any(len(pins) not in (1, 2) for pins in options.encoders):
+        raise ConfigError("hal_options.encoders: at most two, of one or two pins each, such as [[17, 27]]")
+    if len(options.encoders) == 1 and geometry.steering == "skid":
+        raise ConfigError("hal_options.encoders: a rover takes two, right and left, or none")
+    if options.encoders and not geometry.counts_per_rev:
+        raise ConfigError("geometry.counts_per_rev: 0 says that there are no encoders; set the edges in a turn")
+    if len(options.encoders) == 2 and any(len(pins) != 2 for pins in options.encoders):
+        raise ConfigError("hal_options.encoders: two of them have two pins each, as one tells no direction")
+    address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]
+    pins = (*options.motor, *options.steering[:servos])
+    return Setup(
+        options.bus, options.output, options.address, options.frequency, options.oscillator, pins,
+        neutral(options, geometry, channels), options.encoders, options.battery, address, options.battery_channel,
+        options.divider,
+    )  # fmt: skip
+
+
+def create(config: Config) -> PiHal:
+    """The car as configured."""
+    options = checked(Options, config.hal_options, "hal_options")
+    setup = setup_of(options, config.geometry, config.channels)
+    if options.bus == DESK:
+        keeper: Keeper = BUSES.make("hal", "pi", config, setup)
+        return PiHal(keeper, options, config.geometry, config.channels, simulated=True)
+    on_file = isinstance(options.bus, str)
+    if not on_file and (options.output == "pca9685" or options.battery != "none") and find_spec("smbus2") is None:
+        raise MissingExtra("the HAL 'pi'", "pi")
+    if (options.output == "gpio" or options.encoders) and find_spec("lgpio") is None:
+        raise HalError(f"hal_options: pins need lgpio, which is missing: {GET_LGPIO}")
+    return PiHal(Process(setup), options, config.geometry, config.channels)

@@ -1,0 +1,309 @@
+"""The process that owns a Raspberry Pi's I2C bus or GPIO pins, and puts the outputs to neutral when its host is gone.
+
+Neither a servo board nor a pin has a time-out of its own: what was put out last stays. So the host puts nothing out
+itself. It sends pulses to this process 50 times a second, and this one puts them out; when nothing has come for 0.25 s,
+or the host has ended however it did, the outputs are neutral. It must start quickly, so it imports little. Only when
+this process was killed does the host put out neutral itself, before it starts another one.
+"""
+
+import json
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib import import_module
+from struct import Struct
+from typing import Any, Final, NamedTuple, Protocol
+
+SILENCE_MS: Final = 250  # without pulses, after which the outputs are neutral
+TRIES: Final = 20  # at putting out neutral when a bus fails
+LAST_TRIES: Final = 240  # and so many times as many when the host has gone, for a minute
+ANSWER: Final = Struct("<?dqq")  # whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
+VOLTAGE_EVERY: Final = 50  # answers
+PULSE: Final = 0.1  # us, what pulses are sent in
+
+LED0: Final = 0x06  # the first output's first register; each has four: when it goes on and off, low byte first
+MODE1: Final = 0x00
+MODE2: Final = 0x01
+PRESCALE: Final = 0xFE
+SLEEP: Final = 0x10
+AUTO: Final = 0x20  # the register counts on while bytes come
+RESTART: Final = 0x80
+TOTEM_POLE: Final = 0x04
+STEPS: Final = 4096  # of a period
+
+
+class Bus(Protocol):
+    """An I2C bus, as smbus2 has it; raises OSError when a chip does not answer."""
+
+    def write_i2c_block_data(self, address: int, register: int, data: Sequence[int], /) -> None:
+        """Write bytes from a register on."""
+
+    def read_i2c_block_data(self, address: int, register: int, count: int, /) -> Sequence[int]:
+        """Read bytes from a register on."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class Setup(NamedTuple):
+    """The guard's setup, as the host sends it."""
+
+    bus: int | str  # number of the I2C bus, or the file of a bus on the desk
+    output: str  # "pca9685" or "gpio"
+    address: int  # of the servo board
+    frequency: float  # of the pulses, Hz
+    oscillator: float  # of the servo board, Hz
+    channels: Sequence[int]  # of the servo board, or GPIO numbers
+    neutral: Sequence[float]  # pulses, us
+    encoders: Sequence[Sequence[int]]  # GPIO numbers: A and B, or one
+    battery: str  # "none", "ina219" or "ads1115"
+    battery_address: int
+    battery_channel: int  # of an ADS1115
+    divider: float  # battery's voltage over the one that is measured
+
+    @property
+    def pulses(self) -> Struct:
+        """The message that carries a pulse for every channel."""
+        return Struct(f"<{len(self.channels)}H")
+
+
+class Pca9685:
+    """A servo board; its chip keeps on putting out what it was told last."""
+
+    def __init__(self, bus: Bus, setup: Setup) -> None:
+        self._bus, self._setup = bus, setup
+        divisor = round(setup.oscillator / (STEPS * setup.frequency))
+        self._steps_per_us = setup.oscillator / divisor / 1e6
+        self._prescale = min(max(divisor - 1, 3), 255)
+        self._ready = False
+
+    def _begin(self) -> None:
+        """Set the frequency, which takes a chip that sleeps; one that has it already goes on without a gap."""
+        bus, address = self._bus, self._setup.address
+        mode = bus.read_i2c_block_data(address, MODE1, 1)[0]
+        if mode & SLEEP or bus.read_i2c_block_data(address, PRESCALE, 1)[0] != self._prescale:
+            bus.write_i2c_block_data(address, MODE1, [SLEEP | AUTO])
+            bus.write_i2c_block_data(address, PRESCALE, [self._prescale])
+            bus.write_i2c_block_data(address, MODE2, [TOTEM_POLE])
+        bus.write_i2c_block_data(address, MODE1, [AUTO])
+        self._ready = True
+
+    def put(self, pulses: Sequence[float]) -> None:
+        """Put out a pulse on every channel, us."""
+        try:
+            if not self._ready:
+                self._begin()
+            for channel, pulse in zip(self._setup.channels, pulses, strict=True):
+                off = min(round(pulse * self._steps_per_us), STEPS - 1)
+                data = [0, 0, off & 0xFF, off >> 8]
+                self._bus.write_i2c_block_data(self._setup.address, LED0 + 4 * channel, data)
+        except OSError:
+            self._ready = False  # it may have lost its power, and with it the frequency
+            raise
+
+
+class GpioPulses:
+    """Pulses straight from GPIO pins, made by lgpio: they end with this process."""
+
+    def __init__(self, lgpio: Any, chip: int, setup: Setup) -> None:
+        self._lgpio, self._chip, self._setup = lgpio, chip, setup
+        for pin in setup.channels:
+            lgpio.gpio_claim_output(chip, pin, 0)
+
+    def put(self, pulses: Sequence[float]) -> None:
+        """Put out a pulse on every pin, us."""
+        for pin, pulse in zip(self._setup.channels, pulses, strict=True):
+            self._lgpio.tx_servo(self._chip, pin, round(pulse), round(self._setup.frequency))
+
+
+class Output(Protocol):
+    """Where pulses come out."""
+
+    def put(self, pulses: Sequence[float]) -> None:
+        """Put out a pulse on every channel, us; an OSError when it could not."""
+
+
+def ina219_voltage(bus: Bus, setup: Setup) -> float:
+    """The bus voltage of an INA219, V: 4 mV in the upper 13 bits."""
+    high, low = bus.read_i2c_block_data(setup.battery_address, 0x02, 2)
+    return ((high << 8 | low) >> 3) * 0.004 * setup.divider
+
+
+class Ads1115:
+    """A converter that is told to convert, and read a second later: one value takes it 8 ms."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def voltage(self, bus: Bus, setup: Setup) -> float:
+        """The last value, V; -1 when there is none yet. 125 uV a count at +-4.096 V, single shots at 128 a second."""
+        value = -1.0
+        if self._asked:
+            high, low = bus.read_i2c_block_data(setup.battery_address, 0x00, 2)
+            count = high << 8 | low
+            value = max(0.0, (count - 65536 if count >= 32768 else count) * 0.000125 * setup.divider)
+        bus.write_i2c_block_data(setup.battery_address, 0x01, [0xC3 | setup.battery_channel << 4, 0x83])
+        self._asked = True
+        return value
+
+
+class Quadrature:
+    """Counts the edges of an encoder's two signals, forward positive: A before B. With one signal, all of them."""
+
+    STEP: Final = (0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0)  # by the levels before and after, AB each
+
+    def __init__(self, pins: Sequence[int]) -> None:
+        self._pins = pins
+        self._levels = 0
+        self.count = 0
+
+    def edge(self, pin: int, level: int) -> None:
+        """A signal has changed."""
+        if len(self._pins) == 1:
+            self.count += 1
+            return
+        bit = 2 if pin == self._pins[0] else 1
+        before = self._levels
+        self._levels = before | bit if level else before & ~bit
+        self.count -= self.STEP[before << 2 | self._levels]
+
+
+class Guarded:
+    """Outputs and sensors of a set-up."""
+
+    def __init__(self, setup: Setup, bus: Bus | None, output: Output, encoders: Sequence[Quadrature] = ()) -> None:
+        self.setup, self.output, self.encoders = setup, output, encoders
+        self._bus = bus
+        self._read: Callable[[Bus, Setup], float] | None = {
+            "ina219": ina219_voltage, "ads1115": Ads1115().voltage,
+        }.get(setup.battery)  # fmt: skip
+        self._answers, self._voltage = 0, -1.0
+
+    def answer(self, pulses: Sequence[float]) -> bytes:
+        """Put out pulses, and tell how that went."""
+        done = True
+        try:
+            self.output.put(pulses)
+            if self._read is not None and self._bus is not None and self._answers % VOLTAGE_EVERY == 0:
+                self._voltage = self._read(self._bus, self.setup)
+        except OSError:
+            done = False
+        self._answers += 1
+        counts = [encoder.count for encoder in self.encoders]
+        return ANSWER.pack(done, self._voltage, *[*counts, 0, 0][:2])
+
+    def neutral(self) -> bool:
+        """Put out neutral pulses, again and again while the bus fails; whether that was done in the end."""
+        for _ in range(TRIES):
+            with suppress(OSError):
+                self.output.put(self.setup.neutral)
+                return True
+        return False
+
+
+def open_bus(setup: Setup) -> Bus | None:
+    """The I2C bus of a set-up; None where it needs none."""
+    if isinstance(setup.bus, str):
+        bus: Bus = import_module("txt1.hal.pi.double").FileBus(setup.bus)
+        return bus
+    if setup.output != "pca9685" and setup.battery == "none":
+        return None
+    made: Bus = import_module("smbus2").SMBus(setup.bus)
+    return made
+
+
+def open_chip(lgpio: Any) -> int:
+    """A handle of the chip that the header's pins are on: its number differs with the Raspberry Pi and its kernel."""
+    for number in (0, 4):
+        with suppress(lgpio.error):
+            chip: int = lgpio.gpiochip_open(number)
+            if "pinctrl" in lgpio.gpio_get_chip_info(chip)[-1]:
+                return chip
+            lgpio.gpiochip_close(chip)
+    raise OSError("there is no GPIO header: is this a Raspberry Pi?")
+
+
+def guarded(setup: Setup) -> Guarded:
+    """Outputs and sensors, opened; OSError or ImportError when that fails."""
+    bus = open_bus(setup)
+    encoders = [Quadrature(pins) for pins in setup.encoders]
+    chip, lgpio = 0, None
+    if setup.output == "gpio" or encoders:
+        if "LG_WD" not in os.environ:  # it makes a pipe there, or else where it was started, which may be read-only
+            os.environ["LG_WD"] = import_module("tempfile").mkdtemp(prefix="txt1-")
+        lgpio = import_module("lgpio")
+        chip = open_chip(lgpio)
+    for encoder, pins in zip(encoders, setup.encoders, strict=True):
+        assert lgpio is not None
+        for pin in pins:
+            lgpio.gpio_claim_alert(chip, pin, lgpio.BOTH_EDGES, lgpio.SET_PULL_UP)
+            lgpio.callback(chip, pin, lgpio.BOTH_EDGES, lambda _, gpio, level, __, e=encoder: e.edge(gpio, level))
+    if setup.output == "gpio":
+        return Guarded(setup, bus, GpioPulses(lgpio, chip, setup), encoders)
+    assert bus is not None
+    return Guarded(setup, bus, Pca9685(bus, setup), encoders)
+
+
+def neutral_without_guard(setup: Setup) -> bool:
+    """Put out neutral in place of a guard that was killed; whether the outputs are neutral then.
+
+    No guard may live meanwhile. Pulses from pins ended with the guard, and a servo board keeps the last one.
+    """
+    if setup.output != "pca9685":
+        return True
+    with suppress(OSError, ImportError):
+        bus = open_bus(setup)
+        assert bus is not None
+        try:
+            return Guarded(setup, bus, Pca9685(bus, setup)).neutral()
+        finally:
+            bus.close()
+    return False
+
+
+def pulses_in(setup: Setup, pulses: Sequence[float]) -> bytes:
+    """The message with these pulses, us."""
+    return setup.pulses.pack(*(round(pulse / PULSE) for pulse in pulses))
+
+
+def main(words: Sequence[str]) -> int:
+    """Guard until the host has ended."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
+        signal.signal(number, signal.SIG_IGN)  # it ends with its host
+    setup = Setup(**json.loads(words[0]))
+    try:
+        guard = guarded(setup)
+        guard.output.put(setup.neutral)
+    except (OSError, ImportError) as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    host, stdin, stdout = os.getppid(), 0, 1
+    os.set_blocking(stdout, False)
+    os.write(stdout, guard.answer(setup.neutral))
+    looking, rest, size = select.poll(), b"", setup.pulses.size
+    looking.register(stdin, select.POLLIN)
+    while os.getppid() == host:
+        if not looking.poll(SILENCE_MS):
+            guard.neutral()
+            continue
+        data = os.read(stdin, 4096)
+        if not data:
+            break
+        rest += data
+        whole = len(rest) // size * size
+        if whole:
+            newest, rest = rest[whole - size : whole], rest[whole:]
+            with suppress(OSError):  # a host that does not listen
+                os.write(stdout, guard.answer([PULSE * count for count in setup.pulses.unpack(newest)]))
+    for _ in range(LAST_TRIES):
+        if guard.neutral():
+            return 0
+        select.select([], [], [], SILENCE_MS / 1000.0)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

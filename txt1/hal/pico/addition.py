@@ -1,0 +1,18 @@
+"""A Raspberry Pi Pico as the board, as an addition: its double as a port and as a device; `txt1 firmware`."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="pico",
+    wanted=lambda config: False,
+    parts={
+        "txt1.ports": {"pico": "txt1.hal.pico.double:PicoPort"},
+        "txt1.devices": {"pico": "txt1.hal.pico.double:Pico"},
+    },
+    commands={
+        "firmware": (
+            "txt1.hal.pico.command",
+            "put the board's firmware on a Raspberry Pi Pico, and ask it how it is",
+        )
+    },
+)

@@ -1,0 +1,273 @@
+"""The Pico's firmware under MicroPython's unix port, with a simulated vehicle behind its pins.
+
+The firmware is a process of its own. Every 20 ms of the loop's time it is sent what its counters, voltages and buttons
+say and answers with its outputs; bytes of the host go to it as they come. So it runs in virtual time as well as in real
+time. The record of a cycle is described in firmware/pico/desk.py.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from struct import Struct
+from typing import IO, Final, NamedTuple
+
+from txt1.board.line import far_end
+from txt1.config import Config
+from txt1.errors import HalError, LinkLost, MissingExtra
+from txt1.hal.base import Button, Hal, Outputs
+from txt1.hal.pico.installer import folder
+from txt1.hal.registry import create
+from txt1.link.base import End, Link, connect
+from txt1.link.impairments import paced
+from txt1.protocol.messages import Switch
+
+PERIOD: Final = 0.02
+REQUEST: Final = Struct("<BBhhHHH")
+REPLY: Final = Struct("<iiiiiBBBBH")
+CHUNK: Final = 1000
+
+
+class State(NamedTuple):
+    """The firmware's report after a cycle.
+
+    Attributes:
+        outputs: PWM counts of motor, front, rear and the two free servos.
+        atx: the ATX supply is on.
+        esc: the ESC is on.
+        armed: its safety gate is open.
+        link: it hears its host.
+        manual: it is in manual mode.
+        buzzer: its buzzer sounds.
+        reason: why the gate is closed, an index of `txt1pico.core.REASONS`.
+        screen: which screen its display shows.
+
+    """
+
+    outputs: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+    atx: bool = True
+    esc: bool = True
+    armed: bool = False
+    link: bool = False
+    manual: bool = False
+    buzzer: bool = True
+    reason: int = 1
+    screen: int = 0
+
+
+def interpreter() -> str:
+    """Return the path of MicroPython's unix port.
+
+    Raises:
+        MissingExtra: it is not installed.
+
+    """
+    beside = Path(sys.executable).with_name("micropython")
+    found = str(beside) if beside.exists() else shutil.which("micropython")
+    if found is None:
+        raise MissingExtra("the Pico's firmware on the desk", "firmware")
+    return found
+
+
+class Pico:
+    """A board with our firmware. It is the `End` of whatever link the host is on.
+
+    Args:
+        config: of the simulated vehicle.
+
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.hal: Hal = create(config.model_copy(update={"hal": "sim"}))
+        self.line = paced(far_end(self, config), config.serial.baud)
+        """Its end of the line, as quick and as bad as is configured."""
+        self.state = State()
+        self.buttons = Button.NONE
+        """The joystick's buttons that are held down."""
+        self._link: Link | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._cycles: asyncio.Task[None] | None = None
+        self._counts = (0, 0)
+        self._began = 0.0
+
+    async def power_up(self) -> None:
+        """Start the firmware; raises MissingExtra or HalError."""
+        await self.hal.open()
+        self._began = asyncio.get_running_loop().time()
+        self._process = await asyncio.to_thread(_start)
+        counts = self.hal.read(0.0).ticks
+        assert counts is not None
+        self._counts = counts
+        self._cycles = asyncio.create_task(self._run())
+
+    async def power_down(self) -> None:
+        """End the firmware and leave the vehicle's outputs neutral; harmless when that is done already."""
+        self.hang_up()
+        if self._cycles is not None:
+            self._cycles.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._cycles
+            self._cycles = None
+        await self._end_process()
+        await self.hal.close()
+
+    async def ended(self, duration: float | None = None) -> None:
+        """Wait for the end of the firmware, at most `duration` s; raises HalError when it ended by itself."""
+        assert self._cycles is not None
+        with suppress(TimeoutError):
+            await asyncio.wait_for(asyncio.shield(self._cycles), duration)
+
+    async def restart(self, off: float = 0.2) -> None:
+        """Take the power away for `off` s: the outputs go low, and the firmware starts from nothing."""
+        assert self._cycles is not None
+        self._cycles.cancel()
+        await self._end_process()
+        self._put(State())
+        await asyncio.sleep(off)
+        self._process = await asyncio.to_thread(_start)
+        self._cycles = asyncio.create_task(self._run())
+
+    async def _end_process(self) -> None:
+        if self._process is not None:
+            process, self._process = self._process, None
+            await asyncio.to_thread(_end, process)
+
+    @property
+    def now(self) -> float:
+        """Seconds since power-up."""
+        return asyncio.get_running_loop().time() - self._began
+
+    async def _run(self) -> None:
+        """Run the firmware's cycles at their times; what is late is made up as missed periods."""
+        cycle = round(self.now / PERIOD)
+        while True:
+            await asyncio.sleep(cycle * PERIOD - self.now)
+            due = max(cycle, int(self.now / PERIOD))
+            self._cycle(min(due - cycle + 1, 250))
+            cycle = due + 1
+
+    def _cycle(self, periods: int) -> None:
+        now = self.now
+        inputs = self.hal.read(now)
+        right, left = inputs.ticks or self._counts
+        one, two = (round(1000.0 * volts) for volts in inputs.batteries or (0.0, 0.0))
+        moved = right - self._counts[0], left - self._counts[1]
+        self._counts = right, left
+        self._exchange(periods, moved, (one, two), b"")
+
+    def _exchange(self, periods: int, moved: tuple[int, int], voltages: tuple[int, int], data: bytes) -> None:
+        """Send the firmware one record, and do what it answers."""
+        process = self._process
+        if process is None:
+            return
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            process.stdin.write(REQUEST.pack(periods, self.buttons, *moved, *voltages, len(data)) + data)
+            process.stdin.flush()
+            *outputs, switches, bits, reason, screen, count = REPLY.unpack(_read(process.stdout, REPLY.size))
+            sent = _read(process.stdout, count)
+        except (OSError, EOFError) as error:
+            raise HalError(f"the Pico's firmware has ended: {error or 'no answer'}; see its output above") from error
+        motor, front, rear, pwm4, pwm5 = outputs
+        armed, link, manual, buzzer = (bool(bits >> bit & 1) for bit in range(4))
+        self._put(
+            State(
+                (motor, front, rear, pwm4, pwm5),
+                bool(switches & 1),
+                bool(switches & 2),
+                armed,
+                link,
+                manual,
+                buzzer,
+                reason,
+                screen,
+            )
+        )
+        if sent and self._link is not None:
+            with suppress(LinkLost):  # `lost` is on its way
+                self._link.write(sent)
+
+    def _put(self, state: State) -> None:
+        """Put out what the firmware says."""
+        now, before = self.now, self.state
+        if state.atx is not before.atx:
+            self.hal.switch(Switch.ATX, state.atx, now)
+        if state.esc is not before.esc:
+            self.hal.switch(Switch.ESC, state.esc, now)
+        if state.outputs != before.outputs:
+            self.hal.write(Outputs(*state.outputs), now)
+        self.state = state
+
+    # -- the link's end --------------------------------------------------------------------------------------------
+
+    def connected(self, link: Link) -> None:
+        """A host may be at the other side."""
+        self._link = link
+
+    def lost(self, reason: str) -> None:
+        """The line is gone; the firmware's own rules do the rest."""
+        del reason
+        self._link = None
+
+    def received(self, data: bytes) -> None:
+        """Hand the firmware bytes of the host."""
+        for start in range(0, len(data), CHUNK):
+            self._exchange(0, (0, 0), (0, 0), data[start : start + CHUNK])
+
+    def hang_up(self) -> None:
+        """Let go of the line."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+
+def _start() -> subprocess.Popen[bytes]:
+    """Start the firmware; called in a thread."""
+    return subprocess.Popen(  # noqa: S603 - our own program
+        [interpreter(), "desk.py"], cwd=folder(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the firmware and wait for it; called in a thread."""
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(OSError):
+                pipe.close()
+
+
+def _read(pipe: IO[bytes], size: int) -> bytes:
+    """Read exactly so many bytes."""
+    data = pipe.read(size)
+    if len(data) < size:
+        raise EOFError
+    return data
+
+
+class PicoPort:
+    """A port with a Pico behind it, in the same time: ``serial.port: pico``."""
+
+    address = "pico"
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self.pico: Pico | None = None
+
+    async def open(self, end: End) -> Link:
+        """A link to the Pico, which is powered up first if need be; raises MissingExtra or HalError."""
+        if self.pico is None:
+            self.pico = Pico(self._config)
+            await self.pico.power_up()
+        return connect(end, self.pico.line)[0]
+
+    async def close(self) -> None:
+        """Power the Pico down."""
+        if self.pico is not None:
+            pico, self.pico = self.pico, None
+            await pico.power_down()

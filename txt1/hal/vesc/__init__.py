@@ -1,0 +1,1 @@
+"""A VESC that drives a car: its HAL and its double."""

@@ -1,0 +1,125 @@
+"""A VESC on the desk, with a simulated car behind it, and a servo that steers on its servo output.
+
+It does what the firmware does: frames with anything wrong are dropped, values go out when they are asked for, speeds
+below a least one let the motor roll, and when no command has come for as long as its time-out, it lets the motor roll;
+the servo stays where it is. Neither asking for values nor the servo's command puts that off.
+"""
+
+from math import inf
+from struct import Struct, pack, unpack_from
+from typing import Final
+
+from txt1.board.line import far_end
+from txt1.config import Config, checked
+from txt1.hal.desk import Controller, DevicePort
+from txt1.hal.vesc.driver import STEPS, Command, Options, Unpacker, packet
+from txt1.link.base import Link
+from txt1.model.vehicle import PWM_MAX
+
+TIMEOUT: Final = 1.0  # s; the firmware's own
+ERPM_MIN: Final = 900.0  # electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
+APPCONF: Final = 470  # bytes of its settings, about
+SIGNATURE: Final = 0x0B5C8F1D  # of their layout; differs with every firmware
+_VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
+_COMMANDS: Final = {
+    Command.SET_DUTY: 1e5, Command.SET_CURRENT: 1e3, Command.SET_CURRENT_BRAKE: 1e3, Command.SET_RPM: 1.0,
+}  # fmt: skip
+
+
+class Vesc(Controller):
+    """The controller's end of the line. Its firmware is (major, minor); `fault` may be set, a code."""
+
+    def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = TIMEOUT) -> None:
+        options = checked(Options, config.hal_options if config.hal == "vesc" else {}, "hal_options")
+        super().__init__(config)
+        self.line = far_end(self, config)
+        self.firmware, self.timeout, self.fault = firmware, timeout, 0
+        self._options = options
+        sign = -1.0 if options.backwards else 1.0
+        turns = options.pole_pairs * options.gear / config.geometry.circumference
+        self._erpm_per_speed, self._steps_per_m = 60.0 * sign * turns, STEPS * sign * turns
+        self._unpacker = Unpacker()
+        self._command, self._value = Command.SET_CURRENT, 0.0
+        self._servo = options.servo_centre
+        self._heard = -inf  # loop time of the last command
+        self._distance = self._last = self._duty = 0.0
+
+    @property
+    def drives(self) -> bool:
+        """Whether the motor is under power."""
+        return self._value != 0.0 and self._command is not Command.SET_CURRENT_BRAKE and not self.timed_out
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether it has stopped as nothing has come for its time-out."""
+        return bool(self.timeout) and self.steps.now - self._heard > self.timeout
+
+    def step(self, now: float) -> None:
+        """Hold the speed, duty or current and the servo as they were told, until the time-out."""
+        self.car.move(now)
+        path = 0.5 * sum(self.car.paths)
+        self._distance += abs(path - self._last)
+        self._last = path
+        value = 0.0 if self.timed_out or self.fault else self._value
+        motor = 0.0
+        sign = 1.0 if self._erpm_per_speed > 0.0 else -1.0
+        match self._command:
+            case Command.SET_RPM:
+                wanted = None if abs(value) < ERPM_MIN else value / self._erpm_per_speed
+                motor = self.car.counts(now, wanted)[0]
+            case Command.SET_DUTY:
+                motor = sign * min(max(value, -1.0), 1.0) * PWM_MAX
+            case Command.SET_CURRENT:  # the simulated vehicle knows no torque: 60 A are full throttle
+                motor = sign * min(max(value / 60.0, -1.0), 1.0) * PWM_MAX
+        self._duty = sign * motor / PWM_MAX
+        share = (self._servo - self._options.servo_centre) / self._options.servo_range
+        self.car.steer(now, motor, min(max(share, -1.0), 1.0))
+
+    # -- the link's end --------------------------------------------------------------------------------------------
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self._unpacker = Unpacker()
+        super().connected(link)
+
+    def received(self, data: bytes) -> None:
+        """Do as the host says."""
+        for payload in self._unpacker.feed(data):
+            self._obey(payload)
+
+    def _obey(self, payload: bytes) -> None:
+        command, body = payload[0], payload[1:]
+        if command in _COMMANDS and len(body) >= 4:
+            self._heard = self.steps.now
+            self._command = Command(command)
+            self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
+        elif command == Command.SET_SERVO_POS and len(body) >= 2:
+            self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
+        elif command == Command.ALIVE:
+            self._heard = self.steps.now
+        elif command == Command.GET_VALUES:
+            self._send(self._values())
+        elif command == Command.FW_VERSION:
+            self._send(bytes((command, *self.firmware)) + b"410\0" + bytes(12) + bytes(3))
+        elif command == Command.GET_APPCONF:
+            settings = pack(">IBI", SIGNATURE, 0, round(1000.0 * self.timeout))
+            self._send(bytes((command,)) + settings.ljust(APPCONF, b"\0"))
+
+    def _values(self) -> bytes:
+        self.step(self.steps.now)
+        erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
+        values = _VALUES.pack(
+            Command.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
+            round(10.0 * self.car.voltage), 0, 0, 0, 0, int(self._last * self._steps_per_m),
+            int(self._distance * abs(self._steps_per_m)), self.fault,
+            0, 0, 250, 250, 250, 0, 0,
+        )  # fmt: skip
+        return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
+
+    def _send(self, payload: bytes) -> None:
+        self.station.send(packet(payload))
+
+
+def port(config: Config) -> DevicePort[Vesc]:
+    """A port with a VESC behind it: `serial.port: vesc`."""
+    return DevicePort("vesc", lambda: Vesc(config))

@@ -1,0 +1,1 @@
+"""Waveshare's rover boards: their HAL and their double."""

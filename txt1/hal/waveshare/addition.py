@@ -1,0 +1,13 @@
+"""Waveshare's rover boards as an addition: the HAL, and its double as a port and as a device."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="waveshare",
+    wanted=lambda config: False,
+    parts={
+        "txt1.hal": {"waveshare": "txt1.hal.waveshare.driver:create"},
+        "txt1.ports": {"waveshare": "txt1.hal.waveshare.double:port"},
+        "txt1.devices": {"waveshare": "txt1.hal.waveshare.double:Waveshare"},
+    },
+)

@@ -1,0 +1,54 @@
+"""`txt1 replay`: a recording on the screens again, or its inputs through the tasks again."""
+
+import argparse
+
+from txt1.cli.options import ONE_ROBOT, RECORDING
+from txt1.commands import FAULT, OK, add, busy, flag, positive, takes
+from txt1.kernel.loop import run
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the recording and how it is to be shown."""
+    add(parser, RECORDING | ONE_ROBOT | {
+        "--verify": flag("run the recorded inputs through the tasks and compare"),
+        "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
+        "--from": takes("S", "begin at this time of the run", float, dest="start"),
+        "--loop": flag("begin anew at the end"),
+        "--ros2": flag("publish it as topics of ROS 2, its time as /clock, instead of showing it on the screens"),
+        "--ros2-namespace": takes("NS", "of those topics; none by default"),
+    })  # fmt: skip
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Show a recording on the screens or to ROS 2, or run it again and say where it first differs."""
+    if arguments.ros2:
+        from txt1.commands import say
+        from txt1.ros.beside import ros2_python
+        from txt1.ros.playback import Playback, publish
+
+        python = ros2_python()
+
+        async def play_to_ros() -> None:
+            options = arguments.speed, arguments.start, arguments.loop
+            await publish(
+                Playback(arguments.file, arguments.robot, *options, say), python, arguments.ros2_namespace or ""
+            )
+
+        run(play_to_ros())
+        return OK
+    if not arguments.verify:
+        from txt1.record.player import play
+        from txt1.record.snapshots import Snapshots
+
+        run(play(Snapshots(arguments.file, arguments.robot), arguments.speed, arguments.start, arguments.loop))
+        return OK
+    from txt1.record.comparison import CLOSE
+    from txt1.record.verify import verify
+
+    with busy(f"running {arguments.file} again"):
+        verdict = verify(arguments.file, arguments.robot)
+    within = "" if verdict.exact else f", numbers compared within {CLOSE:g}: recorded with another processor or library"
+    print(f"{arguments.file}: {verdict.difference or f'no difference in {verdict.compared} messages'}{within}")
+    if verdict.lacks:
+        print(f"{arguments.file}: {verdict.lacks}")
+    return OK if verdict.difference is None else FAULT

@@ -1,0 +1,15 @@
+"""The nodes of ROS 1 and ROS 2 as an addition."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="ros",
+    order=130,
+    wanted=lambda config: False,
+    beside="txt1.ros.beside:beside",
+    options="txt1.ros.options:OPTIONS",
+    commands={
+        "ros1": ("txt1.ros.command.ros1", "write the original's messages and services as a package of ROS 1"),
+        "ros2": ("txt1.ros.command.ros2", "install a ROS 2 for the robot's node, or write its messages as a package"),
+    },
+)

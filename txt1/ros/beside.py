@@ -1,0 +1,101 @@
+"""A robot, or a board, as a node of ROS."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from typing import TYPE_CHECKING, Any, Final
+
+from txt1.board.board import Board
+from txt1.commands import say
+from txt1.errors import ConfigError
+from txt1.robot import Robot
+
+if TYPE_CHECKING:
+    from txt1.ros.python import RosPython
+
+NODE: Final = "txt1.ros.ros2:main"
+RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
+"""Makes a robot a node of ROS as long as the block is at work."""
+BoardNode = Callable[[Board], AbstractAsyncContextManager[Any]]
+"""The same of a board."""
+
+
+@asynccontextmanager
+async def beside(robot: Robot, nodes: Sequence[RosNode]) -> AsyncIterator[None]:
+    """Be the nodes as long as the block is at work."""
+    async with AsyncExitStack() as stack:
+        for node in nodes:
+            await stack.enter_async_context(node(robot))
+        yield
+
+
+def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
+    """Return what makes the robot a node of ROS 2, if it is to be one; raises ConfigError where there is no ROS 2."""
+    if not arguments.ros2:
+        return None
+    from txt1.ros.desk import Ros2Desk
+    from txt1.ros.node import node_beside
+
+    python = ros2_python()
+
+    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
+        desk = Ros2Desk(robot)
+        options = {
+            "namespace": arguments.ros2_namespace or "", "offers": desk.offers, "stamped": arguments.ros2_stamped,
+            "stale": desk.stale, "virtual": arguments.speed is not None, "parameters": desk.parameters(),
+        }  # fmt: skip
+        return node_beside(robot.runtime, desk, NODE, python.program, python.environment, options)
+
+    return node
+
+
+def board_node(arguments: argparse.Namespace) -> BoardNode | None:
+    """Return what makes a virtual board a node of ROS 2, if it is to be one; raises ConfigError without ROS 2."""
+    if not arguments.ros2:
+        if arguments.ros2_namespace:
+            raise ConfigError("--ros2-namespace: there is no node; add --ros2")
+        return None
+    from txt1.ros.board import BoardDesk
+    from txt1.ros.node import node_beside
+
+    python = ros2_python()
+
+    def node(board: Board) -> AbstractAsyncContextManager[Any]:
+        desk = BoardDesk(board)
+        options = {"name": "txt1_board", "namespace": arguments.ros2_namespace or "", "offers": desk.offers}
+        return node_beside(board.runtime, desk, NODE, python.program, python.environment, options)
+
+    return node
+
+
+def ros2_python() -> RosPython:
+    """Return the Python for a node of ROS 2, and say which; raises ConfigError."""
+    from txt1.ros.install import outdated
+    from txt1.ros.python import home, ros2
+
+    python = ros2()
+    say(f"the node runs under {python.where}")
+    if python.ours and outdated(home()):
+        raise ConfigError("--ros2: the types were made of other definitions; run 'txt1 ros2 install' again")
+    return python
+
+
+def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
+    """Return what makes the robot the original's node of ROS 1, if it is to be; raises ConfigError without ROS 1."""
+    if not arguments.ros1:
+        return None
+    from txt1.ros.node import node_beside
+    from txt1.ros.original import Ros1Desk
+    from txt1.ros.python import ros1
+
+    python = ros1()
+    options = {"virtual": arguments.speed is not None}
+
+    def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
+        desk = Ros1Desk(robot)
+        given = options | {"parameters": desk.parameters()}
+        return node_beside(robot.runtime, desk, "txt1.ros.ros1:main", python.program, python.environment, given)
+
+    return node

@@ -1,0 +1,21 @@
+"""`txt1 ros1`: what programs of ROS 1 need to know of the robot's node."""
+
+from __future__ import annotations
+
+import argparse
+
+from txt1.commands import OK, add_actions, path, takes
+from txt1.ros.txt_driver import write_package
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the action."""
+    add_actions(
+        parser, {"package": (package, {"folder": takes("FOLDER", "such as the src of a catkin workspace", path)})}
+    )
+
+
+def package(arguments: argparse.Namespace) -> int:
+    """Write the original's messages and services as the package txt_driver, which catkin builds."""
+    print(write_package(arguments.folder))
+    return OK

@@ -1,0 +1,60 @@
+"""`txt1 ros2`: the ROS 2 that the robot's node runs under."""
+
+from __future__ import annotations
+
+import argparse
+
+from txt1.cli.options import CONFIGURATION, loaded
+from txt1.commands import OK, add_actions, busy, path, takes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the actions."""
+    which = {
+        "--distribution": {
+            "choices": ("jazzy", "kilted"), "default": "jazzy", "help": "which ROS 2; jazzy by default",
+        },
+    }  # fmt: skip
+    place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", path)}
+    add_actions(parser, {
+        "install": (install, which), "info": (show, {}), "package": (package, place),
+        "urdf": (urdf, CONFIGURATION),
+    })  # fmt: skip
+
+
+def install(arguments: argparse.Namespace) -> int:
+    """Install a ROS 2 of its own from wheels (Linux on x86-64; 280 MB), with the robot's types."""
+    from txt1.ros import install
+    from txt1.ros.python import home
+
+    place = home()
+    with busy(f"installing ROS 2 {arguments.distribution} into {place}, which takes minutes"):
+        install.install(place, arguments.distribution)
+    print(f"ROS 2 {arguments.distribution} is in {place}; 'txt1 run --ros2' uses it where no other is installed")
+    return OK
+
+
+def show(arguments: argparse.Namespace) -> int:
+    """Print which ROS 2 the node runs under."""
+    from txt1.ros.python import ros2
+
+    print(ros2().where)
+    return OK
+
+
+def package(arguments: argparse.Namespace) -> int:
+    """Write the robot's messages as a package that colcon builds."""
+    from txt1.ros.definitions import own, write_package
+
+    print(write_package(arguments.folder, "txt1_msgs", own(), "messages of the TXT-1"))
+    return OK
+
+
+def urdf(arguments: argparse.Namespace) -> int:
+    """Print the description of the robot that is configured, with all of the original's sensors."""
+    from txt1.ros.urdf import links_of, robot_description
+    from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+
+    config = loaded(arguments).config
+    print(robot_description(config.name, config.geometry, links_of([Scan, Image, ImuReading, FixReading])), end="")
+    return OK

@@ -1,0 +1,161 @@
+"""The robot's end of its node of ROS 2: what it tells, and answers to what it is asked for."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import hypot
+from typing import Any, Final
+
+from txt1.beside import Request
+from txt1.bridges.registry import Desk
+from txt1.config.sources import with_values
+from txt1.control.limits import clip
+from txt1.errors import ConfigError, Txt1Error
+from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
+from txt1.protocol.messages import Switch
+from txt1.robot import Robot
+from txt1.ros.calls import Calls
+from txt1.ros.feed import Feed
+from txt1.sim.room import Room
+
+FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
+SPEED: Final = 0.4  # m/s to a goal that says none
+_SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
+
+
+class Ros2Desk:
+    """Hands out messages, and does what is asked for under the name "ros"."""
+
+    offers = (
+        "drive", "drive_to", "arm", "disarm", "stop", "load_gains", "manual", "power_atx", "power_esc", "place",
+    )  # fmt: skip
+    """What the node takes and serves."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._config = robot, robot.config
+        self._feed = Feed(robot.runtime, self.say)
+        self._calls = Calls({
+            "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
+            "load_gains": self._load_gains, "drive_to": self._drive_to, "manual": robot.set_manual,
+            "place": robot.place, "set": self._set,
+            "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
+        })  # fmt: skip
+        self._desk = Desk(robot, "ros", {
+            "begin": self._feed.begin, "missing": self._feed.missing, "call": self._calls.call,
+            "cancel": self._calls.cancel, "drive": self._drive, "combined": robot.combined_odometry,
+            "servos": robot.servos,
+        })  # fmt: skip
+        config = robot.config
+        self.stale = config.commander.timeouts.get("ros", config.safety.command_timeout)
+        """Age at which a command is stale, s."""
+        self._v_max = robot.config.safety.v_max
+        self._goal: asyncio.Task[Any] | None = None
+        self._aim: tuple[PoseSource, float, float] | None = None
+        self._feedback_due = 0.0
+
+    def telemetry(self) -> bytes | None:
+        """All messages since the last time, and answers; None when there is nothing."""
+        return self._feed.line({"answers": self._calls.take(), "feedback": self._feedback()})
+
+    # -- requests ----------------------------------------------------------------------------------------------
+
+    def request(self, request: Request) -> None:
+        """Do what is asked for."""
+        self._desk.request(request)
+
+    def say(self, text: str) -> None:
+        """Add a line about the node to the event log."""
+        self._desk.say(text)
+
+    def lost(self) -> None:
+        """The node has gone: let go of the wheel, and collect nothing."""
+        self._feed.end()
+        self._calls.clear()
+        self._desk.let_go()
+
+    def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
+        if self._goal is not None and (v or omega):
+            self._goal.cancel()  # whoever steers by hand has the wheel
+        limited = clip(v, self._v_max) if v == v else v
+        self._desk.drive(limited, omega * limited / v if v and limited != v else omega, age)
+
+    async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
+        """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
+        robot, config = self._robot, self._config
+        sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
+        if frame not in sources:
+            raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")
+        room = Room(config.sim.room.length, config.sim.room.width) if frame == "room" else None
+        if self._goal is not None:
+            self._goal.cancel()
+        source = sources[frame](robot)
+        self._goal, self._aim = goal, _ = asyncio.current_task(), (source, x, y)
+        try:
+            arrival = await go_to(
+                robot, (x, y, theta), pose_source=source, room=room, source=self._desk.source,
+                speed=min(speed or SPEED, self._v_max),
+            )  # fmt: skip
+        finally:
+            if self._goal is goal:
+                self._goal = self._aim = None
+            self._desk.let_go()
+        told = f"{arrival.distance:.3f} m and {arrival.turn:.3f} rad from the goal, {arrival.plans} paths planned"
+        return json.dumps({"arrived": arrival.arrived, "reached": arrival.pose, "told": told})
+
+    def _feedback(self) -> tuple[float, ...] | None:
+        """The distance (m) from the goal and the pose (m, rad), five times a second while there is one."""
+        now = self._robot.now
+        if self._aim is None or now < self._feedback_due:
+            return None
+        self._feedback_due = now + FEEDBACK
+        source, x, y = self._aim
+        pose = source.read()
+        return None if pose is None else (hypot(x - pose[0], y - pose[1]), *pose)
+
+    async def _load_gains(self) -> None:
+        if not await self._robot.load_gains(*self._gains()):
+            raise ConfigError("the board did not accept the gains, or did not answer")
+
+    # -- parameters --------------------------------------------------------------------------------------------
+
+    def parameters(self) -> dict[str, tuple[Any, bool]]:
+        """The parameters by their names: values, and whether they may be set."""
+        loops, config = self._config.loops(), self._config
+        linear = {f"control.linear.{name}": (value, True) for name, value in loops.linear.gains()._asdict().items()}
+        angular = [number for s in loops.angular for number in (s.v_max, s.kp, s.ki, s.kd)]
+        limits = {f"safety.{name}": value for name, value in asdict(config.safety).items()}
+        return {
+            **linear, "control.angular": (angular, True), "v_max": (self._v_max, True),
+            **{name: (float(value), False) for name, value in limits.items() if isinstance(value, int | float)},
+        }  # fmt: skip
+
+    async def _set(self, values: Mapping[str, Any]) -> None:
+        """Set parameters, all or none; raises ConfigError."""
+        changed = dict(values)
+        v_max = changed.pop("v_max", self._v_max)
+        highest = self._robot.config.safety.v_max
+        if not 0.0 < v_max <= highest:
+            raise ConfigError(f"v_max: {v_max!r}: more than 0, and at most safety.v_max, {highest:g} m/s")
+        if changed:
+            where = "control" if self._config.loops() is self._config.control else "serial.host"
+            if (flat := changed.pop("control.angular", None)) is not None:
+                if len(flat) % 4:
+                    raise ConfigError(f"control.angular: {len(flat)} numbers; give v_max, kp, ki, kd of each set")
+                names = ("v_max", "kp", "ki", "kd")
+                sets = [dict(zip(names, flat[k : k + 4], strict=True)) for k in range(0, len(flat), 4)]
+                changed["control.angular"] = sets
+            keys = {key.replace("control", where, 1): value for key, value in changed.items()}
+            before, self._config = self._config, with_values(self._config, keys)
+            try:
+                await self._load_gains()
+            except Txt1Error:
+                self._config = before
+                raise
+        self._v_max = v_max
+
+    def _gains(self) -> tuple[Any, Any]:
+        loops = self._config.loops()
+        return loops.linear.gains(), loops.schedule().sets

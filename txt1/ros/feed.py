@@ -1,0 +1,239 @@
+"""What a robot or a board tells, as lines of ready CDR bytes for the node of ROS 2."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from base64 import b64encode
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from math import tau
+from typing import Any, Final
+
+from txt1.errors import RecordingError
+from txt1.estimation.task import FILTERED
+from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
+from txt1.kernel.loop import VirtualTimeLoop
+from txt1.model.vehicle import Geometry
+from txt1.record.encoder import Encoder, Event
+from txt1.record.settings import RecordConfig
+from txt1.ros.topics import (
+    JOINT_STATES,
+    NOT_TOLD,
+    Joints,
+    Publication,
+    fixed,
+    of_the_table,
+    parent,
+    sensor,
+    turned,
+)
+from txt1.ros.urdf import links_of, robot_description
+from txt1.runtime import Runtime
+from txt1.tasks.controller import SETPOINT
+from txt1.tasks.encoder import ODOMETRY, POSE, origin
+from txt1.telemetry.ready import Maker, Ready
+from txt1.telemetry.topics import Rule, Topic
+
+EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
+STEPPED: Final = 0.05  # s by which the time of day may drift before stamps follow it
+DESCRIPTION: Final = Topic("/robot_description", str, "", "std_msgs/String", Rule.CHANGE, "the robot as URDF")
+
+
+def line_of(
+    now: int, new: Sequence[tuple[int, str, str, str]], messages: Iterable[tuple[int, int, bytes]], **more: object
+) -> bytes:
+    """A line for the node: the time in ns, channels that are new, messages, and whatever more there is.
+
+    A channel is its number, name, message and quality of service; a message its channel, its time in ns and its bytes.
+    """
+    told = [(number, time, b64encode(data).decode("ascii")) for number, time, data in messages]
+    rest = {name: value for name, value in {"new": new, "messages": told, **more}.items() if value}
+    return f"{json.dumps({'now': now, **rest})}\n".encode("ascii")
+
+
+class Wheels:
+    """The joints of the wheels, moved on by the odometry's speed and the steering's PWM counts."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        self._angle, self._read_at = 0.0, 0.0
+
+    def joints(self, v: float, front: int, rear: int, now: float) -> Joints:
+        """Where they are at `now` s, `v` in m/s."""
+        rate = v * tau / self._geometry.circumference
+        self._angle += rate * max(0.0, now - self._read_at)
+        self._read_at = now
+        left, right = turned(front, rear, self._geometry)
+        return Joints((self._angle,) * 4 + (left, left, right, right), (rate,) * 4 + (0.0,) * 4)
+
+
+def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterator[tuple[Publication, Any]]:
+    """Where everything sits on a robot with sensors of these types of readings, and its URDF."""
+    links = links_of(kinds)
+    yield Publication("tf_static", "latched", fixed(links)), None
+    yield Publication("robot_description", "latched", DESCRIPTION), robot_description(name, geometry, links)
+
+
+def _nothing() -> None:
+    """Nobody has to be told."""
+
+
+JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
+
+
+class Feed:
+    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator.
+
+    A message that is recorded as it is is made by the recorder, once for both.
+    """
+
+    def __init__(self, runtime: Runtime, say: Callable[[str], None]) -> None:
+        self._runtime, self._say = runtime, say
+        self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+        """Whether ROS is to have the robot's time instead of the time of day."""
+        self._listens = False
+        self._leave: Callable[[], None] = _nothing
+        self._maker: Maker | None = None  # the recorder whose messages are taken
+        self._untap: Callable[[], None] = _nothing
+        self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
+        self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
+        self._refused: set[Topic[Any]] = set()  # topics of which a value was no message
+        self._wheels = Wheels(runtime.config.geometry)
+        self._told = 0  # channels that the node was told of
+        self._forget()
+
+    def begin(self) -> None:
+        """A node has started, which knows nothing."""
+        self.end()
+        self._lacking.clear()
+        self._forget()
+        self._map, self._room = (Publication("tf", "default", parent(frame)) for frame in ("map", "room"))
+        runtime = self._runtime
+        for polled in runtime.sensors.values():
+            self._kinds.setdefault(polled.sensor.topic.type, polled.sensor.topic)
+        for publication, value in description(runtime.name, runtime.config.geometry, self._kinds):
+            self._tell(publication, value, runtime.now)
+        self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
+        self._listens = True
+        self._follow()
+
+    def end(self) -> None:
+        """Collect nothing more."""
+        self._listens = False
+        self._leave()
+        self._untap()
+        self._leave = self._untap = _nothing
+        self._maker = None
+        self._events.clear()
+
+    def missing(self, message: str, name: str) -> None:
+        """The node has no type for a message."""
+        first = message not in self._lacking
+        self._lacking.setdefault(message, []).append(name)
+        self._publications.clear()
+        if first:
+            self._say(f": ROS has no type {message} here, so {name} is not told; 'txt1 ros2 install' makes it")
+
+    def line(self, more: Mapping[str, object]) -> bytes | None:
+        """All messages since the last time, channels that are new, and more; None when there is nothing."""
+        if self._listens:
+            self._follow()
+            if self._maker is not None:
+                self._maker.make()
+        if not self._events and not any(more.values()):
+            return None
+        if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
+            self._forget()  # the time of day was set
+        events, self._events = self._events, deque(maxlen=EVENTS_MAX)
+        messages = [
+            (self._numbers.setdefault(topic, len(self._numbers)), time, data)
+            for (_, topic), time, data in self._encoded(list(events))
+        ]
+        known = list(self._numbers)
+        new = [
+            (number, publication.name, publication.topic.message, publication.quality)
+            for number, publication in ((n, self._publication[known[n]]) for n in range(self._told, len(known)))
+        ]
+        self._told = len(known)
+        return line_of(round((self._runtime.now + self._epoch) * NS_PER_S), new, messages, **more)
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        """Take messages from the recorder, where there is one now."""
+        maker = self._runtime.bus.maker
+        if maker is not self._maker:
+            self._untap()
+            self._maker, self._untap = maker, _nothing if maker is None else maker.tap(self._take_made)
+
+    def _encoded(self, events: list[Event]) -> Iterable[Any]:
+        try:
+            return self._encoder.block([], events).messages()
+        except RecordingError as error:
+            if len(events) > 1:  # one of them is no message; the others are
+                return (each for event in events for each in self._encoded([event]))
+            if events[0][2] not in self._refused:
+                self._refused.add(events[0][2])
+                self._say(f": {error}")
+            return ()
+
+    def _offset(self) -> float:
+        """Time of day at the run's start; in virtual time that of recordings."""
+        return (
+            self._runtime.config.section(RecordConfig).epoch if self.virtual else seconds(wall_ns()) - self._runtime.now
+        )
+
+    def _forget(self) -> None:
+        """Begin anew: nobody knows any channel."""
+        self._epoch = self._offset()
+        self._encoder = Encoder(self._epoch)
+        self._numbers: dict[Topic[Any], int] = {}
+        self._told = 0
+        self._publications: dict[Topic[Any], tuple[Publication, ...]] = {}
+        self._publication: dict[Topic[Any], Publication] = {}
+        self._kinds: dict[type, Topic[Any]] = {}  # the first sensor's topic of each type
+
+    def _publications_of(self, topic: Topic[Any]) -> tuple[Publication, ...]:
+        found = self._publications.get(topic)
+        if found is None:
+            if topic.rule is Rule.SNAPSHOT or topic.name in NOT_TOLD:
+                every: Sequence[Publication] = ()
+            elif topic.name.startswith("/sensors/"):
+                every = sensor(topic, self._kinds.setdefault(topic.type, topic) is topic)
+            else:
+                every = (of_the_table(topic),)
+            found = self._publications[topic] = tuple(each for each in every if each.topic.message not in self._lacking)
+            self._publication |= {each.topic: each for each in found}
+        return found
+
+    def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
+        made = self._maker is not None and self._maker is self._runtime.bus.maker
+        for publication in self._publications_of(topic):
+            if not (made and publication.topic is topic):
+                self._events.append((0, time, publication.topic, value))
+
+    def _take_made(self, topic: Topic[Any], message: Ready, time: float) -> None:
+        for publication in self._publications_of(topic):
+            if publication.topic is topic:
+                self._events.append((0, time, topic, message))
+
+    def _tell(self, publication: Publication, value: Any, time: float) -> None:
+        if publication.topic.message not in self._lacking:
+            self._publication[publication.topic] = publication
+            self._events.append((0, time, publication.topic, value))
+
+    def _take_cycle(self, topics: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
+        told = dict(zip(topics, values, strict=True))
+        for topic, value in told.items():
+            if value is not None:
+                self._take(topic, value, now)
+        odometry, estimate, pose = told[ODOMETRY], told.get(FILTERED), told.get(POSE)
+        if odometry is None:
+            return
+        if estimate is not None:
+            self._tell(self._map, origin(estimate[:3], odometry), now)
+        elif pose is not None:
+            self._tell(self._room, origin(pose, odometry), now)
+        outputs = told[SETPOINT].outputs
+        self._tell(JOINTS, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)

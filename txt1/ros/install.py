@@ -1,0 +1,73 @@
+"""A ROS 2 of our own: the wheels in a virtual environment, and the types that they lack."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from txt1.errors import ConfigError
+from txt1.ros.definitions import TF2, own, write_package
+from txt1.ros.python import clean
+
+INTERFACES: Final = Path(__file__).with_name("interfaces.py")
+STATE: Final = "txt1_msgs.txt"  # the definitions that types were made of
+
+_MESSAGES: Final = ("std", "geometry", "nav", "sensor", "diagnostic")
+
+
+def _pins(rclpy: str, middleware: str, messages: str, **others: str) -> tuple[str, ...]:
+    named = {f"ros-{name}-msgs": messages for name in _MESSAGES} | {"ros-std-srvs": messages}
+    named |= {"ros-rclpy": rclpy, "ros-rmw-fastrtps-cpp": middleware}
+    named |= {name.replace("_", "-"): version for name, version in others.items()}
+    return tuple(f"{name}=={version}" for name, version in named.items())
+
+
+WHEELS: Final = {
+    "jazzy": _pins("7.1.6", "8.4.3", "5.3.6", ros_rosidl_adapter="4.6.6"),
+    "kilted": _pins(
+        "9.1.2", "9.3.3", "5.5.1", ros_rosgraph_msgs="2.3.0", ros_builtin_interfaces="2.3.0", ros_rosidl_adapter="4.9.5"
+    ),
+}
+"""The wheels of a distribution that go together."""
+GENERATING: Final = ("catkin-pkg",)  # which the wheels of the generators forget to name
+
+
+def install(place: Path, distribution: str) -> None:
+    """Make the environment, or bring its types up to date; raises ConfigError where it cannot be had."""
+    if sys.platform != "linux" or os.uname().machine != "x86_64":
+        raise ConfigError("txt1 ros2 install: there are wheels for Linux on x86-64 alone; install ROS 2 itself here")
+    python = place / "bin" / "python"
+    if not python.exists():
+        _run("making the environment", sys.executable, "-m", "venv", str(place))
+    pip = ("-m", "pip", "--disable-pip-version-check", "--quiet", "install", *WHEELS[distribution], *GENERATING)
+    _run("installing the wheels", str(python), *pip)
+    definitions = own()
+    with tempfile.TemporaryDirectory() as folder:
+        write_package(Path(folder), "tf2_msgs", TF2, "transforms")
+        write_package(Path(folder), "txt1_msgs", definitions, "the TXT-1's own messages")
+        _run(
+            "making types (gcc and g++ are needed)", str(python), "-P", str(INTERFACES), folder, "tf2_msgs", "txt1_msgs"
+        )
+    (place / STATE).write_text(state(definitions))
+
+
+def state(definitions: dict[str, str]) -> str:
+    """The definitions in one text, to be compared."""
+    return "".join(f"== {name}\n{text}" for name, text in definitions.items())
+
+
+def outdated(place: Path) -> bool:
+    """Whether the types there were made of other definitions than ours are now."""
+    made = place / STATE
+    return not made.exists() or made.read_text() != state(own())
+
+
+def _run(doing: str, *words: str) -> None:
+    done = subprocess.run(words, env=clean(os.environ), capture_output=True, text=True, check=False)  # noqa: S603
+    if done.returncode != 0:
+        lines = (done.stderr or done.stdout).strip().splitlines()[-3:]
+        raise ConfigError(f"{doing}: {' / '.join(lines)}")

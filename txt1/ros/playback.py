@@ -1,0 +1,159 @@
+"""A recording's messages as topics of ROS 2, with their times as ``/clock``."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from txt1.beside import Beside, Request
+from txt1.config.sources import checked
+from txt1.errors import HalError
+from txt1.kernel.clock import NS_PER_S, RealClock, nanoseconds, seconds
+from txt1.model.vehicle import Geometry
+from txt1.record.encoder import Encoder
+from txt1.record.reading import Decoding, Item, Reading, metadata_of, robot_in
+from txt1.ros.definitions import OWNERS
+from txt1.ros.feed import JOINTS, Wheels, description, line_of
+from txt1.ros.node import START
+from txt1.ros.python import RosPython
+from txt1.ros.topics import Publication, Quality, recorded
+from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.tasks.controller import PWM
+from txt1.tasks.encoder import ODOMETRY
+from txt1.telemetry.topics import Topic
+
+BEAT: Final = 0.01  # s between two looks at whether something is due
+BYTES_MAX: Final = 1 << 19  # after which a line is long enough
+LAST: Final = 1.0  # s that what was sent last has to arrive
+
+
+class Playback:
+    """Hands out what is due of a recording, `speed` times as fast as it was, from `start` s of the run on.
+
+    Beside what was recorded there are the robot's description, its static transforms, and its wheels. `say` is told of
+    messages that ROS has no type for. RecordingError: there is no such robot in the file.
+    """
+
+    def __init__(
+        self, file: Path, robot: str | None, speed: float, start: float | None, loop: bool, say: Callable[[str], None]
+    ) -> None:
+        for module in OWNERS:  # of the topics' qualities of service
+            import_module(module)
+        self.over = asyncio.Event()
+        """Set when the end was sent."""
+        self._file, self._robot = file, robot_in(file, robot)
+        self._speed, self._start, self._loop, self._say = speed, start, loop, say
+        config = json.loads(metadata_of(file, "txt1").get("config", "{}"))
+        self._geometry = checked(Geometry, config.get("geometry", {}), "geometry")
+        self._name = config.get("name", "")
+        self._clock = RealClock()
+        self._began: int | None = None  # ns of the clock; None: there is no node yet
+        self._due_ns = 0  # of the clock: when the next line is
+
+    def request(self, request: Request) -> None:
+        """Begin when the node is there; tell what it lacks."""
+        if request.name == "begin":
+            self._places: dict[int, tuple[str, Quality] | None] = {}
+            self._numbers: dict[int | str, int] = {}
+            self._rewind()
+        elif request.name == "missing":
+            self._say(f"ROS has no type {request.fields['message']} here, so {request.fields['name']} is not told")
+
+    def _rewind(self) -> None:
+        self._decoding, self._encoder, self._wheels = Decoding(), Encoder(0.0), Wheels(self._geometry)
+        self._pwm = 0, 0
+        self._items = self._due()
+        self._next = next(self._items, None)
+        self._described = False
+        self._began = self._clock.now_ns()
+
+    def _due(self) -> Iterator[Item]:
+        """The messages from the start on, and before them the last of each kind that is kept for late comers."""
+        reading = Reading(self._file, self._robot)
+        kept: dict[int, Item] = {}
+        self._first: int | None = None  # time of the recording at the beginning, ns
+        for item in reading:
+            if self._start is not None and (run := reading.run_time(item)) < self._start:
+                place = self._place(item)
+                if place is not None and place[1] == "latched":
+                    kept[item.channel.id] = item
+                self._first = item.message.log_time + nanoseconds(self._start - run)
+                continue
+            if self._first is None:
+                self._first = item.message.log_time
+            yield from kept.values()
+            kept.clear()
+            yield item
+
+    def _place(self, item: Item) -> tuple[str, Quality] | None:
+        if item.channel.id not in self._places:
+            taken = {place[0] for place in self._places.values() if place is not None}
+            self._places[item.channel.id] = recorded(item.name, item.schema.name.replace("/msg/", "/"), taken)
+        return self._places[item.channel.id]
+
+    def telemetry(self) -> bytes | None:
+        """A line of the messages that are due now; None when there are none."""
+        if self._began is None or self._clock.now_ns() < self._due_ns:
+            return None
+        self._due_ns = self._clock.now_ns() + nanoseconds(BEAT)
+        now = (self._first or 0) + round((self._clock.now_ns() - self._began) * self._speed)
+        new: list[tuple[int, str, str, str]] = []
+        messages: list[tuple[int, int, bytes]] = []
+
+        def number(key: int | str, name: str, message: str, quality: Quality) -> int:
+            if key not in self._numbers:
+                self._numbers[key] = len(self._numbers)
+                new.append((self._numbers[key], name, message, quality))
+            return self._numbers[key]
+
+        def tell(publication: Publication, value: Any, time: int) -> None:
+            topic: Topic[Any] = publication.topic
+            key = number(topic.name, publication.name, topic.message, publication.quality)
+            for _, stamp, data in self._encoder.block([], [(0, seconds(time), topic, value)]).messages():
+                messages.append((key, stamp, data))
+
+        if not self._described:
+            self._described = True
+            for publication, value in description(self._name, self._geometry, [Scan, Image, ImuReading, FixReading]):
+                tell(publication, value, now)
+        size = 0
+        while self._next is not None and self._next.message.log_time <= now and size < BYTES_MAX:
+            item, self._next = self._next, next(self._items, None)
+            time, place = item.message.log_time, self._place(item)
+            if place is not None:
+                message = item.schema.name.replace("/msg/", "/")
+                messages.append((number(item.channel.id, place[0], message, place[1]), time, item.message.data))
+                size += len(item.message.data)
+            if item.name == PWM.name:
+                pwm = self._decoding.message(item)
+                self._pwm = pwm.front, pwm.rear
+            elif item.name == ODOMETRY.name:
+                v = self._decoding.message(item).twist.twist.linear.x
+                tell(JOINTS, self._wheels.joints(v, *self._pwm, time / NS_PER_S), time)
+        if self._next is None:
+            if self._loop:
+                self._rewind()
+            else:
+                self.over.set()
+        return line_of(now, new, messages)
+
+
+async def publish(playback: Playback, python: RosPython, namespace: str) -> None:
+    """Publish a recording until it is over; raises HalError when the node fails, RecordingError for a damaged file."""
+    async with Beside(
+        "txt1.ros.ros2:main", playback.telemetry, playback.request,
+        options={"namespace": namespace, "virtual": True}, beat=BEAT, niceness=0,
+        program=(*python.program, str(START)), environment=python.environment,
+    ) as beside:  # fmt: skip
+        ended = asyncio.ensure_future(beside.ended())
+        over = asyncio.ensure_future(playback.over.wait())
+        await asyncio.wait([ended, over], return_when=asyncio.FIRST_COMPLETED)
+        over.cancel()
+        if ended.done():
+            raise HalError(f"the node of ROS 2 ended: {ended.result()} (exit code {beside.returncode})")
+        await asyncio.sleep(LAST)
+        ended.cancel()

@@ -1,0 +1,212 @@
+"""The original's node of ROS 1, ``txt1_node`` of ``txt_driver``: its topics, services, parameters, frames and rates.
+
+Runs under the Python that has rospy. The types are made at run time of the definitions below, with the original's md5
+sums. A master that was restarted is told anew what there is here.
+"""
+
+import signal
+import threading
+import time
+import xmlrpc.client
+from math import cos, sin
+from typing import Any, Final
+
+import genmsg
+import genpy.dynamic
+import rosgraph
+import rospy
+from geometry_msgs.msg import Transform, TransformStamped, Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from tf2_msgs.msg import TFMessage
+
+from txt1.beside import Connection
+from txt1.ros.calls import Caller
+from txt1.ros.txt_driver import MESSAGES, SERVICES
+
+NAME: Final = "txt1_node"
+COMBINED: Final = 0.02  # s between two combined odometries that are handed on
+TOGETHER: Final = 1.0  # s within which two programs drive at the same time
+LOOK: Final = 0.5  # s between two looks at the master
+_HEADER: Final = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+
+
+def message(name: str, text: str) -> type:
+    """The type of a message of txt_driver."""
+    whole = text + (_HEADER if "Header" in text else "")
+    return genpy.dynamic.generate_dynamic(f"txt_driver/{name}", whole)[f"txt_driver/{name}"]  # type: ignore[no-any-return]
+
+
+def service(name: str) -> type:
+    """The type of a service of txt_driver."""
+    request, response = SERVICES[name]
+    context = genmsg.MsgContext.create_default()
+    spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{response}", f"txt_driver/{name}")
+    return type(name, (), {
+        "_type": f"txt_driver/{name}", "_md5sum": genmsg.compute_md5(context, spec),
+        "_request_class": message(f"{name}Request", request), "_response_class": message(f"{name}Response", response),
+    })  # fmt: skip
+
+
+BATTERY: Final = message("Battery", MESSAGES["Battery"])
+PWM: Final = message("Pwm", MESSAGES["Pwm"])
+
+
+class Original:
+    """Everything that the node serves."""
+
+    def __init__(self, robot: Connection, virtual: bool, parameters: dict[str, Any]) -> None:
+        self._robot, self._virtual, self._parameters = robot, virtual, parameters
+        self._caller = Caller(robot)
+        self._combined_at = 0.0
+        self._drivers: dict[str, float] = {}  # by name when each program sent its last command
+        self._together: list[str] = []  # those that drove at the same time
+        self._services: list[Any] = []
+        self._odom = rospy.Publisher("/odom", Odometry, queue_size=5)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=20)
+        self._battery = rospy.Publisher("/battery", BATTERY, queue_size=2)
+        self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if virtual else None
+        self._set_parameters()
+        rospy.Subscriber("/cmd_vel", Twist, self._drive, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber("/odom_comb", Odometry, self._combined, queue_size=1)
+        rospy.Subscriber("/pwm", PWM, self._pwm, queue_size=1)
+        for name, kind, call in (
+            ("/pid_load", "PidLoad", self._pid_load), ("/pwm_change", "PwmTest", self._pwm_change),
+            ("/switched_pwr", "SwitchedPwr", self._switched_pwr), ("/shutdown_computer", "Shutdown", self._shutdown),
+        ):  # fmt: skip
+            self._services.append(rospy.Service(name, service(kind), call))
+
+    def publish(self) -> None:
+        """Publish what the robot sends until its process ends."""
+        self._robot.request("begin")
+        for telemetry in self._robot:
+            self._robot.request("")  # received: the next may come
+            stamp = rospy.Time(*divmod(telemetry["now"], 10**9))
+            if self._clock is not None:
+                self._clock.publish(Clock(stamp))
+            if "odom" in telemetry:
+                self._tell_odometry(stamp, *telemetry["odom"])
+            if "battery" in telemetry:
+                self._tell_battery(stamp, *telemetry["battery"])
+            self._caller.answered(telemetry.get("answers", ()))
+
+    def _tell_odometry(self, stamp: Any, x: float, y: float, theta: float, v: float, omega: float) -> None:
+        told, moved = Odometry(), TransformStamped(transform=Transform())
+        for each in (told, moved):
+            each.header.stamp, each.header.frame_id, each.child_frame_id = stamp, "/odom", "/base_footprint"
+        told.pose.pose.position.x, told.pose.pose.position.y = x, y
+        told.pose.pose.orientation.z, told.pose.pose.orientation.w = sin(0.5 * theta), cos(0.5 * theta)
+        told.twist.twist.linear.x, told.twist.twist.angular.z = v, omega
+        moved.transform.translation.x, moved.transform.translation.y = x, y
+        moved.transform.rotation = told.pose.pose.orientation
+        self._odom.publish(told)
+        self._tf.publish(TFMessage([moved]))
+
+    def _tell_battery(self, stamp: Any, first: float, second: float, remaining: float) -> None:
+        told: Any = BATTERY()
+        told.header.stamp, told.batt1, told.batt2 = stamp, first, second
+        told.expected_time = rospy.Duration.from_sec(remaining)
+        self._battery.publish(told)
+
+    # -- what it is asked for ----------------------------------------------------------------------------------
+
+    def _drive(self, twist: Any) -> None:
+        self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z)
+        now = time.monotonic()
+        self._drivers[twist._connection_header["callerid"]] = now  # noqa: SLF001  # rospy has no other way to say it
+        names = sorted(name for name, at in self._drivers.items() if now - at < TOGETHER)
+        if len(names) > 1 and names != self._together:
+            self._robot.request("tell", text=f"{len(names)} programs publish /cmd_vel: {', '.join(names)}")
+        self._together = names
+
+    def _combined(self, told: Any) -> None:
+        if (now := time.monotonic()) - self._combined_at >= COMBINED:
+            self._combined_at = now
+            place, twist = told.pose.pose.position, told.twist.twist
+            self._robot.request("combined", x=place.x, y=place.y, theta=0.0, v=twist.linear.x, omega=twist.angular.z)
+
+    def _pwm(self, told: Any) -> None:
+        self._robot.request("servos", pwm4=told.pwm4, pwm5=told.pwm5)
+
+    def _call(self, name: str, **fields: Any) -> tuple[bool]:
+        done, why = self._caller.call(name, **fields)
+        if not done:
+            rospy.logwarn("%s: %s", name, why)
+        return (done,)
+
+    def _pid_load(self, _: Any) -> tuple[bool]:
+        linear, angular = (
+            rospy.get_param(f"~{name}", self._parameters[name]) for name in ("linear_pid", "angular_pid")
+        )
+        return self._call(
+            "pid_load", linear=[float(each) for each in linear], angular=[float(each) for each in angular]
+        )
+
+    def _pwm_change(self, asked: Any) -> tuple[bool]:
+        names = ("esc", "front", "rear", "pwm4", "pwm5")
+        return self._call("pwm_change", **{name: getattr(asked, name) for name in names})
+
+    def _switched_pwr(self, asked: Any) -> tuple[bool]:
+        return self._call("switched_pwr", source=asked.source, on=asked.on)
+
+    def _shutdown(self, asked: Any) -> tuple[bool]:
+        return self._call("shutdown_computer") if asked.request else (False,)
+
+    # -- the master --------------------------------------------------------------------------------------------
+
+    def _set_parameters(self) -> None:
+        for name, value in self._parameters.items():
+            if not rospy.has_param(f"~{name}"):
+                rospy.set_param(f"~{name}", value)
+        if self._virtual:
+            rospy.set_param("/use_sim_time", True)
+
+    def watch(self) -> None:
+        """Look after the master: one that was restarted knows nothing of this node."""
+        while not rospy.is_shutdown():
+            time.sleep(LOOK)
+            master = rosgraph.Master(rospy.get_name())
+            try:
+                if master.lookupNode(rospy.get_name()) == rospy.get_node_uri():
+                    continue
+            except rosgraph.MasterError:
+                pass  # it is there, and does not know us
+            except OSError:
+                continue  # it is away
+            try:
+                self._register(master)
+            except (OSError, rosgraph.MasterError, rospy.ROSException):
+                continue  # away again
+
+    def _register(self, master: Any) -> None:
+        uri = rospy.get_node_uri()
+        topics = rospy.topics.get_topic_manager()
+        for name, kind in topics.get_publications():
+            master.registerPublisher(name, kind, uri)
+        for name, kind in topics.get_subscriptions():
+            publishers = master.registerSubscriber(name, kind, uri)
+            xmlrpc.client.ServerProxy(uri).publisherUpdate("/master", name, publishers)
+        for each in self._services:
+            master.registerService(each.resolved_name, each.uri, uri)
+        self._set_parameters()
+        self._robot.request("tell", text="the ROS master was restarted and knows the node again")
+
+
+def main(robot: Connection, *, virtual: bool, parameters: dict[str, Any]) -> None:
+    """Serve until the robot's process ends."""
+    while not rosgraph.is_master_online():
+        robot.receive(LOOK)  # a sign of life
+    rospy.init_node(NAME, disable_signals=True, disable_rosout=False)
+    node = Original(robot, virtual, parameters)
+
+    def watch() -> None:
+        try:
+            node.watch()
+        finally:
+            signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True, name="master").start()
+    try:
+        node.publish()
+    finally:
+        rospy.signal_shutdown("the robot's process has ended")

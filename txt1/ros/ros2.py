@@ -1,0 +1,427 @@
+"""The node of ROS 2: it publishes ready bytes, and hands on what it is asked for. Runs under the Python that has rclpy.
+
+The main thread takes commands, another one publishes what the robot sends, others serve whatever has to wait for it.
+"""
+
+import fcntl
+import json
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+from base64 import b64decode
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from importlib import import_module
+from math import atan2
+from typing import Any, Final
+
+import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from txt1.beside import Connection
+from txt1.ros.calls import Caller
+from txt1.ros.stamps import Publishers, Stamps
+
+LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
+SECOND: Final = 1.0  # s between two reports about the node itself
+DEAF: Final = 0.1  # s in which what came meanwhile is thrown away, once this process has stood still
+SIOCGIFFLAGS: Final = 0x8913  # Linux's request for an interface's flags
+SIOCGIFADDR: Final = 0x8915  # ... and for its address
+IFF_RUNNING: Final = 0x40  # the flag that it is at work
+TURN: Final = 5e-4  # s that a thread has before others have theirs: a command does not wait for a camera's picture
+HUNG: Final = 5.0  # s without a sign of life of the main thread, after which this process ends
+
+_BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
+QUALITIES: Final = {
+    "default": QoSProfile(depth=10),
+    "sensor": QoSProfile(depth=5, reliability=_BEST_EFFORT),
+    "latched": QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    "clock": QoSProfile(depth=1, reliability=_BEST_EFFORT),
+}
+
+
+class Bridge:
+    """The node with everything that it `offers`; `stale` is the age in s at which a command is."""
+
+    def __init__(
+        self,
+        robot: Connection,
+        node: Node,
+        offers: Collection[str],
+        parameters: dict[str, Any],
+        stamped: bool,
+        stale: float,
+        virtual: bool,
+    ) -> None:
+        self._robot, self._node, self._stale, self._virtual = robot, node, stale, virtual
+        self.over = False
+        """Whether the node is to end and begin anew: ROS looks at the network when it begins, and never again."""
+        self.wake: Callable[[], None] = lambda: None
+        """Wakes the main thread."""
+        self._network = addresses()
+        self._publishers: dict[int, tuple[Any, str]] = {}
+        self._by_name: dict[str, Any] = {}
+        self._clock: Any = None
+        self._now = 0  # the robot's time stamp of now, ns
+        self._caller = Caller(robot)
+        self._feedback: tuple[int, list[float]] | None = None  # on the way to a goal: when, and what
+        self._counts = {"commands": 0, "publishers": 0}
+        self._alive = time.monotonic()
+        self._heard = self._alive  # when the robot's last message came
+        self._deaf = 0.0  # until when commands are not taken
+        self._names: tuple[str, ...] = ()
+        self._stamps, self._order = Stamps(stale), Publishers()
+        self._commands: Any = None
+        self._group = ReentrantCallbackGroup()
+        self.driving = MutuallyExclusiveCallbackGroup()
+        """What comes as a message, and the look at oneself: nothing that waits."""
+        self._serve(offers)
+        self._diagnostics: Any = None
+        if "drive" in offers:
+            from diagnostic_msgs.msg import DiagnosticArray
+
+            self._declare(parameters, stamped)
+            self._subscribe(stamped)
+            self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(SECOND, self._report, callback_group=self.driving)
+
+    # -- the robot's messages ----------------------------------------------------------------------------------
+
+    def publish(self) -> None:
+        """Publish whatever the robot sends, until its process ends; in a thread of its own."""
+        self._robot.request("begin")
+        for telemetry in self._robot:
+            self._robot.request("")  # received: the next may come
+            if self.over:
+                return
+            if time.monotonic() - self._alive > HUNG:
+                return  # the main thread hangs, and so does this heartbeat
+            now = time.monotonic()
+            if now - self._heard > self._stale:
+                self._deaf = now + DEAF
+            self._heard, self._now = now, telemetry["now"]
+            if self._virtual:
+                self._tell_time(self._now)
+            for number, name, message, quality in telemetry.get("new", ()):
+                self._advertise(number, name, message, quality)
+            for number, _, data in telemetry.get("messages", ()):
+                publisher = self._publishers.get(number)
+                if publisher is not None:
+                    publisher[0].publish(b64decode(data))
+            self._caller.answered(telemetry.get("answers", ()))
+            if "feedback" in telemetry:
+                self._feedback = self._now, telemetry["feedback"]
+
+    def _advertise(self, number: int, name: str, message: str, quality: str) -> None:
+        package, _, kind = message.partition("/")
+        publisher = self._by_name.get(name)
+        if publisher is None:
+            try:
+                found = getattr(import_module(f"{package}.msg"), kind)
+                publisher = self._node.create_publisher(found, name, QUALITIES[quality])
+            except (ImportError, AttributeError):
+                self._publishers.pop(number, None)
+                self._robot.request("missing", message=message, name=name)
+                return
+            self._by_name[name] = publisher
+        self._publishers[number] = publisher, name
+
+    def _tell_time(self, now: int) -> None:
+        from rosgraph_msgs.msg import Clock
+
+        if self._clock is None:
+            self._clock = self._node.create_publisher(Clock, "/clock", QUALITIES["clock"])
+        told = Clock()
+        told.clock.sec, told.clock.nanosec = divmod(now, 10**9)
+        self._clock.publish(told)
+
+    # -- commands ----------------------------------------------------------------------------------------------
+
+    def _subscribe(self, stamped: bool) -> None:
+        from geometry_msgs.msg import Twist, TwistStamped
+        from nav_msgs.msg import Odometry
+        from std_msgs.msg import Int32MultiArray
+
+        def subscribe() -> None:
+            self._subscribe_to_commands(TwistStamped if self._stamped else Twist)
+
+        self._stamped = stamped
+        # another executor than the subscription's own must not destroy it
+        self._changed = self._node.create_guard_condition(subscribe, callback_group=self.driving)
+        subscribe()
+        self._node.create_subscription(
+            Odometry, "odom_comb", self._combined, QUALITIES["sensor"], callback_group=self.driving
+        )
+        self._node.create_subscription(Int32MultiArray, "~/servos", self._servos, 10, callback_group=self.driving)
+
+    def _subscribe_to_commands(self, kind: type) -> None:
+        """Take commands of this type: a topic has one."""
+        if self._commands is not None:
+            self._node.destroy_subscription(self._commands)
+        self._stamps, self._order = Stamps(self._stale), Publishers()
+        take = self._take_stamped if kind.__name__ == "TwistStamped" else self._take
+        quality = QoSProfile(depth=10, reliability=_BEST_EFFORT)  # goes together with publishers of both kinds
+        self._commands = self._node.create_subscription(kind, "cmd_vel", take, quality, callback_group=self.driving)
+
+    def _take(self, twist: Any, info: dict[str, Any], age: float = 0.0) -> None:
+        self._counts["commands"] += 1
+        self._order.take(info.get("publication_sequence_number"))
+        now = time.monotonic()
+        if now < self._deaf or now - self._heard > self._stale:
+            return  # this process stood still: nobody knows how old it is
+        self._robot.request("drive", v=twist.linear.x, omega=twist.angular.z, age=age)
+
+    def _take_stamped(self, message: Any, info: dict[str, Any]) -> None:
+        stamp = message.header.stamp
+        received = self._now if self._virtual else time.time_ns()
+        age = self._stamps.age(stamp.sec + 1e-9 * stamp.nanosec, 1e-9 * received)
+        if age is not None:
+            self._take(message.twist, info, age)
+
+    def _combined(self, message: Any) -> None:
+        twist, place = message.twist.twist, message.pose.pose.position
+        self._robot.request("combined", x=place.x, y=place.y, theta=0.0, v=twist.linear.x, omega=twist.angular.z)
+
+    def _servos(self, message: Any) -> None:
+        if len(message.data) == 2:
+            self._robot.request("servos", pwm4=message.data[0], pwm5=message.data[1])
+
+    # -- services ----------------------------------------------------------------------------------------------
+
+    def _serve(self, offers: Collection[str]) -> None:
+        from std_srvs.srv import SetBool, Trigger
+
+        def trigger(name: str) -> Any:
+            return lambda request, response: self._answer(response, name)
+
+        def switch(name: str, **fields: Any) -> Any:
+            word = "manual" if name == "manual" else "on"
+            return lambda request, response: self._answer(response, name, **fields, **{word: request.data})
+
+        services = {name: (Trigger, trigger(name)) for name in ("arm", "disarm", "stop", "load_gains")}
+        services |= {f"power_{which}": (SetBool, switch("power", switch=which)) for which in ("atx", "esc")}
+        services["manual"] = SetBool, switch("manual")
+        with suppress(ImportError):  # types of our own
+            from txt1_msgs.srv import Place
+
+            def place(request: Any, response: Any) -> Any:
+                return self._answer(response, "place", x=request.x, y=request.y, theta=request.theta)
+
+            services["place"] = Place, place
+            if "drive_to" in offers:
+                self._serve_goals()
+        for name in services.keys() & set(offers):
+            kind, take = services[name]
+            self._node.create_service(kind, f"~/{name}", take, callback_group=self._group)
+
+    def _serve_goals(self) -> None:
+        """Serve the action that drives to a pose."""
+        from geometry_msgs.msg import Pose2D
+        from rclpy.action import ActionServer, CancelResponse
+        from txt1_msgs.action import DriveTo
+
+        def drive(goal: Any) -> Any:
+            asked, told = goal.request.pose, 0
+            place, turn = asked.pose.position, asked.pose.orientation
+            theta = atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+
+            def look() -> bool:
+                nonlocal told
+                if self._feedback is not None and self._feedback[0] != told:
+                    told, (distance, *pose) = self._feedback
+                    goal.publish_feedback(DriveTo.Feedback(distance=distance, pose=_pose(pose)))
+                return bool(goal.is_cancel_requested)
+
+            done, text = self._caller.watched(
+                "drive_to", LOOK, look, frame=asked.header.frame_id.lstrip("/"), x=place.x, y=place.y, theta=theta,
+                speed=goal.request.speed,
+            )  # fmt: skip
+            result = DriveTo.Result(message=text)
+            if done:
+                found = json.loads(text)
+                result = DriveTo.Result(
+                    arrived=found["arrived"], message=found["told"], reached=_pose(found["reached"])
+                )
+                goal.succeed() if result.arrived else goal.abort()
+            elif goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+            return result
+
+        def _pose(pose: Any) -> Any:
+            return Pose2D(x=pose[0], y=pose[1], theta=pose[2])
+
+        ActionServer(
+            self._node, DriveTo, "~/drive_to", drive, callback_group=self._group,
+            cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    def _answer(self, response: Any, name: str, **fields: Any) -> Any:
+        response.success, response.message = self._caller.call(name, **fields)
+        return response
+
+    # -- parameters --------------------------------------------------------------------------------------------
+
+    def _declare(self, parameters: dict[str, Any], stamped: bool) -> None:
+        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+
+        for name, (value, may_set) in parameters.items():
+            self._node.declare_parameter(name, value, ParameterDescriptor(read_only=not may_set))
+        self._node.declare_parameter(
+            "use_stamped_vel", stamped, ParameterDescriptor(description="cmd_vel is TwistStamped, not Twist")
+        )
+
+        def changed(given: list[Parameter]) -> SetParametersResult:
+            values = {each.name: each.value for each in given if each.name in parameters}
+            if values:
+                told = {name: list(value) if name == "control.angular" else value for name, value in values.items()}
+                done, text = self._caller.call("set", values=told)
+                if not done:
+                    return SetParametersResult(successful=False, reason=text)
+            for each in given:
+                if each.name == "use_stamped_vel":
+                    self._stamped = bool(each.value)
+                    self._changed.trigger()
+            return SetParametersResult(successful=True)
+
+        self._node.add_on_set_parameters_callback(changed)
+
+    # -- about the node itself ---------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        self._alive = time.monotonic()
+        if not (network := addresses()) <= self._network:
+            self.over = True
+            self._robot.request("tell", text="the network has changed, and the node begins anew")
+        self._network = network
+        if self._diagnostics is not None:
+            self._report_commands()
+
+    def _report_commands(self) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+        found = self._node.get_publishers_info_by_topic("cmd_vel")
+        names = tuple(sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found))
+        if names != self._names:
+            self._names = names
+            self._order = Publishers()
+            if len(names) > 1:
+                self._robot.request("tell", text=f"{len(names)} programs publish cmd_vel: {', '.join(names)}")
+        order, refused = self._order, self._stamps.refused
+        counts = {
+            "publishers": len(names), "commands": self._counts["commands"], "lost": order.lost, "mixed": order.mixed,
+            "from_the_past": refused["past"], "from_the_future": refused["future"],
+        }  # fmt: skip
+        message = DiagnosticArray()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._now, 10**9)
+        message.status = [DiagnosticStatus(
+            level=DiagnosticStatus.WARN if len(names) > 1 or refused else DiagnosticStatus.OK, name="cmd_vel",
+            message="several programs publish it: " + ", ".join(names) if len(names) > 1 else "",
+            values=[KeyValue(key=key, value=str(value)) for key, value in counts.items()],
+        )]  # fmt: skip
+        self._diagnostics.publish(message)
+
+
+class Driving(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is known to another Python only
+    """Serves one callback group of a node: it takes a message much sooner than an executor of many threads."""
+
+    def __init__(self, bridge: Bridge, node: Node) -> None:
+        super().__init__()
+        self._group, self._node = bridge.driving, node
+
+    def get_nodes(self) -> list[Node]:
+        """The node, which belongs to the other executor."""
+        return [self._node]
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is of the group, and ready."""
+        return entity.callback_group is self._group and bool(super().can_execute(entity))
+
+
+class Serving(MultiThreadedExecutor):  # type: ignore[misc]  # as above
+    """Serves all others, which may wait for the robot."""
+
+    def __init__(self, bridge: Bridge) -> None:
+        super().__init__(num_threads=4)
+        self._group = bridge.driving
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is of another group, and ready."""
+        return entity.callback_group is not self._group and bool(super().can_execute(entity))
+
+
+def main(
+    robot: Connection,
+    *,
+    name: str = "txt1",
+    namespace: str = "",
+    offers: Collection[str] = (),
+    stamped: bool = False,
+    stale: float = 0.25,
+    virtual: bool = False,
+    parameters: dict[str, Any] | None = None,
+) -> None:
+    """Serve until the robot's process ends."""
+    sys.setswitchinterval(TURN)
+    ends = threading.Event()
+    while not ends.is_set():
+        rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = Node(name, namespace=namespace)
+        bridge = Bridge(robot, node, offers, parameters or {}, stamped, stale, virtual)
+        serving, driving = Serving(bridge), Driving(bridge, node)
+        serving.add_node(node)
+        bridge.wake = driving.wake
+        threads = [
+            threading.Thread(target=_publish, args=(bridge, ends), daemon=True, name="publishing"),
+            threading.Thread(target=_serve, args=(serving,), daemon=True, name="serving"),
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            while not bridge.over:
+                driving.spin_once()
+        except ExternalShutdownException:
+            ends.set()
+        finally:
+            for executor in (driving, serving):
+                executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+            rclpy.try_shutdown()
+        for thread in threads:
+            thread.join()
+
+
+def _serve(executor: Serving) -> None:
+    """Serve until the executor is shut down."""
+    with suppress(ExternalShutdownException):
+        executor.spin()
+
+
+def _publish(bridge: Bridge, ends: threading.Event) -> None:
+    """Publish, and end the process when the robot's has ended or the main thread hangs."""
+    with suppress(OSError):  # the robot's process has gone
+        bridge.publish()
+    if not bridge.over:
+        ends.set()
+        signal.raise_signal(signal.SIGTERM)
+        bridge.wake()  # the main thread sleeps in ROS, and obeys signals when it wakes
+
+
+def addresses() -> frozenset[tuple[int, str]]:
+    """The network's interfaces at work, by number, and their IPv4 addresses."""
+    found = set()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        for number, name in socket.if_nameindex():
+            given = struct.pack("256s", name.encode()[:15])
+            with suppress(OSError):  # it has no address
+                if fcntl.ioctl(asking, SIOCGIFFLAGS, given)[16] & IFF_RUNNING:
+                    found.add((number, socket.inet_ntoa(fcntl.ioctl(asking, SIOCGIFADDR, given)[20:24])))
+    return frozenset(found)

@@ -1,0 +1,141 @@
+"""Laser scanners on the desk: a Hokuyo URG-04LX that speaks SCIP 2.0, and an LDROBOT LD19."""
+
+from math import isfinite, tau
+from typing import Final
+
+from txt1.link.base import Link
+from txt1.link.station import Station
+from txt1.sensors import laser_ld19
+from txt1.sensors.base import Reading
+from txt1.sensors.double import Talker
+from txt1.sensors.laser_scip import BLOCK, check_character, encode
+from txt1.sensors.readings import Scan
+
+PARAMETERS: Final = {
+    "MODL": "URG-04LX(Hokuyo Automatic Co.,Ltd.)", "DMIN": "20", "DMAX": "5600", "ARES": "1024", "AMIN": "44",
+    "AMAX": "725", "AFRT": "384", "SCAN": "600",
+}  # fmt: skip
+VERSION: Final = {
+    "VEND": "Hokuyo Automatic Co.,Ltd.", "PROD": "SOKUIKI Sensor URG-04LX", "FIRM": "3.3.00", "PROT": "SCIP 2.0",
+    "SERI": "H0000000",
+}  # fmt: skip
+FIRST, LAST, FRONT = (int(PARAMETERS[name]) for name in ("AMIN", "AMAX", "AFRT"))
+NOTHING: Final = 0  # range where nothing is in reach, mm: below DMIN is an error code
+
+
+def line(text: bytes) -> bytes:
+    """A line with its check sum."""
+    return text + bytes((check_character(text),)) + b"\n"
+
+
+def listing(values: dict[str, str]) -> bytes:
+    """The lines of PP and VV."""
+    texts = (f"{name}:{value}".encode() for name, value in values.items())
+    return b"".join(text + b";" + bytes((check_character(text),)) + b"\n" for text in texts)
+
+
+class FakeScip:
+    """The scanner's end of the line."""
+
+    def __init__(self) -> None:
+        self._station = Station()
+        self._rest = b""
+        self._echo: bytes | None = None  # of the request for scans that is carried out, without the number left
+        self._left = 0  # scans still to be sent; 0 is without end
+        self._once: list[bytes] = []  # requests for the next scan
+
+    def connected(self, link: Link) -> None:
+        """Take the link."""
+        self._rest = b""
+        self._station.connected(link)
+
+    def lost(self, reason: str) -> None:
+        """Go on without a host."""
+        self._station.lost(reason)
+
+    def received(self, data: bytes) -> None:
+        """Carry out commands."""
+        *commands, self._rest = (self._rest + data)[-4096:].replace(b"\r", b"\n").split(b"\n")
+        for command in commands:
+            if command:
+                self._obey(command)
+
+    def show(self, reading: Reading[Scan]) -> None:
+        """Measure: send the scan to whoever asked for it."""
+        for echo in self._once:
+            self._answer(echo, b"00", self._data(echo, reading))
+        self._once.clear()
+        if self._echo is None:
+            return
+        left = max(self._left - 1, 0)
+        self._answer(self._echo + f"{left:02d}".encode(), b"99", self._data(self._echo, reading))
+        if self._left:
+            self._left = left
+            self._echo = self._echo if left else None
+
+    def _obey(self, command: bytes) -> None:
+        name = command[:2]
+        if name in (b"MD", b"MS", b"GD", b"GS"):
+            numbers = command[2:15] if name[:1] == b"M" else command[2:12]
+            wanted = len(numbers) == (13 if name[:1] == b"M" else 10) and numbers.isdigit()
+            if not wanted or not FIRST <= int(numbers[:4]) <= int(numbers[4:8]) <= LAST:
+                self._answer(command, b"04")
+            elif name[:1] == b"G":
+                self._once.append(command)
+            else:
+                self._echo, self._left = command[:13], int(command[13:15])
+                self._answer(command, b"00")
+        elif name == b"PP":
+            self._answer(command, b"00", listing(PARAMETERS))
+        elif name == b"VV":
+            self._answer(command, b"00", listing(VERSION))
+        elif name in (b"QT", b"RS"):
+            self._echo = None
+            self._answer(command, b"00")
+        elif name in (b"BM", b"SC", b"TM", b"SS", b"CR", b"HS"):
+            self._answer(command, b"00")
+        else:
+            self._answer(command, b"0E")
+
+    def _answer(self, echo: bytes, status: bytes, data: bytes = b"") -> None:
+        self._station.send(echo + b"\n" + line(status) + data + b"\n")
+
+    def _data(self, request: bytes, reading: Reading[Scan]) -> bytes:
+        """Time stamp and ranges of the steps that are asked for, in lines of 64 characters."""
+        scan = reading.value
+        width = 3 if request[1:2] == b"D" else 2
+        first, last, cluster = int(request[2:6]), int(request[6:10]), max(int(request[10:12]), 1)
+        text = b""
+        for start in range(first, last + 1 - cluster + 1, cluster):
+            mm = [range_at(scan, (step - FRONT) * tau / 1024.0) for step in range(start, start + cluster)]
+            text += encode(min((each for each in mm if each), default=NOTHING), width)
+        blocks = (text[at : at + BLOCK] for at in range(0, len(text), BLOCK))
+        return line(encode(round(reading.time * 1000.0) % (1 << 24), 4)) + b"".join(map(line, blocks))
+
+
+def range_at(scan: Scan, angle: float) -> int:
+    """The range of the beam nearest to an angle (rad, anticlockwise in the device's frame), mm; 0 where it has none."""
+    index = round((angle - scan.angle_min) / scan.angle_step)
+    if not 0 <= index < len(scan.ranges):
+        return NOTHING
+    value = float(scan.ranges[index])
+    return round(value * 1000.0) if isfinite(value) else NOTHING
+
+
+def ld19() -> Talker:
+    """The scanner's end of the line: it sends a turn, clockwise from straight ahead, in packets of 12 points."""
+    return Talker(turn)
+
+
+def turn(reading: Reading[Scan]) -> bytes:
+    """The packets of a turn; beams of the scan, which turns anticlockwise, that lie nearest."""
+    scan, packets = reading.value, b""
+    step, per_second = 360.0 / laser_ld19.BEAMS, abs(scan.angle_step) / tau * 360.0 / abs(scan.time_step)
+    count = laser_ld19.POINTS
+    for first in range(0, laser_ld19.BEAMS - count + 1, count):
+        angles = [step * (first + k) for k in range(count)]
+        wrapped = [angle if angle <= 180.0 else angle - 360.0 for angle in angles]
+        points = [(range_at(scan, -tau * angle / 360.0), 200) for angle in wrapped]
+        ms = round((reading.time + angles[-1] / per_second) * 1000.0)
+        packets += laser_ld19.pack(per_second, angles[0], angles[-1], points, ms)
+    return packets

@@ -1,0 +1,12 @@
+"""The web page as an addition."""
+
+from txt1.additions import Addition
+
+ADDITION = Addition(
+    name="web",
+    order=100,
+    wanted=lambda config: False,
+    beside="txt1.web.beside:beside",
+    options="txt1.web.options:OPTIONS",
+    parts={"txt1.bridges": {"web": "txt1.web.server:main"}},
+)

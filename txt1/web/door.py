@@ -1,0 +1,91 @@
+"""Who may come in: the token and what is made of it, the address that was asked for, and where a page came from.
+
+A page signs in once, with the token, and gets a cookie: a time and its HMAC under the token. So no list of sessions is
+kept, a restart signs nobody out, and another token signs out everybody.
+"""
+
+import re
+from collections.abc import Mapping
+from hashlib import sha256
+from hmac import compare_digest, digest
+from ipaddress import ip_address
+from typing import Final, Literal
+from urllib.parse import urlsplit
+
+from txt1.web.wheel import Budget
+
+Role = Literal["operator", "visitor"]
+
+SESSION: Final = 12 * 3600  # s that a page stays signed in
+TRIES: Final = (0.2, 5.0)  # wrong tokens a second from one address, and at once
+ADDRESSES_MAX: Final = 1000  # addresses whose tries are counted
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is this computer's own."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def visitors_token(token: str) -> str:
+    """The token for visitors, made of the operator's: who has it cannot work out the other."""
+    return digest(token.encode(), b"txt1 visitor", "sha256").hex()[:32]
+
+
+class Door:
+    """Lets pages in; without a token, which is for loopback addresses only, everybody who asks for one of these."""
+
+    def __init__(self, token: str | None, scheme: Literal["http", "https"], port: int) -> None:
+        self._tokens: Mapping[Role, str] = {}
+        self.visitors_token = None if token is None else visitors_token(token)
+        if token is not None and self.visitors_token is not None:
+            self._tokens = {"operator": token, "visitor": self.visitors_token}
+        self._scheme = scheme
+        self._tries: dict[str, Budget] = {}
+        self.cookie: Final = f"txt1-{port}"
+
+    def knows_host(self, host: str) -> bool:
+        """Whether a request's Host may be meant for us: without a token only a loopback one, whatever a DNS says."""
+        if re.search(r"[^\w.:\[\]-]", host):
+            return False
+        return bool(self._tokens) or is_loopback(urlsplit(f"//{host}").hostname or "")
+
+    def knows_origin(self, origin: str | None, host: str) -> bool:
+        """Whether a request comes from a page of ours."""
+        return origin == f"{self._scheme}://{host}"
+
+    def sign_in(self, token: str, now: float) -> tuple[Role, str] | None:
+        """The role and the cookie's value for a token; None for a wrong one."""
+        for role, right in self._tokens.items():
+            if compare_digest(token.encode(), right.encode()):
+                return role, self._signed(role, now)
+        return None
+
+    def may_try(self, address: str, now: float) -> bool:
+        """Whether an address may try to sign in: not after too many wrong tokens."""
+        return address not in self._tries or self._tries[address].has(now)
+
+    def failed(self, address: str, now: float) -> None:
+        """Count a wrong token."""
+        if len(self._tries) > ADDRESSES_MAX:
+            self._tries.clear()
+        self._tries.setdefault(address, Budget(*TRIES)).spend(now)
+
+    def role(self, cookie: str | None, now: float) -> Role | None:
+        """The role of whoever presents a cookie's value; None for a stranger."""
+        if not self._tokens:
+            return "operator"
+        parts = (cookie or "").split(".")
+        if len(parts) != 3 or not parts[1].isascii() or not parts[1].isdecimal() or len(parts[1]) > 12:
+            return None
+        for role in self._tokens:
+            since = float(parts[1])
+            if role == parts[0] and since <= now + 1.0 and now - since < SESSION:
+                return role if compare_digest(self._signed(role, since), cookie or "") else None
+        return None
+
+    def _signed(self, role: Role, since: float) -> str:
+        text = f"{role}.{int(since)}"
+        return f"{text}.{sha256(digest(self._tokens[role].encode(), text.encode(), 'sha256')).hexdigest()}"

@@ -1,0 +1,134 @@
+"""The web page's way in: its token, its certificate, and the address and QR code that the terminal shows."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from txt1.additions import Options
+from txt1.commands import existing, host_and_port, named_url, need, path, positive, say, takes, view_of
+from txt1.errors import ConfigError
+
+if TYPE_CHECKING:
+    from txt1.config import Config
+    from txt1.kernel.loop import Speed
+
+FILE: Final = "web-token"  # where the token is, unless told otherwise
+
+
+WEB: Final = {
+    "--web": takes(
+        "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
+        "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
+    ),
+    "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
+    "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
+    "--web-key": takes("FILE", "... and its key, if that is another file", existing),
+    "--web-speed": takes("V", "the fastest that visitors drive at first, m/s", positive, default=0.5),
+    "--web-folder": takes("FOLDER", "of recordings that the page makes or plays", path, default=Path("out/recordings")),
+    "--web-robot": takes(
+        "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
+    ),
+}  # fmt: skip
+
+
+class WebPage(NamedTuple):
+    """Where the page is, and the files that keep it safe."""
+
+    host: str
+    port: int
+    token: Path | None
+    certificate: Path | None
+    key: Path | None
+    folder: Path
+    speed: float
+    robots: dict[str, str]
+
+    def bridge(self) -> tuple[str, dict[str, object]]:
+        """Return the bridge's name, and its options: of the files their names, which anybody may see in a list."""
+        options = {name: str(value) if isinstance(value, Path) else value for name, value in self._asdict().items()}
+        return "web", options
+
+
+def web_page(arguments: argparse.Namespace) -> WebPage | None:
+    """Return the page that was asked for, if any was, its files made, and tell where it is; raises ConfigError."""
+    if arguments.web is None:
+        if arguments.web_token or arguments.web_cert or arguments.web_key:
+            raise ConfigError("--web-token, --web-cert, --web-key: there is no page; add --web")
+        return None
+    if arguments.speed == "max":
+        raise ConfigError("--web: at full speed (--speed max) nobody could watch; leave one of them out")
+    if arguments.web_folder.exists() and not arguments.web_folder.is_dir():
+        raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
+    need("--web", "web", "aiohttp", "cryptography", "segno")
+    from txt1.record.view_proxy import token_in
+    from txt1.web.certificate import addresses, fingerprint, own_certificate, tls
+    from txt1.web.door import is_loopback
+
+    host, port = arguments.web
+    token, certificate, key = arguments.web_token, arguments.web_cert, arguments.web_key
+    inside = is_loopback(host)
+    port = _free(host, port)
+    if not inside:
+        folder = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "txt1"
+        token = token or folder / FILE
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if certificate is None:
+                certificate, key = own_certificate(folder, host)
+        except OSError as error:
+            remedy = "give --web-token and --web-cert files of your own, or set XDG_STATE_HOME"
+            raise ConfigError(f"{folder}: cannot be made or written: {error.strerror}; {remedy}") from None
+    if certificate is not None:
+        tls(certificate, key)  # refused before the robot is brought up
+    scheme = "http" if certificate is None else "https"
+    word = "" if token is None else token_in(token, "--web-token")
+    places = [host] if inside else addresses(host)
+    named = [f"[{place}]" if ":" in place else place for place in places]
+    say(f"the page is at {'  '.join(f'{scheme}://{place}:{port}/' for place in named)}")
+    if token is not None:
+        import segno
+
+        say(f"its token is in {token}; with this code a phone needs not type it")
+        segno.make(f"{scheme}://{named[0]}:{port}/#token={word}", error="l").terminal(out=sys.stderr, compact=True)
+    if certificate is not None and arguments.web_cert is None:
+        say(f"a browser will ask whether to trust the certificate with SHA-256 {fingerprint(certificate)}")
+    if token is not None and view_of(arguments) == "screens" and sys.stdin.isatty() and sys.stderr.isatty():
+        say("press Enter for the screens, which cover this")
+        sys.stdin.readline()
+    robots = dict(arguments.web_robot)
+    return WebPage(host, port, token, certificate, key, arguments.web_folder, arguments.web_speed, robots)
+
+
+def _free(host: str, port: int) -> int:
+    """Return the port, any that is free for 0; raises ConfigError where the address cannot be listened on."""
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            return int(probe.getsockname()[1])
+    except (OSError, UnicodeError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ConfigError(f"--web {host}:{port}: cannot listen there: {why}; choose another address") from None
+
+
+class Asked(NamedTuple):
+    """The page beside a robot."""
+
+    page: WebPage
+    speed: Speed
+    """Of the robot's time, for the recordings that the page begins."""
+
+
+def asked(arguments: argparse.Namespace, config: Config) -> Asked | None:
+    """Return the page that was asked for, None for none; raises as `web_page`."""
+    page = web_page(arguments)
+    return None if page is None else Asked(page, arguments.speed)
+
+
+OPTIONS: Final = Options("web page", WEB, asked)

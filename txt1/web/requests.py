@@ -1,0 +1,265 @@
+"""The requests of a page, by their names: a function each, and the table of them at the end.
+
+A command is as old as its own time stamp says (`PageClock`), and late ones are counted. A stop needs no wheel and no
+budget.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from itertools import chain
+from math import isfinite
+from typing import Any, Final
+
+from txt1.web.pages import Page, Pages, now
+from txt1.web.player import NAME, Player, recordings
+from txt1.web.wheel import AGE_MAX
+
+FLOOD: Final = 5000  # messages dropped after which a page is sent away
+STOP_MAX: Final = 1000  # letters of a page's stop
+CHOSEN_MAX: Final = 20  # topics that a page may choose
+POINTS_MAX: Final = 100  # of a route
+
+Message = dict[str, Any]
+
+
+def take(pages: Pages, page: Page, text: str) -> bool:
+    """Do as a message of a page says; whether it was within the page's budget.
+
+    A message that cannot be understood is counted. Beyond the budget a page is heard no more, but for its stops.
+    """
+    present = now()
+    enough = page.budget.spend(present)
+    if not enough:
+        page.counts["dropped"] += 1
+        if page.counts["dropped"] == FLOOD:
+            pages.dismiss(page, "too many messages")
+        if not _is_stop(text):
+            return False
+    try:
+        message = json.loads(text)
+        REQUESTS[message["do"]](pages, page, message, present)
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
+        page.counts["malformed"] += 1
+    except Exception as error:  # a mistake of ours, whose price is this message alone
+        page.counts["malformed"] += 1
+        page.tell(told=f"that failed: {type(error).__name__}: {error}")
+    return enough
+
+
+def _is_stop(text: str) -> bool:
+    """Whether a message is a stop: a short one, so a flood of long ones that only look like it is not read."""
+    if len(text) > STOP_MAX or '"stop"' not in text:
+        return False
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(message, dict) and message.get("do") == "stop"
+
+
+def _fresh(page: Page, message: Message, present: float) -> float | None:
+    """The age of a command in s; None when it is late, and then it is counted."""
+    age = page.clock.age(float(message["t"]), present)
+    if page.sequence.accepts(message["n"]) and 0.0 <= age <= AGE_MAX:
+        return age
+    page.counts["late"] += 1
+    return None
+
+
+def _pong(pages: Pages, page: Page, message: Message, present: float) -> None:
+    sent = float(message["ping"])
+    if 0.0 <= present - sent < 60.0:
+        page.clock.answered(sent, float(message["t"]), present)
+        page.round_trip = present - sent
+
+
+def _stop(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """All of a fleet stop, whichever the page shows."""
+    pages.ask(None, "stop")
+
+
+def _drive(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """V in m/s, omega in rad/s; with zeros the page holds the wheel and the robot stands."""
+    v, omega = float(message["v"]), float(message["omega"])
+    if not (isfinite(v) and isfinite(omega)):
+        raise ValueError("not finite")
+    age = _fresh(page, message, present)
+    if age is None or page.player is not None:
+        return
+    before = page.car.wheel.holder
+    if not page.car.wheel.drive(page.number, present):
+        page.counts["refused"] += 1
+        return
+    if before != page.number:
+        pages.status()
+    limit = pages.limit_of(page)
+    if limit is not None and abs(v) > limit:
+        v, omega = v * limit / abs(v), omega * limit / abs(v)
+    if v == 0.0 and omega == 0.0:
+        pages.ask(page, "request")
+    pages.ask(page, "drive", v=v, omega=omega, age=age)
+
+
+def _release(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Let go of the stick: nothing moves, and the wheel stays this page's. It is never too late for that."""
+    page.sequence.accepts(message.get("n"))
+    if page.car.wheel.holder == page.number:
+        pages.ask(page, "release")
+        pages.ask(page, "halt")
+
+
+def _take(pages: Pages, page: Page, message: Message, present: float) -> None:
+    if page.player is None and page.car.wheel.take(page.number, present):
+        pages.ask(page, "release")  # what the page before had asked for
+        pages.ask(page, "halt")
+    else:
+        page.tell(told=f"page {page.car.wheel.holder} drives; it may give the wheel away, or be idle for 10 s")
+    pages.status()
+
+
+def _give(pages: Pages, page: Page, message: Message, present: float) -> None:
+    if page.car.wheel.holder == page.number:
+        pages.ask(page, "release")
+        pages.ask(page, "halt")
+        page.car.wheel.give(page.number)
+        pages.status()
+
+
+def _arm(pages: Pages, page: Page, message: Message, present: float) -> None:
+    if _fresh(page, message, present) is None:
+        page.tell(told="that came too late: hold again")
+    elif page.player is None and page.car.wheel.take(page.number, present):
+        pages.ask(page, "arm")
+        pages.status()
+    else:
+        page.tell(told=f"page {page.car.wheel.holder} drives: only it arms the robot")
+
+
+def _disarm(pages: Pages, page: Page, message: Message, present: float) -> None:
+    pages.ask(page, "disarm", reason=f"disarmed by web page {page.number}")
+
+
+def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Drive along points, m, as long as the page says `hold`."""
+    points = [[float(x), float(y)] for x, y in message["points"]]
+    wanted = float(message.get("speed", 0.5))
+    if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, chain(*points))) and 0.0 < wanted <= 1.5):
+        raise ValueError("points or speed")
+    if page.player is None and _fresh(page, message, present) is not None:
+        if not page.car.wheel.drive(page.number, present):
+            page.tell(told=f"page {page.car.wheel.holder} drives")
+            return
+        speed = min(wanted, pages.limit_of(page) or wanted)
+        pages.ask(page, "go", points=points, speed=speed)
+
+
+def _hold(pages: Pages, page: Page, message: Message, present: float) -> None:
+    age = _fresh(page, message, present)
+    if age is not None and page.car.wheel.holder == page.number and page.car.wheel.drive(page.number, present):
+        pages.ask(page, "hold", age=age)
+
+
+def _gains(pages: Pages, page: Page, message: Message, present: float) -> None:
+    if _operates(page):
+        pages.ask(page, "gains", linear=message["linear"], angular=message["angular"])
+
+
+def _limit(pages: Pages, page: Page, message: Message, present: float) -> None:
+    limit = float(message["speed"])
+    if _operates(page) and 0.1 <= limit <= 1.5:
+        pages.limit = limit
+        pages.status()
+
+
+def _record(pages: Pages, page: Page, message: Message, present: float) -> None:
+    if _operates(page):
+        pages.ask(page, "record", on=bool(message["on"]))
+
+
+def _operates(page: Page) -> bool:
+    if page.role != "operator":
+        page.tell(told="visitors may look and drive; this is the operator's")
+    return page.role == "operator"
+
+
+def _robot(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Show another robot of the fleet, and let go of this one."""
+    car = pages.cars[message["name"]]
+    if car is not page.car:
+        _give(pages, page, message, present)
+        page.car, page.chosen = car, frozenset()
+        pages.subscribe()
+        page.show(car.full)
+    pages.status(page)
+
+
+def _choose(pages: Pages, page: Page, message: Message, present: float) -> None:
+    topics = message["topics"]
+    if not (isinstance(topics, list) and len(topics) <= CHOSEN_MAX and all(isinstance(t, str) for t in topics)):
+        raise ValueError("topics")
+    page.chosen = frozenset(t[:100] for t in topics)
+    pages.subscribe()
+
+
+def _files(pages: Pages, page: Page, message: Message, present: float) -> None:
+    page.tell(files=recordings(pages.folder))
+
+
+def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Show a recording in place of the robot; without a name the robot again."""
+    name = message.get("name")
+    if page.player is not None:
+        page.player.stop()
+        page.player = None
+    if name is not None and not NAME.fullmatch(str(name)):
+        raise ValueError("name")
+    _give(pages, page, message, present)
+    if name is not None:
+        pages.later(_play(pages, page, str(name)))
+    else:
+        page.show(page.car.full)
+    pages.status(page)
+
+
+async def _play(pages: Pages, page: Page, name: str) -> None:
+    try:
+        async with pages.loading:  # one at a time: it takes memory
+            player = await asyncio.to_thread(Player.open, pages.folder / name)
+        if page.number in pages.connected:
+            page.player = player
+            pages.status(page)
+            await player.play(page.show, now)
+    except Exception as error:  # whatever is wrong with the file
+        page.tell(told=f"{name} cannot be shown: {error}")
+
+
+def _wind(pages: Pages, page: Page, message: Message, present: float) -> None:
+    """Move within the recording, or set its speed; 0 pauses."""
+    if page.player is not None:
+        page.player.wind(message.get("to"), message.get("speed"))
+        pages.status(page)
+
+
+REQUESTS: Final[Mapping[str, Callable[[Pages, Page, Message, float], None]]] = {
+    "pong": _pong,
+    "stop": _stop,
+    "drive": _drive,
+    "release": _release,
+    "take": _take,
+    "give": _give,
+    "arm": _arm,
+    "disarm": _disarm,
+    "go": _go,
+    "hold": _hold,
+    "gains": _gains,
+    "limit": _limit,
+    "record": _record,
+    "robot": _robot,
+    "choose": _choose,
+    "files": _files,
+    "replay": _replay,
+    "wind": _wind,
+}

@@ -1,0 +1,174 @@
+"""The routes of the web page: its files, signing in and out, recordings, and the socket that every page has."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterable, Awaitable, Callable
+from typing import Final
+
+from aiohttp import WSMessage, WSMsgType, web
+
+from txt1.kernel.clock import NS_PER_S, wall_ns
+from txt1.web.door import Door, Role
+from txt1.web.files import page_files
+from txt1.web.pages import Page, Pages, now
+from txt1.web.player import NAME
+from txt1.web.requests import take
+
+PAGES_MAX: Final = 100
+STRANGER: Final = 5.0  # s that a connection has for its first request
+MESSAGE_MAX: Final = 8192  # bytes of a page's message
+PARTING: Final = 0.02  # s that a page which is sent away has to close its socket; a flood is read until then
+SOCKET_BEAT: Final = 4.0  # s between two pings of a socket; one that is not answered in half of it is closed
+
+HEADERS: Final = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "gamepad=(self), camera=(), microphone=(), geolocation=()",
+}
+
+
+def wall() -> float:
+    """Seconds since 1970: for sessions alone."""
+    return wall_ns() / NS_PER_S
+
+
+class Routes:
+    """Answers requests of those whom the door lets in."""
+
+    def __init__(self, door: Door, pages: Pages) -> None:
+        self._door, self._pages = door, pages
+        self.strangers: dict[web.RequestHandler, float] = {}  # connections without a request yet, and since when
+
+    def application(self) -> web.Application:
+        """Return all routes."""
+        app = web.Application(middlewares=[self._guard], client_max_size=MESSAGE_MAX)
+        app.router.add_get("/", self._index)
+        app.router.add_post("/sign-in", self._sign_in)
+        app.router.add_post("/sign-out", self._sign_out)
+        app.router.add_get("/socket", self._socket)
+        app.router.add_get("/visitors.svg", self._visitors)
+        app.router.add_get("/recordings/{name}", self._recording)
+        app.router.add_get("/{name}", self._file)
+        return app
+
+    def hang_up(self) -> None:
+        """Close the connections that have been silent for too long."""
+        for protocol, since in tuple(self.strangers.items()):
+            if now() - since > STRANGER:
+                del self.strangers[protocol]
+                protocol.force_close()
+
+    @web.middleware
+    async def _guard(
+        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
+        """Look at where a request goes and comes from; add the headers that every answer has."""
+        self.strangers.pop(request.protocol, None)
+        try:
+            if not self._door.knows_host(request.host):
+                raise web.HTTPMisdirectedRequest(text="this robot is not known by that name\n")
+            foreign = not self._door.knows_origin(request.headers.get("Origin"), request.host)
+            if foreign and (request.method != "GET" or request.path == "/socket"):
+                raise web.HTTPForbidden(text="only the robot's own page may ask for that\n")
+            response = await handler(request)
+        except web.HTTPException as answer:
+            response = answer
+        except (TimeoutError, ConnectionError):  # it says nothing, or is gone before it is answered
+            response = web.Response(status=408)
+        if not response.prepared:
+            response.headers.update(HEADERS)
+            sockets = f"{'wss' if request.secure else 'ws'}://{request.host}"
+            response.headers["Content-Security-Policy"] = (
+                f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+                f"connect-src 'self' {sockets}; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
+                "frame-ancestors 'none'"
+            )
+        return response
+
+    def _role(self, request: web.Request) -> Role | None:
+        return self._door.role(request.cookies.get(self._door.cookie), wall())
+
+    async def _index(self, request: web.Request) -> web.Response:
+        return self._answer(request, "index.html" if self._role(request) else "sign-in.html")
+
+    async def _file(self, request: web.Request) -> web.Response:
+        return self._answer(request, request.match_info["name"])
+
+    def _answer(self, request: web.Request, name: str) -> web.Response:
+        file = page_files().get(name)
+        if file is None:
+            raise web.HTTPNotFound(text="there is no such page\n")
+        headers = {"Content-Encoding": "gzip", "Cache-Control": "no-cache", "ETag": file.tag, "Content-Type": file.kind}
+        if request.headers.get("If-None-Match") == file.tag:
+            return web.Response(status=304, headers={"ETag": file.tag, "Cache-Control": "no-cache"})
+        return web.Response(body=file.body, headers=headers)
+
+    async def _sign_in(self, request: web.Request) -> web.Response:
+        if not self._door.may_try(request.remote or "", now()):
+            raise web.HTTPTooManyRequests(text="too many tries; wait a few seconds\n")
+        async with asyncio.timeout(STRANGER):
+            given = (await request.post()).get("token", "")
+        signed = self._door.sign_in(str(given).strip(), wall())
+        if signed is None:
+            self._door.failed(request.remote or "", now())
+            raise web.HTTPForbidden(text="that is not the token\n")
+        response = web.Response(status=204)
+        response.set_cookie(
+            self._door.cookie, signed[1], httponly=True, samesite="Strict", secure=request.secure, path="/"
+        )
+        return response
+
+    async def _sign_out(self, request: web.Request) -> web.Response:
+        response = web.Response(status=204)
+        response.del_cookie(self._door.cookie, path="/")
+        return response
+
+    async def _visitors(self, request: web.Request) -> web.Response:
+        """The visitors' way in, as a QR code, for the operator to show."""
+        token = self._door.visitors_token
+        if self._role(request) != "operator" or token is None:
+            raise web.HTTPForbidden(text="only the operator invites\n")
+        import segno
+
+        code = segno.make(f"{request.scheme}://{request.host}/#token={token}", error="m")
+        return web.Response(
+            body=code.svg_inline(scale=4, border=2, light="white").encode(), content_type="image/svg+xml"
+        )
+
+    async def _recording(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        path = self._pages.folder / name
+        if self._role(request) is None:
+            raise web.HTTPForbidden(text="sign in first\n")
+        if not NAME.fullmatch(name) or path.is_symlink() or not path.is_file():
+            raise web.HTTPNotFound(text="there is no such recording\n")
+        return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{name}"'})
+
+    async def _socket(self, request: web.Request) -> web.StreamResponse:
+        role = self._role(request)
+        if role is None:
+            raise web.HTTPForbidden(text="sign in first\n")
+        if len(self._pages.connected) >= PAGES_MAX:
+            raise web.HTTPServiceUnavailable(text=f"there are {PAGES_MAX} pages already\n")
+        socket = web.WebSocketResponse(heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING)
+        await socket.prepare(request)
+        page = self._pages.join(role, request.remote or "", socket)
+        sender = asyncio.create_task(self._pages.send(page))
+        try:
+            await listen(self._pages, page, socket)
+        finally:
+            sender.cancel()
+            self._pages.leave(page)
+        return socket
+
+
+async def listen(pages: Pages, page: Page, messages: AsyncIterable[WSMessage]) -> None:
+    """Do as the messages of a page say until it goes, or sends something else than text."""
+    async for message in messages:
+        if message.type is not WSMsgType.TEXT:
+            break
+        if not take(pages, page, message.data):
+            await pages.overrun()  # what a flood has brought would be read at once, and a stop of another page wait

@@ -1,0 +1,119 @@
+"""The server of the web page: telemetry to every page, and requests of pages to the robot.
+
+Every page has a socket. What it sends is bounded in size and number (`requests`), and so are connections (`routes`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from aiohttp import web
+
+from txt1.beside import BEAT, Connection
+from txt1.record.view_proxy import token_in
+from txt1.web.door import Door
+from txt1.web.pages import Pages, Robots, now
+from txt1.web.routes import STRANGER, Routes
+
+CONNECTIONS_MAX: Final = 256
+STATUS: Final = 1.0  # s between two messages about the page itself
+
+
+def main(
+    robot: Connection,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    token: str | None = None,
+    certificate: str | None = None,
+    key: str | None = None,
+    folder: str = "out/recordings",
+    speed: float = 0.5,
+    robots: Mapping[str, str] | None = None,
+    fleet: list[str] | None = None,
+) -> None:
+    """Serve the page until the robot's process ends.
+
+    Here `token`, `certificate` and `key` are files, `robots` the addresses of others' pages, and `fleet` the names of
+    this process's robots, where there are several.
+    """
+    asyncio.run(serve(robot, host, port, token, certificate, key, Path(folder), speed, robots or {}, fleet or []))
+
+
+async def serve(
+    robot: Robots,
+    host: str,
+    port: int,
+    token: str | None,
+    certificate: str | None,
+    key: str | None,
+    folder: Path,
+    speed: float,
+    robots: Mapping[str, str],
+    fleet: list[str],
+) -> None:
+    """As `main`, with any way to the robots, in an event loop."""
+    context = None
+    if certificate is not None:
+        from txt1.web.certificate import tls  # cryptography takes a while to load
+
+        context = tls(Path(certificate), None if key is None else Path(key))
+    door = Door(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
+    pages = Pages(robot, folder, speed, robots, fleet, invites=door.visitors_token is not None)
+    routes = Routes(door, pages)
+    runner = web.AppRunner(routes.application(), access_log=None, keepalive_timeout=15.0, shutdown_timeout=0.5)
+    await runner.setup()
+    serve = runner.server
+    assert serve is not None
+
+    def connect() -> asyncio.BaseProtocol:
+        """A protocol for a new connection: one that hangs up at once where there are too many."""
+        if len(serve.connections) >= CONNECTIONS_MAX:
+            return _Full()
+        protocol = serve()
+        routes.strangers[protocol] = now()
+        return protocol
+
+    loop = asyncio.get_running_loop()
+    patience = None if context is None else STRANGER
+    try:
+        listener = await loop.create_server(
+            connect, host, port, ssl=context, reuse_address=True, ssl_handshake_timeout=patience
+        )
+    except OSError as error:  # another program has taken it since it was found to be free
+        await runner.cleanup()
+        why = os.strerror(error.errno) if error.errno else error
+        sys.exit(f"txt1: --web {host}:{port}: cannot listen there: {why}; choose another address")
+    beating = asyncio.create_task(_beat(pages, routes))
+    loop.add_reader(robot.fileno(), pages.hear)
+    try:
+        await pages.ended.wait()
+    finally:
+        loop.remove_reader(robot.fileno())
+        beating.cancel()
+        listener.close()
+        await runner.cleanup()
+
+
+async def _beat(pages: Pages, routes: Routes) -> None:
+    """Send the heartbeat that the robot listens for, and pages what they should know of themselves."""
+    pages.begin()
+    due = now()
+    while True:
+        pages.ask(None, "")
+        if now() >= due:
+            due = now() + STATUS
+            pages.status()
+            routes.hang_up()
+        await asyncio.sleep(BEAT)
+
+
+class _Full(asyncio.Protocol):
+    """Hangs up."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.close()
