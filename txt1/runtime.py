@@ -5,8 +5,6 @@ from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Mapping
 from contextlib import AsyncExitStack, suppress
 from functools import partial
-from math import isfinite
-from operator import itemgetter
 from typing import Any, TypeVar
 
 from txt1 import additions
@@ -16,9 +14,8 @@ from txt1.control.car import loops_for
 from txt1.control.limits import Fault, Gate
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
-from txt1.control.standstill import UNOBEYED
 from txt1.errors import ConfigError, HalError, NotArmed
-from txt1.hal.base import LINK, Button, Hal, Inputs
+from txt1.hal.base import Button, Hal, Inputs
 from txt1.hal.channels import rewired
 from txt1.hal.witness import witnessed
 from txt1.kernel import collector
@@ -27,27 +24,57 @@ from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
+from txt1.offers import Offers
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Switch, Velocity
 from txt1.sensors.base import SENSORS, Reading, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
-from txt1.sim.battery import range_left
-from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
-from txt1.tasks.diagnostics import FAULTS, TASKS, Reports
-from txt1.tasks.fields import GainTable
-from txt1.tasks.markers import MARKERS
+from txt1.tasks.arming import reason_not_to_arm
+from txt1.tasks.diagnostics import Reports
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
-from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
-from txt1.telemetry.topics import Topic
+from txt1.telemetry.snapshot import Snapshot
 
 T = TypeVar("T")
 OnFault = Callable[[str, BaseException], None]
 Through = Callable[[str, Sensor[Any]], Sensor[Any]]
 """Given the name of a configured sensor and the sensor, not opened yet, returns the one to be read in its place."""
+
+
+def robot_tasks(robot: "Runtime") -> Iterable[Row]:
+    """The robot's tasks: name, priority, period in s (None: when a message comes) and coroutine.
+
+    In the same instant those of higher priority run first, and those of equal priority in this order (thesis 3.3.3).
+    The tasks of sensors, of additions and of the user's programs come behind them.
+    """
+    state, hal, gate, geometry = robot.state, robot.io, robot.gate, robot.config.geometry
+    loops: controller.Loops
+    if hal.capabilities.blind:
+        loops = OpenLoop(geometry, robot.config.control.speed_map)
+    else:
+        loops = loops_for(robot.config.car, geometry)
+    serving = partial(
+        serial.serial, inbox=robot.inbox, state=state, hal=hal, gate=gate, send=robot.send,
+        answered=robot.answer, reason_to_keep_atx=robot.reason_to_keep_atx,
+    )  # fmt: skip
+    yield (
+        "controller",
+        4,
+        0.02,
+        partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops),
+    )
+    yield "serial", 4, None, serving
+    yield "encoder", 3, 0.02, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)
+    if robot.watch is not None:
+        yield "standstill", 3, standstill.PERIOD, partial(standstill.standstill, watch=robot.watch)
+    yield "mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)
+    yield "display", 2, 0.1, partial(panel.display, state=state, hal=hal)
+    yield "odometry", 2, 0.05, partial(encoder.odometry, state=state, send=robot.send)
+    yield "battery", 1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=robot.send)
+    yield "button", 1, 0.1, partial(panel.button, presses=robot.presses, state=state, hal=hal, gate=gate)
 
 
 class Runtime:
@@ -86,7 +113,8 @@ class Runtime:
         self._stepwise = sensing and not self._virtual  # a replay takes the very steps of this run
         self._witnessed = self._stepwise and not hal.capabilities.repeats
         self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
-        hal = self._io = witnessed(self.hal, partial(self._report, "hal")) if self._witnessed else self.hal
+        hal = self.io = witnessed(self.hal, partial(self._report, "hal")) if self._witnessed else self.hal
+        """The hardware layer as the tasks have it; on the real clock its reports are recorded there."""
         self.name = config.name or hal.name if name is None else name
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
@@ -109,8 +137,8 @@ class Runtime:
         self._source = ""  # the task of the user's, of the driver's or of a sensor that is at work
         self._sensing = sensing
         self._through = through
-        self._send = send
-        self._make_tasks = Runtime._own_tasks if tasks is None else tasks
+        self.send = send
+        self._make_tasks = robot_tasks if tasks is None else tasks
         self.inbox: serial.Inbox = deque(maxlen=serial.INBOX_MAX)
         """Messages for the serial task."""
         self.presses: deque[Button] = deque(maxlen=100)
@@ -122,88 +150,11 @@ class Runtime:
         watch = partial(standstill.Watch, self.state, hal, self.gate, config.geometry.track_width, self._switch)
         self.watch = watch() if hal.capabilities.halt else None
         """Verifies stops, where something lies between the gate and the actuators that may not obey one."""
-        self._offer()
-        self._offer_to_snapshots()
+        offers = Offers(self.bus, self.state, self.gate, self.hal, config, self.watch, self._reports, lambda: self.now)
+        offers.offer(self.faults, lambda: self._open, self._recorded_snapshot)
 
     def _switch(self, switch: Switch, on: bool, now: float) -> None:
-        serial.switch_power(self.state, self._io, switch, on, now)
-
-    def _offer(self) -> None:
-        """Offer the topics: causes before effects, as a replay names the first difference."""
-        state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
-        can = hal.capabilities
-        gains, told = (state.gains.linear, state.control.gains), mode.Mode()
-
-        def read() -> tuple[Any, ...]:
-            nonlocal gains, told
-            control, odometry = state.control, state.odometry if state.odometry_time or can.ticks else None
-            linear, angular = state.gains.linear, control.gains
-            if linear is not gains[0] or angular is not gains[1]:
-                gains = linear, angular
-            parts = gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel
-            if parts != told:
-                told = mode.Mode(*parts)
-            return odometry, control, control, odometry, state.encoders, state.pose, told, control.source, gains
-
-        row: dict[Topic[Any], bool] = {
-            encoder.ODOMETRY: True, controller.SETPOINT: True, controller.PWM: can.pwm, encoder.TRANSFORM: True,
-            encoder.ENCODERS: can.ticks, encoder.POSE: can.pose, mode.MODE: True, controller.MEASURED_BY: can.pwm,
-            controller.GAINS: can.pwm,
-        }  # fmt: skip
-        there = itemgetter(*(place for place, known in enumerate(row.values()) if known))
-        topics = [topic for topic, known in row.items() if known]
-        bus.offer_row(topics, read if all(row.values()) else lambda: there(read()))
-        if can.pose:
-            bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
-        watch = self.watch
-        if watch is not None:
-            bus.offer(standstill.STOP, lambda: watch.standstill.stop)
-        for topic in battery.BATTERIES:
-            bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
-        bus.offer(battery.RANGE, self._range_left)
-        bus.offer(FAULTS, lambda: {name: count for name, count in self.faults().items() if count})
-        bus.offer(TASKS, lambda: self._reports.counts(self.now, self._open))
-        bus.offer(SNAPSHOT, self._recorded_snapshot)
-        tap_line = getattr(hal, "tap_line", None)
-        if tap_line is not None:
-            tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now))
-
-    def _range_left(self) -> float | None:
-        """How far the batteries last, m; None where that is not known."""
-        remaining, config = self.state.battery.remaining, self.config
-        return None if remaining is None else round(range_left(config.sim.battery, remaining, config.safety.v_max))
-
-    def _offer_to_snapshots(self) -> None:
-        """Offer what snapshots tell beside that, and its surroundings to views in three dimensions."""
-        state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
-        size, shape = (sim.room.length, sim.room.width), self.config.geometry
-        body = shape.length, shape.width, shape.centre
-        surroundings = fields.Surroundings(body=body)
-        if can.simulated:
-            room, obstacles = size if all(map(isfinite, size)) else None, tuple(map(outline, sim.obstacles))
-            surroundings = fields.Surroundings(room, sim.room.light, body, obstacles)
-        others = getattr(self.hal, "others", None)
-        if others is not None:
-            bus.offer(fields.VEHICLES, lambda: others() or None)
-        bus.offer(fields.CAPABILITIES, lambda: can)
-        bus.offer(fields.BOARD, lambda: state.board)
-        bus.offer(fields.COMMAND, lambda: state.command)
-        bus.offer(fields.GAIN_TABLE, self._gains)
-        bus.offer(fields.SERVOS, lambda: state.servos)
-        bus.offer(
-            fields.TRAFFIC, lambda: fields.Traffic(state.received, state.transmitted, self.now - state.odometry_time)
-        )
-        bus.offer(fields.BACKLIGHT, lambda: state.backlight)
-        bus.offer(fields.SURROUNDINGS, lambda: surroundings)
-        bus.offer(MARKERS, lambda: surroundings)
-        bus.offer(fields.TASK_REPORTS, self._reports.newest)
-        bus.offer(fields.EVENTS, lambda: tuple(state.events))
-        bus.offer(fields.WARNINGS, lambda: state.warned() or None)
-
-    def _gains(self) -> GainTable:
-        """The gains, loaded or not: a board that was away has to acknowledge them anew."""
-        gains, board = self.state.gains, self.state.board
-        return gains if board is None or board.gains else gains._replace(loaded=False)
+        serial.switch_power(self.state, self.io, switch, on, now)
 
     def snapshot(self, topics: Iterable[str] | None = None) -> Snapshot:
         """Everything that the robot tells, or the topics of these names, as it is now."""
@@ -245,36 +196,6 @@ class Runtime:
                 self.parts.append(await additions.load(addition.prepare)(self, settings))
         self.scheduler.start()
 
-    def _own_tasks(self) -> Iterable[Row]:
-        """The robot's tasks, in the order in which those of equal priority run (thesis 3.3.3)."""
-        state, hal, gate, send, geometry = self.state, self._io, self.gate, self._send, self.config.geometry
-        loops: controller.Loops
-        if hal.capabilities.blind:
-            loops = OpenLoop(geometry, self.config.control.speed_map)
-        else:
-            loops = loops_for(self.config.car, geometry)
-        controlling = partial(controller.controller, state=state, hal=hal, gate=gate, geometry=geometry, loops=loops)
-        serving = partial(
-            serial.serial, inbox=self.inbox, state=state, hal=hal, gate=gate, send=send,
-            answered=lambda accepted: (self.post if self._witnessed else self.put)(PidResponse(accepted), self.now),
-            reason_to_keep_atx=self.reason_to_keep_atx,
-        )  # fmt: skip
-        watch = self.watch
-        watching: tuple[Row, ...] = ()
-        if watch is not None:
-            watching = (("standstill", 3, standstill.PERIOD, partial(standstill.standstill, watch=watch)),)
-        return (
-            ("controller", 4, controller.PERIOD, controlling),
-            ("serial", 4, None, serving),
-            ("encoder", 3, controller.PERIOD, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)),
-            *watching,
-            ("mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)),
-            ("display", 2, 0.1, partial(panel.display, state=state, hal=hal)),
-            ("odometry", 2, 0.05, partial(encoder.odometry, state=state, send=send)),
-            ("battery", 1, 1.0, partial(battery.battery, state=state, hal=hal, gate=gate, send=send)),
-            ("button", 1, 0.1, partial(panel.button, presses=self.presses, state=state, hal=hal, gate=gate)),
-        )
-
     async def stop(self) -> None:
         """Leave the outputs neutral, stop the tasks and let go of the hardware; harmless when stopped already."""
         if not self._open:
@@ -300,8 +221,8 @@ class Runtime:
             while watch is not None and not watch.settled and self.now < ends:
                 await asyncio.sleep(standstill.PERIOD)
                 now, neutral = self.now, self.gate.neutral(self.state.servos)
-                encoder.take_odometry(self.state, self._io.read(now), now)
-                self._io.write(neutral, now)
+                encoder.take_odometry(self.state, self.io.read(now), now)
+                self.io.write(neutral, now)
                 watch.step(now, neutral)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
@@ -341,6 +262,10 @@ class Runtime:
                 self._begin(type(message).__name__, "", numbers(message), time)
         self.put(message, time)
 
+    def answer(self, accepted: bool) -> None:
+        """Take the board's answer to gains."""
+        (self.post if self._witnessed else self.put)(PidResponse(accepted), self.now)
+
     def put(self, message: Message, time: float) -> None:
         """Hand the serial task a message of the robot's own, which a replay makes again."""
         if len(self.inbox) == self.inbox.maxlen:
@@ -362,35 +287,13 @@ class Runtime:
     def arm(self) -> None:
         """Open the safety gate; raises NotArmed, which says why it may not be opened now."""
         now = self._begin("arm")
-        reason = self._reason_not_to_arm(now)
+        line = self.config.serial
+        held = self.config.hal == "serial" and line.control == "host" and not line.allow_host
+        reason = reason_not_to_arm(self.state, self.hal, self.io, self.watch, held, now)
         if reason is not None:
             raise NotArmed(reason)
         self.gate.arm(now)
         self.state.tell(now, "armed")
-
-    def _reason_not_to_arm(self, now: float) -> str | None:
-        state = self.state
-        board = None if state.board is None else self.hal.read(now).link  # as it is after what was done just now
-        if board is not None and not board.ready:
-            return f"no link to the board yet: {board.text}"
-        if not state.link.alive:
-            return "link lost: the host has not been heard for a second"
-        if self.config.hal == "serial" and self.config.serial.control == "host" and not self.config.serial.allow_host:
-            return (
-                "control: host is experimental: an original board in manual mode keeps its last PWM when this host "
-                "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
-            )
-        if self.watch is not None and self.watch.standstill.stop in UNOBEYED:
-            return "it has not stopped yet"
-        if state.power.esc is False and not self.hal.capabilities.power_known:
-            return "the ESC is off: switch it on first (e, or Robot.switch_power)"
-        if state.power.atx is False:
-            return "the ATX supply is off, so the encoders see nothing: switch it on first"
-        if self._io.read(now).cut_off:
-            return "the batteries are cut off: change them first"
-        if state.battery.exhausted:
-            return "batteries bad: change them first"
-        return None
 
     def reason_to_keep_atx(self, now: float) -> str | None:
         """Why the ATX supply may not be turned off at `now`, with the remedy; None when it may."""
@@ -421,13 +324,13 @@ class Runtime:
 
     def place(self, x: float, y: float, theta: float) -> None:
         """Put a simulated robot down at a pose in the room (see `Hal.place`)."""
-        self._io.place(x, y, theta, self._begin("place", values=(x, y, theta)))
+        self.io.place(x, y, theta, self._begin("place", values=(x, y, theta)))
         for told in self.on_place:
             told()
 
     def look(self) -> Inputs:
         """The hardware's report now, for a task of the user's: a simulation is moved on by being looked at."""
-        return self._io.read(self._begin("look"))
+        return self.io.read(self._begin("look"))
 
     def tell(self, text: str) -> None:
         """Add a line to the event log."""
@@ -454,7 +357,7 @@ class Runtime:
 
     def make_safe(self, now: float) -> None:
         """Put neutral outputs on the hardware at `now`, without waiting for a tick."""
-        self._io.write(self.gate.neutral(self.state.servos), now)
+        self.io.write(self.gate.neutral(self.state.servos), now)
 
     def add_task(self, name: str, priority: int, period: float, task: PeriodicTask) -> None:
         """Add a periodic task of the user's (see `Scheduler.add`)."""

@@ -1,0 +1,122 @@
+"""What a robot tells on its bus, offered once; recorder, screens and bridges ask when they want it."""
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+from txt1.config import Config
+from txt1.control.limits import Gate
+from txt1.hal.base import LINK, Hal
+from txt1.sim.battery import range_left
+from txt1.sim.obstacles import outline
+from txt1.tasks import battery, controller, encoder, fields, mode, standstill
+from txt1.tasks.diagnostics import FAULTS, TASKS, Reports
+from txt1.tasks.fields import GainTable
+from txt1.tasks.markers import MARKERS
+from txt1.tasks.state import State
+from txt1.telemetry.bus import Bus
+from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
+from txt1.telemetry.topics import Topic
+
+
+class Offers(NamedTuple):
+    """Whatever is told is read from these."""
+
+    bus: Bus
+    state: State
+    gate: Gate
+    hal: Hal
+    config: Config
+    watch: standstill.Watch | None
+    tasks: Reports
+    now: Callable[[], float]
+
+    def offer(
+        self, faults: Callable[[], Mapping[str, int]], runs: Callable[[], bool], snapshot: Callable[[], Snapshot]
+    ) -> None:
+        """Offer all topics: causes before effects, as a replay names the first difference."""
+        self._offer_cycle()
+        self._offer_state(faults, runs, snapshot)
+        self._offer_to_snapshots()
+
+    def _offer_cycle(self) -> None:
+        """Offer what changes in every cycle, read in one go."""
+        state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
+        can = hal.capabilities
+        gains, told = (state.gains.linear, state.control.gains), mode.Mode()
+
+        def read() -> tuple[Any, ...]:
+            nonlocal gains, told
+            control, odometry = state.control, state.odometry if state.odometry_time or can.ticks else None
+            linear, angular = state.gains.linear, control.gains
+            if linear is not gains[0] or angular is not gains[1]:
+                gains = linear, angular
+            parts = gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel
+            if parts != told:
+                told = mode.Mode(*parts)
+            return odometry, control, control, odometry, state.encoders, state.pose, told, control.source, gains
+
+        row: dict[Topic[Any], bool] = {
+            encoder.ODOMETRY: True, controller.SETPOINT: True, controller.PWM: can.pwm, encoder.TRANSFORM: True,
+            encoder.ENCODERS: can.ticks, encoder.POSE: can.pose, mode.MODE: True, controller.MEASURED_BY: can.pwm,
+            controller.GAINS: can.pwm,
+        }  # fmt: skip
+        there = itemgetter(*(place for place, known in enumerate(row.values()) if known))
+        topics = [topic for topic, known in row.items() if known]
+        bus.offer_row(topics, read if all(row.values()) else lambda: there(read()))
+
+    def _offer_state(
+        self, faults: Callable[[], Mapping[str, int]], runs: Callable[[], bool], snapshot: Callable[[], Snapshot]
+    ) -> None:
+        state, bus, hal, watch = self.state, self.bus, self.hal, self.watch
+        if hal.capabilities.pose:
+            bus.offer(encoder.ROOM, lambda: None if state.pose is None else encoder.origin(state.pose, state.odometry))
+        if watch is not None:
+            bus.offer(standstill.STOP, lambda: watch.standstill.stop)
+        for topic in battery.BATTERIES:
+            bus.offer(topic, lambda: None if state.battery.state is None else state.battery)
+        bus.offer(battery.RANGE, self._range_left)
+        bus.offer(FAULTS, lambda: {name: count for name, count in faults().items() if count})
+        bus.offer(TASKS, lambda: self.tasks.counts(self.now(), runs()))
+        bus.offer(SNAPSHOT, snapshot)
+        tap_line = getattr(hal, "tap_line", None)
+        if tap_line is not None:
+            tap_line(lambda direction, data: bus.publish(LINK, (direction, data), self.now()))
+
+    def _range_left(self) -> float | None:
+        """How far the batteries last, m; None where that is not known."""
+        remaining, config = self.state.battery.remaining, self.config
+        return None if remaining is None else round(range_left(config.sim.battery, remaining, config.safety.v_max))
+
+    def _offer_to_snapshots(self) -> None:
+        """Offer what snapshots tell beside that, and its surroundings to views in three dimensions."""
+        state, bus, sim, can = self.state, self.bus, self.config.sim, self.hal.capabilities
+        size, shape = (sim.room.length, sim.room.width), self.config.geometry
+        body = shape.length, shape.width, shape.centre
+        surroundings = fields.Surroundings(body=body)
+        if can.simulated:
+            room, obstacles = size if all(map(isfinite, size)) else None, tuple(map(outline, sim.obstacles))
+            surroundings = fields.Surroundings(room, sim.room.light, body, obstacles)
+        others = getattr(self.hal, "others", None)
+        if others is not None:
+            bus.offer(fields.VEHICLES, lambda: others() or None)
+        bus.offer(fields.CAPABILITIES, lambda: can)
+        bus.offer(fields.BOARD, lambda: state.board)
+        bus.offer(fields.COMMAND, lambda: state.command)
+        bus.offer(fields.GAIN_TABLE, self._gains)
+        bus.offer(fields.SERVOS, lambda: state.servos)
+        bus.offer(
+            fields.TRAFFIC, lambda: fields.Traffic(state.received, state.transmitted, self.now() - state.odometry_time)
+        )
+        bus.offer(fields.BACKLIGHT, lambda: state.backlight)
+        bus.offer(fields.SURROUNDINGS, lambda: surroundings)
+        bus.offer(MARKERS, lambda: surroundings)
+        bus.offer(fields.TASK_REPORTS, self.tasks.newest)
+        bus.offer(fields.EVENTS, lambda: tuple(state.events))
+        bus.offer(fields.WARNINGS, lambda: state.warned() or None)
+
+    def _gains(self) -> GainTable:
+        """The gains, loaded or not: a board that was away has to acknowledge them anew."""
+        gains, board = self.state.gains, self.state.board
+        return gains if board is None or board.gains else gains._replace(loaded=False)

@@ -1,0 +1,35 @@
+"""Whether the safety gate may be opened now."""
+
+from txt1.control.standstill import UNOBEYED
+from txt1.hal.base import Hal
+from txt1.tasks.standstill import Watch
+from txt1.tasks.state import State
+
+
+def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
+    """Return why the robot may not be armed at `now`, with the remedy; None when it may.
+
+    `io` is the hardware layer as the tasks have it. `held` says that the loops run here behind a line, which is not
+    allowed.
+    """
+    board = None if state.board is None else hal.read(now).link  # as it is after what was done just now
+    if board is not None and not board.ready:
+        return f"no link to the board yet: {board.text}"
+    if not state.link.alive:
+        return "link lost: the host has not been heard for a second"
+    if held:
+        return (
+            "control: host is experimental: an original board in manual mode keeps its last PWM when this host "
+            "dies; with the wheels off the ground, put it into manual mode and set serial.allow_host=true"
+        )
+    if watch is not None and watch.standstill.stop in UNOBEYED:
+        return "it has not stopped yet"
+    if state.power.esc is False and not hal.capabilities.power_known:
+        return "the ESC is off: switch it on first (e, or Robot.switch_power)"
+    if state.power.atx is False:
+        return "the ATX supply is off, so the encoders see nothing: switch it on first"
+    if io.read(now).cut_off:
+        return "the batteries are cut off: change them first"
+    if state.battery.exhausted:
+        return "batteries bad: change them first"
+    return None
