@@ -135,6 +135,7 @@ def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
             output.write_text(out)
 
 
+@pytest.mark.long
 def test_the_start_page_runs_word_by_word(tmp_path: Path) -> None:
     run_page(ROOT / "docs" / "start.md", tmp_path, without=("demo", "replay"))
     assert (tmp_path / "first.html").stat().st_size > 10_000

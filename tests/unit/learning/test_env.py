@@ -90,6 +90,7 @@ def test_the_same_seed_is_the_same_episode() -> None:
     assert not np.array_equal(one.reset()[0], other.reset(seed=6)[0])
 
 
+@pytest.mark.long  # to compile takes long
 def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None:
     count = 64
     many = gymnasium.make_vec("txt1/LightSeeking-v0", num_envs=count, vectorization_mode="vector_entry_point")
@@ -112,6 +113,7 @@ def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None
     assert start == pytest.approx(np.full(len(start), 1.25))
 
 
+@pytest.mark.long
 def test_the_vector_forms_sectors_are_the_learners() -> None:
     many = env.LightSeekingVectorEnv(200)
     many.reset(seed=2)
