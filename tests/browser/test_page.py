@@ -130,10 +130,20 @@ def test_space_stops_and_arming_wants_half_a_second(page: Any, car: Live) -> Non
     page.wait_for_function("() => document.getElementById('state').textContent === 'stopped'")
     x, y = centre(page, "#arm")
     page.mouse.move(x, y)
-    page.mouse.down()
-    page.wait_for_timeout(200)
-    page.mouse.up()
-    page.wait_for_timeout(500 * S)
+    page.evaluate(
+        "window.held = [];"
+        "for (const kind of ['pointerdown', 'pointerup']) addEventListener(kind, (e) => held.push(e.timeStamp), true)"
+    )
+    long = True
+    while long:
+        page.mouse.down()
+        page.wait_for_timeout(200)
+        page.mouse.up()
+        page.wait_for_timeout(500 * S)
+        down, up = page.evaluate("held.splice(0)")
+        if long := up - down > 400.0:  # on a machine that stalled
+            page.keyboard.press("Space")
+            is_told(page, "state", "'stopped'")
     assert not car.call(lambda robot: robot.armed), "a short press does not arm"
     page.mouse.down()
     car.until(lambda robot: robot.armed)
@@ -197,7 +207,7 @@ def test_the_operator_at_the_robot_outranks_the_page(page: Any, car: Live) -> No
         page.wait_for_timeout(50 * S)
     assert car.call(lambda robot: robot.driver.name) == "keys"
     car.call(lambda robot: keys.release())
-    page.wait_for_timeout(200)
+    page.wait_for_timeout(200 * S)
     assert setpoint(car)[0] == 0.0, "letting go of the keys does not set the page off again"
     page.mouse.up()
 
@@ -241,7 +251,8 @@ def test_a_gamepad_drives_while_its_dead_man_is_held(page: Any, car: Live) -> No
     page.wait_for_timeout(300 * S)
     assert setpoint(car) == (0.0, 0.0), "a pad that comes back has to let go of the dead-man first"
     page.evaluate("press(0, 0)")
-    page.wait_for_timeout(100)
+    page.wait_for_timeout(100 * S)
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     page.evaluate("press(0, 1)")
     car.until(lambda robot: robot.runtime.state.control.v > 0.4)
     page.evaluate("press(1, 1)")
@@ -378,7 +389,7 @@ def test_the_map_is_drawn_thirty_times_a_second(page: Any, car: Live) -> None:
     page.locator("[data-tab=page]").click()
     push(page, 0, -40)
     page.evaluate("window.shown = []; const look = (t) => { shown.push(t); requestAnimationFrame(look) }; look(0)")
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(1500 * S)
     page.wait_for_function(  # or every other time that this machine shows anything
         "() => [...document.querySelectorAll('#panel tr')].some((row) => row.cells[0].textContent.startsWith('frames')"
         " && Number(row.cells[1].textContent) > 0 && Number(row.cells[1].textContent)"
