@@ -30,6 +30,8 @@ from txt1.kernel.loop import run
 from txt1.link.pty import listen_pty
 
 SPEED: Final = 0.8  # m/s
+PROGRAM: Final = (sys.executable, "-m", "txt1")
+STARTS: Final = 60.0  # s that a host has until it drives
 LOOK: Final = 0.002  # s between two looks at the outputs
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 DOCS: Final = Path(__file__).parents[1] / "docs"
@@ -57,9 +59,7 @@ async def until(condition: Callable[[], bool], patience: float) -> float:
 async def host(*words: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """A host that drives, in a process of its own."""
     drive = ("--arm", "--drive", f"{SPEED:g},0", "--headless")
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "txt1", "run", *words, *drive, stdin=DEVNULL, stdout=DEVNULL
-    )
+    process = await asyncio.create_subprocess_exec(*PROGRAM, "run", *words, *drive, stdin=DEVNULL, stdout=DEVNULL)
     try:
         yield process
     finally:
@@ -76,7 +76,7 @@ async def device_without_host(hal: str, folder: Path, later: float = 0.0) -> flo
     await device.power_up()
     try:
         async with host("--hal", hal, "--vehicle", vehicle, "--port", str(path)) as process:
-            await until(lambda: device.drives and device.car.vehicle.state.v > 0.9 * SPEED, 60.0)
+            await until(lambda: device.drives and device.car.vehicle.state.v > 0.9 * SPEED, STARTS)
             await asyncio.sleep(later)
             process.kill()
             took = await until(lambda: not device.drives, 5.0)
@@ -100,7 +100,7 @@ async def guard_without_host(number: signal.Signals, folder: Path, later: float 
         return abs(motor() - 1500.0) < 5.0
 
     async with host("--hal", "pi", "--vehicle", "donkeycar", "--set", f"hal_options.bus={registers}") as process:
-        await until(lambda: motor() > 1530.0, 60.0)
+        await until(lambda: motor() > 1530.0, STARTS)
         await asyncio.sleep(later)
         process.send_signal(number)
         took = await until(neutral, 5.0)

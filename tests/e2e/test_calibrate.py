@@ -177,6 +177,7 @@ EVERY_STEP = [
 ]
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize(("kind", "step"), EVERY_STEP)
 def test_ctrl_c_ends_it_at_once_with_the_file_as_far_as_it_has_come(kind: str, step: int, tmp_path: Path) -> None:
     file, names = tmp_path / "mine.yaml", STEPS_OF[kind]

@@ -9,12 +9,22 @@ from pathlib import Path
 import pytest
 from blockbuster import BlockBuster
 
+from benchmarks import dead_hosts
 from benchmarks.dead_hosts import device_without_host, guard_without_host
 from tests.e2e.conftest import may_block
-from tests.patience import lateness
+from tests.patience import LIMIT, TXT1, lateness
 from txt1.kernel.loop import run
 
 LATE = 0.15  # s from one look to the next, of the device as well
+
+
+pytestmark = pytest.mark.usefixtures("patient")
+
+
+@pytest.fixture(autouse=True)
+def patient_hosts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dead_hosts, "PROGRAM", TXT1)
+    monkeypatch.setattr(dead_hosts, "STARTS", LIMIT)
 
 
 @pytest.fixture(autouse=True)

@@ -282,6 +282,7 @@ async def test_a_hal_that_takes_set_points_gets_them_and_runs_no_second_pid() ->
         assert not robot.runtime.state.panel.manual
 
 
+@pytest.mark.waits
 def test_what_is_not_simulated_waits_for_being_armed_and_for_real_time() -> None:
     class Real(SetpointHal):
         capabilities = Capabilities()

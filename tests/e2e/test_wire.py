@@ -14,7 +14,7 @@ import pytest
 from blockbuster import BlockBuster
 
 from tests.e2e.conftest import ENDLESS, may_block
-from tests.patience import PATIENT, lateness
+from tests.patience import LIMIT, PATIENT, lateness
 from txt1.board import board as board_module
 from txt1.board.board import Board
 from txt1.config import load
@@ -99,7 +99,7 @@ async def wired(
             post(message, when)
 
         board.runtime.post = take
-        assert await robot.load_gains(timeout=60.0)
+        assert await robot.load_gains(timeout=LIMIT)
         yield Wired(robot, board, sent, received)
 
 

@@ -157,7 +157,7 @@ def test_two_programs_that_drive_are_told_and_what_is_no_number_is_refused(ros: 
             assert ros.peer("alive") is True
         finally:
             other.terminate()
-            other.wait(10)
+            other.wait(LIMIT)
     words = [sys.executable, "-m", "txt1", "log", "cat", str(file), "--topic", "/rosout"]
     told = subprocess.run(words, capture_output=True, text=True, cwd=ROOT).stdout
     assert "2 programs publish /cmd_vel: /peer_" in told and "/rostopic_" in told
@@ -168,7 +168,7 @@ def test_a_master_that_was_restarted_finds_the_node_again(ros: Ros) -> None:
     with robot(ros):
         assert ros.peer("alive") is True
         ros.stop()
-        time.sleep(1.5)
+        time.sleep(1.5 * S)
         ros.start()
         assert ros.peer("alive") is True
 
@@ -182,7 +182,7 @@ def test_a_network_interface_that_was_away_delays_the_robot_and_its_programs_no_
             with robot(ros) as process:
                 assert ros.peer("alive") is True
                 pull_out()
-                time.sleep(2.0)
+                time.sleep(2.0 * S)
                 plug_in()
                 assert ros.peer("alive") is True
                 assert process.poll() is None
@@ -270,7 +270,7 @@ def test_a_disarmed_robot_s_host_is_shut_down_where_it_allows_it(ros: Ros, tmp_p
                 SYSTEM, "-c", "import rospy; rospy.init_node('wait'); rospy.wait_for_service('/shutdown_computer', 30)"
             )
             assert f"result: {allowed}" in ros.ask("rosservice", "call", "/shutdown_computer", "true")
-        time.sleep(0.5)
+        time.sleep(0.5 * S)
         assert record.exists() is allowed
     assert record.read_text() == "-h now\n"
 

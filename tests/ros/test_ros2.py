@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from benchmarks.ros import child
-from tests.patience import LIMIT, TXT1
+from tests.patience import LIMIT, TXT1, S
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
@@ -196,7 +196,7 @@ def test_the_death_of_who_drives_is_neutral_in_a_quarter_of_a_second_and_a_tick_
     with robot(domain, "--log", str(file), *settings):
         command = [*ros.program, str(HERE / "peers2.py"), "drive_and_die", hertz]
         died = subprocess.run(command, env={**ros.environment, **domain}, capture_output=True, text=True, timeout=LIMIT)
-        time.sleep(1.5)
+        time.sleep(1.5 * S)
     assert died.returncode == -signal.SIGKILL and float(died.stdout) > 0.3
     assert obeyed_for(file) <= most + 1e-3
 
@@ -245,7 +245,7 @@ def test_without_its_network_interface_it_stops_and_with_a_new_one_the_node_is_b
         assert driving.stdout is not None
         assert float(driving.stdout.readline()) > 0.25
         pull_out()
-        time.sleep(2.0)
+        time.sleep(2.0 * S)
         driving.kill()
         driving.communicate()
         plug_in()
@@ -348,7 +348,7 @@ def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_tak
     finally:
         for each in (host, board):
             each.terminate()
-            each.wait(20)
+            each.wait(LIMIT)
     assert told["v"] > 0.25, "its host drives"
     assert not told["cmd_vel"], "nobody listens"
     assert told["manual"] and told["mode"] == "manual"

@@ -17,6 +17,18 @@ from tests.patience import LIMIT, S, until
 from txt1.beside import HELD, MESSAGES, PERIOD, Beside, Request, Restart, stop_in
 
 
+@pytest.fixture(autouse=True)
+def time_to_begin_and_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of low priority may be slow to do so."""
+    monkeypatch.setattr("txt1.beside.START", LIMIT)
+    monkeypatch.setattr("txt1.beside.PATIENCE", LIMIT)
+
+
+@pytest.fixture
+def no_time_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("txt1.beside.PATIENCE", 0.1)
+
+
 class Owner:
     """Whoever started the process: writes down what it asks for."""
 
@@ -67,6 +79,7 @@ async def test_leaving_the_block_ends_the_process() -> None:
         os.kill(pid, 0)
 
 
+@pytest.mark.usefixtures("no_time_to_end")
 async def test_a_process_that_hangs_is_killed_when_the_block_is_left() -> None:
     owner = Owner()
     async with owner.beside("hang") as beside:
@@ -274,6 +287,7 @@ async def test_malformed_messages_are_counted_and_harm_nobody() -> None:
     assert len(owner.requests) == 1
 
 
+@pytest.mark.usefixtures("no_time_to_end")
 async def test_never_more_than_one_piece_of_telemetry_is_under_way() -> None:
     owner = Owner(*({"n": n} for n in range(100)))
     async with owner.beside("hang") as beside:
