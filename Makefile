@@ -12,19 +12,18 @@ FUZZ := .venv-fuzz
 DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 RUN ?=
-AGAIN ?=
 BARE ?=
 VERSION ?= dev
 ALIAS ?=
 MIKE ?=
 
-.PHONY: run test test-long test-web test-ros try-bare lint wheel torture bench docs docs-version docs-links clean
+.PHONY: run test test-long test-web test-ros steady try-bare lint wheel torture bench docs docs-version docs-links clean
 
 run: $(VENV)/.installed  ## drive a simulated robot from the keyboard; RUN="..." adds options
 	@$(BIN)/python -m txt1 run --hal sim $(RUN)
 
-test: $(VENV)/.dev  ## the tests, two at a time; four minutes
-	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal $(AGAIN)
+test: $(VENV)/.dev  ## the tests, three at a time; at most four minutes on two cores
+	$(BIN)/python -m pytest --numprocesses=3 --dist=worksteal
 
 test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long runs, and the compiled wheel
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --hypothesis-profile=others -m "not browser"
@@ -32,7 +31,7 @@ test-long: $(VENV)/.dev  ## those that take long, too: many repetitions, long ru
 test-web: $(VENV)/.dev  ## the web page in a real browser, Debian's chromium, installed where that is possible; a minute
 	$(BIN)/python $(PIP_INSTALL) --editable '.[browser]'
 	@command -v chromium >/dev/null || (apt-get update && apt-get install --yes chromium) >/dev/null 2>&1 || true
-	$(BIN)/python -m pytest -m browser -rs tests/browser $(AGAIN)
+	$(BIN)/python -m pytest -m browser -rs tests/browser
 
 test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from wheels, ROS 1 from Debian, installed where possible
 	@command -v rosmaster >/dev/null && test -e /usr/include/ros/ros.h || (apt-get update && apt-get install --yes --no-install-recommends $(ROS1)) >/dev/null 2>&1 || true
@@ -40,7 +39,10 @@ test-ros: $(VENV)/.dev  ## the bridges to ROS beside real peers: ROS 2 from whee
 	@test -z "$(KILTED)" || TXT1_ROS2_HOME=$(KILTED) $(BIN)/python -m txt1 ros2 install --distribution kilted || true
 	@test -e $(CYCLONEDDS)/cyclonedds || $(BIN)/python $(PIP_INSTALL) --target $(CYCLONEDDS) cyclonedds==11.0.1 || true
 	@test -e $(COLCON)/bin/colcon || { $(PYTHON) -m venv $(COLCON) && $(COLCON)/bin/python $(PIP_INSTALL) colcon-core==0.21.3 colcon-ros==0.5.0 colcon-package-information==0.4.1 colcon-package-selection==0.2.10 'setuptools<80'; } || true
-	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros $(AGAIN)
+	TXT1_ROS2_HOME=$(ROS2) TXT1_ROS2_OTHER=$(KILTED) TXT1_CYCLONEDDS=$(CYCLONEDDS) TXT1_COLCON=$(COLCON)/bin $(BIN)/python -m pytest --numprocesses=2 --dist=worksteal -m long -rs tests/ros
+
+steady: $(VENV)/.dev  ## does any test ever fail? Those that wait, 20 times, also beside busy loops, and all 5 times; two hours, and it goes on
+	$(BIN)/python -m tests.steady
 
 try-bare: $(VENV)/.dev  ## the first hour in a bare Debian root, typed and timed; root, debootstrap and a network; minutes
 	$(BIN)/python tests/bare.py $(BARE)

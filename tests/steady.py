@@ -1,0 +1,124 @@
+"""Whether any test ever fails: `make steady`, for two hours; it can be ended at any time, and goes on where it was.
+
+The tests that wait in real time run 20 times, the last five of them beside four busy loops, then the whole suite five
+times. What ran is kept in build/steady.json, with what failed, and the output of a run that failed beside it. Another
+commit, or other files, begin anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+ROOT: Final = Path(__file__).parents[1]
+KEPT: Final = ROOT / "build" / "steady.json"
+PYTEST: Final = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider")
+SUITE: Final = (("--numprocesses=3", "--dist=worksteal"),)
+WAITING: Final = ((*SUITE[0], "-m", "waits and not long and not browser"), ("-m", "browser", "tests/browser"))
+NOTHING: Final = 5  # pytest's exit code where all tests are skipped or none is chosen
+
+
+class Round(NamedTuple):
+    """One run of tests: its name, what pytest is told, once or twice, and beside how many busy loops."""
+
+    name: str
+    words: tuple[tuple[str, ...], ...]
+    busy: int = 0
+
+
+ROUNDS: Final = (
+    *(Round(f"the tests that wait, {number} of 20", WAITING, 0 if number <= 15 else 4) for number in range(1, 21)),
+    *(Round(f"the whole suite, {number} of 5", SUITE) for number in range(1, 6)),
+)
+
+
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """Keep processors busy with so many loops."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for each in processes:
+            each.kill()
+            each.wait()
+
+
+def state() -> str:
+    """What tells this state of the files from any other."""
+    said = [
+        subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True).stdout
+        for words in (("rev-parse", "HEAD"), ("diff", "HEAD"), ("status", "--porcelain"))
+    ]
+    return sha256(b"".join(said)).hexdigest()[:16]
+
+
+def kept() -> dict[str, Any]:
+    """What ran so far with these files, by the round's name."""
+    now = state()
+    if KEPT.exists():
+        found: dict[str, Any] = json.loads(KEPT.read_text("utf-8"))
+        if found["state"] == now:
+            return found
+    return {"state": now, "rounds": {}}
+
+
+def ran(one: Round) -> dict[str, Any]:
+    """Run it: the time it took, s, how many passed, and the names of those that failed."""
+    began, passed, failed = time.monotonic(), 0, list[str]()
+    for words in one.words:
+        with busy(one.busy):
+            done = subprocess.run([*PYTEST, *words], cwd=ROOT, capture_output=True, text=True, check=False)
+        said = done.stdout + done.stderr
+        passed += sum(map(int, re.findall(r"(\d+) passed", said)))
+        found = re.findall(r"(?m)^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said)
+        if done.returncode not in (0, NOTHING) and not found:
+            found = [f"pytest ended with {done.returncode}"]
+        if found:
+            log = KEPT.with_name(f"steady-{ROUNDS.index(one) + 1}.log")
+            log.write_text(f"{log.read_text('utf-8') if failed else ''}{said}", "utf-8")
+        failed += found
+    return {"seconds": round(time.monotonic() - began), "passed": passed, "failed": failed}
+
+
+def told(one: Round, result: dict[str, Any]) -> str:
+    """A round in a line."""
+    beside = f" beside {one.busy} busy loops" if one.busy else ""
+    verdict = f"failed: {', '.join(result['failed'])}" if result["failed"] else f"{result['passed']} passed"
+    return f"{one.name}{beside}: {result['seconds']} s, {verdict}"
+
+
+def main() -> int:
+    """Run what has not run yet; 1 when a test has failed in any round."""
+    parser = argparse.ArgumentParser(prog="tests.steady", description=__doc__)
+    parser.add_argument("--anew", action="store_true", help="forget what ran before")
+    if parser.parse_args().anew:
+        KEPT.unlink(missing_ok=True)
+    KEPT.parent.mkdir(exist_ok=True)
+    progress = kept()
+    for one in ROUNDS:
+        if one.name not in progress["rounds"]:
+            progress["rounds"][one.name] = ran(one)
+            new = KEPT.with_suffix(".new")
+            new.write_text(json.dumps(progress, indent=1), "utf-8")
+            new.replace(KEPT)
+        print(told(one, progress["rounds"][one.name]), flush=True)
+    failures = [name for result in progress["rounds"].values() for name in result["failed"]]
+    print(f"{len(failures)} failures: {', '.join(sorted(set(failures)))}" if failures else "steady: no failure")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("ended; the same command goes on there")
