@@ -95,7 +95,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     nothing of virtual time, so only links in memory belong here.
     """
 
-    _ready: deque[asyncio.Handle]  # asyncio's own: what is to be called now
+    _clock_resolution: float  # asyncio's own, s
+    _ready: deque[asyncio.Handle]  # likewise: what is to be called now
     _scheduled: list[asyncio.TimerHandle]  # and its heap of timers
 
     def __init__(self, speed: float | None = None) -> None:
@@ -107,6 +108,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         selector.loop = self
         super().__init__(selector)
         self.jumps = Jumps(self, self._ready)
+        # asyncio calls timers early by so much. Within a ns that would depend on who moves the clock, the loop or a
+        # scheduler (`Jumps.to`), and so on how long threads take: a run would not repeat to the last ns.
+        self._clock_resolution = 1e-10
 
     @property
     def timers(self) -> list[asyncio.TimerHandle]:

@@ -564,3 +564,17 @@ def test_paced_time_is_not_jumped_by_a_callback() -> None:
         return loop.jumps.to(10, loop.timers)
 
     assert run(main(), speed=1e6) is False
+
+
+@pytest.mark.parametrize("in_thread", [False, True])
+def test_a_timer_less_than_a_nanosecond_behind_another_comes_a_nanosecond_later(in_thread: bool) -> None:
+    async def main() -> list[float]:
+        loop, times = asyncio.get_running_loop(), list[float]()
+        loop.call_at(1.0, lambda: times.append(loop.time()))
+        loop.call_at(1.0 + 4e-10, lambda: times.append(loop.time()))
+        if in_thread:
+            await loop.run_in_executor(None, time.sleep, 0.001)
+        await asyncio.sleep(2.0)
+        return times
+
+    assert run(main(), speed="max") == [1.0, 1.000000001]
