@@ -89,7 +89,7 @@ async def test_a_program_asks_for_it_by_name(installed: None) -> None:
     async with Robot.open("sim", seed=1, additions={"speed_limit": SpeedLimit(v=0.2)}) as robot:
         await robot.load_gains()
         await robot.drive(0.6, 0.0, 2.0)
-        assert robot.odometry.v == pytest.approx(0.2, abs=0.02)
+        assert robot.odometry.v == pytest.approx(0.2, abs=0.05)
 
 
 # -- additions that are not there, or wrong -----------------------------------------------------------------------
