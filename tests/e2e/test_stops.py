@@ -20,6 +20,7 @@ from txt1.hal.serial import SerialHal
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import PowerControl, Switch
 from txt1.robot import Robot
+from txt1.tasks.encoder import fallen
 from txt1.tasks.mode import MODE
 
 WIRE = ("serial.port=virtual", *ENDLESS)
@@ -106,6 +107,78 @@ async def test_a_robot_that_stood_and_fell_silent_is_not_seen_and_keeps_its_atx_
         assert robot.stop_state is Stop.UNSEEN
         with pytest.raises(CommandRefused, match="seen the robot stand"):
             robot.switch_power(Switch.ATX, False)
+
+
+@pytest.mark.parametrize("settings", [ORIGINAL, WIRE], ids=["original", "ours"])
+async def test_an_atx_supply_that_is_switched_off_by_hand_in_motion_is_no_stop(settings: tuple[str, ...]) -> None:
+    with pytest.raises(StopNotVerified, match=r"not seen to stand \(not seen\): look at it"):
+        async with robot_and_board(*settings) as (robot, board):
+            await drive(robot, 1.0, 3.0)
+            board.runtime.hal.switch(Switch.ATX, False, board.now)
+            robot.disarm()
+            seen = set()
+            for _ in range(500):
+                await asyncio.sleep(0.01)
+                seen.add(robot.stop_state)
+            assert (robot.odometry.v, robot.stop_state) == (0.0, Stop.UNSEEN) and Stop.STANDING not in seen
+            assert "encoders without power; look at the robot" in told(robot)
+            assert board.vehicle.motion[3] < 0.05, "as silence has cleared the loops that drove on"
+            with pytest.raises(CommandRefused, match="seen the robot stand"):
+                robot.switch_power(Switch.ATX, False)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+async def test_with_power_again_it_is_seen_to_stand(by_hand: bool) -> None:
+    async with robot_and_board() as (robot, board):
+        await drive(robot, 1.0, 3.0)
+        board.runtime.hal.switch(Switch.ATX, False, board.now)
+        robot.disarm()
+        await asyncio.sleep(6.0)
+        assert robot.stop_state is Stop.UNSEEN
+        if by_hand:
+            board.runtime.hal.switch(Switch.ATX, True, board.now)
+            await asyncio.sleep(1.0)
+            assert robot.stop_state is Stop.UNSEEN, "the host is not told of a hand at the switch"
+            robot.arm()
+            await robot.drive(0.3, 0.0, 1.0)
+            robot.disarm()
+        else:
+            robot.switch_power(Switch.ATX, True)
+        await asyncio.sleep(2.0)
+        assert robot.stop_state is Stop.STANDING
+
+
+@pytest.mark.parametrize("settings", [ORIGINAL, WIRE], ids=["original", "ours"])
+@pytest.mark.parametrize("v", [0.6, 1.0, 1.3])
+async def test_a_stop_as_hard_as_the_loops_make_it_is_seen(settings: tuple[str, ...], v: float) -> None:
+    async with robot_and_board(*settings) as (robot, _):
+        for later in (0.0, 0.013, 0.026, 0.039):
+            robot.arm()
+            await drive(robot, v, 2.0 + later)
+            robot.disarm()
+            await asyncio.sleep(2.5)
+            assert robot.stop_state is Stop.STANDING
+            assert "fell faster" not in told(robot)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "since", "falls"),
+    [
+        (0.5, 0.0, 0.05, False),
+        (0.51, 0.0, 0.05, True),
+        (-0.51, 0.0, 0.05, True),
+        (1.0, 0.0, 0.1, False),
+        (1.01, 0.0, 0.1, True),
+        (1.01, 0.5, 0.05, True),
+        (-1.0, -0.5, 0.05, False),
+        (0.5, 0.0, 0.001, False),  # a bunch
+        (0.0, 1.0, 0.05, False),
+    ],
+)
+def test_no_brakes_take_more_than_ten_metres_per_second_off_in_a_second(
+    before: float, after: float, since: float, falls: bool
+) -> None:
+    assert fallen(before, after, since) is falls
 
 
 # -- manual mode -----------------------------------------------------------------------------------------------

@@ -436,7 +436,7 @@ async def test_where_the_configuration_says_so_the_robot_arms_again_by_itself(mo
 async def test_a_board_that_restarts_is_noticed_by_its_pose(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch) as together:
         robot = together.robot
-        await robot.drive(0.5, 0.0, 3.0)
+        await robot.drive(0.4, 0.0, 3.0)
         assert robot.odometry.x > 1.0
         together.received.clear()
         anew = encode(EncoderOdometry(0.0, 0.0, 0.0, 0.0, 0.0))

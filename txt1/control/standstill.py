@@ -36,7 +36,7 @@ class Stop(StrEnum):
     PWM_ZEROS = "does not stop: PWM test of zeros"
     ESC_OFF = "does not stop: ESC off"
     UNASKED = "moves without a command"
-    UNSEEN = "not seen"  # it stood, and nobody has seen since whether it still does
+    UNSEEN = "not seen"  # it stood, or its encoders fell silent, and nobody has seen since whether it stands
 
 
 UNOBEYED: Final = (Stop.PWM_ZEROS, Stop.ESC_OFF)
@@ -70,10 +70,13 @@ class Standstill:
         self.drove = False
         self._since: float  # s of the run, of the present means, once there is one
         self._v0: float  # speed then, m/s
+        self._rest = Stop.STANDING  # what a vehicle is that does not move
         self._still_since: float | None = None
         self._moving_since: float | None = None
 
-    def step(self, now: float, v: float | None, *, commanded: bool, armed: bool, connected: bool) -> Stop:
+    def step(
+        self, now: float, v: float | None, *, commanded: bool, armed: bool, connected: bool, fell: bool = False
+    ) -> Stop:
         """How the stop is going at `now`, s of the run.
 
         Args:
@@ -82,21 +85,23 @@ class Standstill:
             commanded: outputs that move it are being sent.
             armed: the safety gate is open.
             connected: something can be sent; where nothing can, the means keep their time.
+            fell: v fell faster than it can: a vehicle that does not move by it is not seen to stand.
 
         """
         self._look(now, v)
+        self._rest = Stop.UNSEEN if fell else Stop.STANDING
         if commanded:
             self.stop, self.drove = Stop.NONE, True
         elif self.stop is Stop.NONE:
             if self.drove:
                 self._begin(Stop.SLOWING, now, v)
             elif self._is_still(now):
-                self.stop = Stop.STANDING
+                self.stop = self._rest
         if self.stop in (Stop.SLOWING, *UNOBEYED):
             self._verify(now, v, connected)
         elif self.stop in (Stop.UNASKED, Stop.UNSEEN) and self._is_still(now):
-            self.stop = Stop.STANDING
-        elif self.stop is Stop.STANDING and v is None:
+            self.stop = self._rest
+        elif self.stop is Stop.STANDING and (v is None or fell):
             self.stop = Stop.UNSEEN
         elif self.stop in (Stop.STANDING, Stop.NONE, Stop.UNSEEN) and not (armed or commanded) and self._moves(now):
             self.stop = Stop.UNASKED
@@ -125,7 +130,7 @@ class Standstill:
     def _verify(self, now: float, v: float | None, connected: bool) -> None:
         t = now - self._since
         if self._is_still(now) and self._still_since is not None and now >= self._since + STANDS:
-            self.stop = Stop.STANDING
+            self.stop = self._rest
             return
         if not connected and v is None:
             self._since = now

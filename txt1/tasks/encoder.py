@@ -15,6 +15,8 @@ from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
+BRAKES: Final = 10.0  # m/s^2 at most: a speed that falls faster is one that is not measured any more, or a wall's work
+MESSAGES: Final = 0.05  # s between two messages of odometry: a line may hold some up, and then they come in a bunch
 new: Final = tuple.__new__  # past a class's own: five such places make a compiled simulation a tenth faster
 PLACE: Final = ("position.x", "position.y", "orientation.z", "orientation.w")
 """The numbers of a pose in the plane, in a ROS message."""
@@ -132,7 +134,18 @@ def take_odometry(state: State, inputs: Inputs, now: float) -> None:
         _note(state, inputs.link, now)
     if inputs.odometry is not None:
         still = inputs.odometry.v == inputs.odometry.omega == 0.0
+        since = inputs.odometry_time - state.odometry_time
+        if since > 0.0:
+            if fallen(state.odometry.v, inputs.odometry.v, since):
+                state.fell_time = inputs.odometry_time
+            elif not still:
+                state.fell_time = 0.0
         _put(state, inputs.odometry, inputs.odometry_time, still)
+
+
+def fallen(before: float, after: float, since: float) -> bool:
+    """Whether a speed, m/s, has fallen within `since` s as no brakes can make it: perhaps encoders without power."""
+    return abs(before) - abs(after) > BRAKES * max(since, MESSAGES) + 1e-9
 
 
 async def odometry(ticks: Ticks, state: State, send: Callable[[BoardMessage], None]) -> None:

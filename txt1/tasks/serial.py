@@ -121,6 +121,8 @@ async def serial(
 def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -> None:
     """Have a power supply turned on or off."""
     hal.switch(switch, on, now)
+    if switch is Switch.ATX and on:
+        state.atx_time = now
     power = state.power._replace(**{switch.name.lower(): on})
     if power != state.power:  # hosts say it again and again
         state.power = power

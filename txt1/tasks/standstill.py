@@ -63,7 +63,8 @@ class Watch:
         wheel = None if v is None else abs(v) + 0.5 * self._track_width * abs(state.odometry.omega)
         connected = state.board is None or state.board.connected
         commanded = bool(outputs.motor or outputs.v or outputs.omega)
-        stop = watch.step(now, wheel, commanded=commanded, armed=self.gate.armed, connected=connected)
+        armed = self.gate.armed
+        stop = watch.step(now, wheel, commanded=commanded, armed=armed, connected=connected, fell=fell(state))
         if stop is not before:
             self._enter(stop, before, now, blind=v is None)
         if stop in (*UNOBEYED, Stop.UNASKED) and now >= self._halt_due - 1e-9:
@@ -79,6 +80,11 @@ class Watch:
             self.state.tell(now, f"{told}{' (nobody sees it: no odometry)' if blind else ''}")
         elif stop is Stop.STANDING and before in (*UNOBEYED, Stop.UNASKED):
             self.state.tell(now, "the robot stands")
+        elif stop is Stop.UNSEEN and fell(self.state):
+            self.state.tell(
+                now, "the speed fell faster than it can: a wall, or encoders without power; look at the robot"
+            )
+            self._clear_loops(now)  # which drive on against a speed that they do not see
         if stop in UNOBEYED:
             self.gate.disarm("the robot did not stop when told to", Fault.STOP_UNOBEYED)
         if stop is Stop.ESC_OFF and self.hal.capabilities.power:
@@ -104,7 +110,8 @@ class Watch:
     @property
     def settled(self) -> bool:
         """Whether nothing that this run has driven has to be watched any more."""
-        return not self.standstill.drove or self.standstill.stop in (Stop.STANDING, Stop.UNSEEN)
+        stop = self.standstill.stop
+        return not self.standstill.drove or stop is Stop.STANDING or (stop is Stop.UNSEEN and not fell(self.state))
 
     @property
     def trouble(self) -> str:
@@ -117,6 +124,11 @@ class Watch:
             return f"the robot was not seen to stand ({watch.stop.value}{blind}): look at it"
         means = "a PWM test of zeros" if watch.failed is Stop.PWM_ZEROS else "switching the ESC off"
         return f"the robot did not stop when told to; it took {means}{blind}; is the board in manual mode?"
+
+
+def fell(state: State) -> bool:
+    """Whether its speed fell faster than it can, and neither motion nor power has come to the encoders since."""
+    return state.fell_time > state.atx_time
 
 
 def sees(state: State, now: float) -> bool:

@@ -36,6 +36,7 @@ class State:
         self.combined: CombinedSample | None = None
         self.gains = GainTable()
         self.power = Power(True, True, True) if can.power_known else Power()
+        self.atx_time = 0.0  # when the ATX supply was switched on last, s of the run
         self.servos: tuple[int, int] = (0, 0)
         self.received = 0
         self.velocity_count = 0
@@ -45,6 +46,7 @@ class State:
         self.odometry = Odometry()
         self.odometry_time = 0.0
         self.moved_time = 0.0  # when it moved last, or nobody could see it, s of the run
+        self.fell_time = 0.0  # when its speed fell faster than it can and no motion was seen since, s of the run
         self.pose: tuple[float, float, float] | None = None
         self.board: BoardLink | None = None
         # by the mode, controller and battery tasks

@@ -216,3 +216,31 @@ def test_the_envelope_decays_to_zero_in_its_time(v0: float) -> None:
     assert envelope(v0, coasting_time(v0) + 1e-6) == 0.0
     assert envelope(v0, 0.0) == pytest.approx(v0)
     assert MARGIN > 0.0
+
+
+def test_a_vehicle_whose_speed_fell_faster_than_it_can_is_not_seen_to_stand() -> None:
+    watch = Standstill()
+    watch.step(0.0, 1.0, commanded=True, armed=True, connected=True)
+
+    def after(duration: float, v: float, *, fell: bool) -> Stop:
+        nonlocal now
+        for _ in range(round(duration / PERIOD)):
+            now += PERIOD
+            watch.step(now, v, commanded=False, armed=False, connected=True, fell=fell)
+        return watch.stop
+
+    now = 0.0
+    assert after(0.3, 0.0, fell=True) is Stop.SLOWING, "it may be seen to move again"
+    assert after(0.1, 0.0, fell=True) is Stop.UNSEEN
+    assert after(5.0, 0.0, fell=True) is Stop.UNSEEN and not watch.stands(now)
+    assert after(0.05, 0.0, fell=False) is Stop.STANDING and watch.stands(now)
+    assert after(0.05, 0.0, fell=True) is Stop.UNSEEN
+    assert after(0.6, 0.5, fell=False) is Stop.UNASKED
+    assert after(0.4, 0.0, fell=True) is Stop.UNSEEN
+
+
+def test_nor_is_one_that_nobody_has_commanded() -> None:
+    watch = Standstill()
+    for k in range(8):
+        watch.step(k * PERIOD, 0.0, commanded=False, armed=False, connected=True, fell=True)
+    assert watch.stop is Stop.UNSEEN
