@@ -13,23 +13,28 @@ An addition takes part when its section of the configuration says so (`wanted`),
 its settings, as the command line does (`options`). Additions take part by `order`, then by name. Guards see a set-point
 in this order, and tasks of equal priority run in it, so a recording can be replayed.
 
+An addition that raises is told by its name (`blamed`): where it is to begin, the robot does not start, and wherever it
+fails later, the robot stops safely.
+
 Ours are found by listing folders. Those of other packages have an entry point ``txt1.additions``, which is read only
 when a name is none of ours: reading the metadata of all packages takes longer than starting the program.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, contextmanager
 from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from txt1.errors import ConfigError
+from txt1.errors import AdditionFault, ConfigError, Txt1Error
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from types import TracebackType
 
     from txt1.config import Config
 
@@ -84,6 +89,54 @@ class Active(NamedTuple):
 def load(text: str) -> Any:
     """Return what "module:name" names; raises ImportError or AttributeError."""
     return resolve_name(text)
+
+
+@contextmanager
+def blamed(name: str, function: str) -> Iterator[None]:
+    """Have whatever the block raises become an AdditionFault, which names the addition and the function.
+
+    Errors that txt1 raises on purpose pass, and those of the operating system, such as a full disk, from one of ours.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, Txt1Error) or (isinstance(error, OSError) and name in ours()):
+            raise
+        raise AdditionFault(name, function, error) from error
+
+
+def brought(addition: Addition, text: str) -> Any:
+    """Return what "module:name" of an addition names; raises AdditionFault."""
+    with blamed(addition.name, text):
+        return load(text)
+
+
+class Contained:
+    """The context that an addition brings, `subject` being its Runtime or Robot; `tell` adds a line to the event log.
+
+    An error of the block passes it. If the addition then raises another one on leaving, that is told only.
+    """
+
+    def __init__(self, active: Active, function: str, subject: object, tell: Callable[[str], None]) -> None:
+        self._active, self._function, self._subject, self._tell = active, function, subject, tell
+        self._context: AbstractAsyncContextManager[object]
+
+    async def __aenter__(self) -> None:
+        with blamed(self._active.addition.name, self._function):
+            self._context = load(self._function)(self._subject, self._active.settings)
+            await self._context.__aenter__()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            with blamed(self._active.addition.name, self._function):
+                await self._context.__aexit__(kind, error, trace)
+        except AdditionFault as fault:
+            if fault.__cause__ is not error:
+                self._tell(str(fault))
+                if not isinstance(error, Exception):
+                    raise
 
 
 @cache
@@ -157,7 +210,7 @@ def named(name: str) -> Addition | None:
 def settings_of(name: str) -> Any:
     """Return the class of an addition's section; None: there is no such addition, or it has no section."""
     addition = named(name)
-    return load(addition.settings) if addition is not None and addition.settings else None
+    return brought(addition, addition.settings) if addition is not None and addition.settings else None
 
 
 def sections() -> list[str]:
@@ -187,6 +240,13 @@ def active(config: Config, asked: Mapping[str, object] | None = None) -> tuple[A
     for name, each in there.items():
         if name in asked:
             found.append(Active(each, asked[name]))
-        elif name in config.given if each.wanted is None else each.wanted(config):
-            found.append(Active(each, config.section(load(each.settings)) if each.settings else None))
+        elif _wanted(each, config):
+            found.append(Active(each, config.section(brought(each, each.settings)) if each.settings else None))
     return tuple(sorted(found, key=lambda one: (one.addition.order, one.addition.name)))
+
+
+def _wanted(addition: Addition, config: Config) -> bool:
+    if addition.wanted is None:
+        return addition.name in config.given
+    with blamed(addition.name, "wanted"):
+        return addition.wanted(config)

@@ -122,5 +122,14 @@ class TaskFault(Txt1Error):
         self.task = task
 
 
+class AdditionFault(Txt1Error):
+    """An addition raised an exception nobody expected, or cannot be imported; the cause is chained."""
+
+    def __init__(self, addition: str, function: str, cause: BaseException) -> None:
+        told = " ".join(f"{type(cause).__name__}: {cause}".split())
+        super().__init__(f"the addition '{addition}' ({function}) failed: {told}")
+        self.addition = addition
+
+
 class TerminalLost(Txt1Error):
     """The process that draws the terminal ended without being asked to."""

@@ -6,11 +6,11 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from functools import partial
 from math import inf, nan
 from typing import Any, Final, NamedTuple, TypeVar
 
-from txt1.additions import load as load_text
-from txt1.additions import with_sections
+from txt1.additions import Contained, blamed, with_sections
 from txt1.config import Config, load
 from txt1.control.commander import Driver
 from txt1.control.limits import Fault
@@ -18,7 +18,16 @@ from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.control.standstill import Stop
 from txt1.driver import REFRESH, CommandSource, Wheel, finite
-from txt1.errors import CommandRefused, ConfigError, EncodeError, HalError, NotArmed, NotCapable, StopNotVerified
+from txt1.errors import (
+    AdditionFault,
+    CommandRefused,
+    ConfigError,
+    EncodeError,
+    HalError,
+    NotArmed,
+    NotCapable,
+    StopNotVerified,
+)
 from txt1.hal.base import Button, Hal
 from txt1.hal.registry import create, in_world
 from txt1.kernel.ticks import Ticks
@@ -181,10 +190,10 @@ class Robot:
                         for begin in robot.on_ready:
                             await begin()
                     yield robot
-            except asyncio.CancelledError:
+            except (asyncio.CancelledError, AdditionFault):
                 if not failed:
                     raise
-                body.uncancel()
+                body.uncancel()  # it is the TaskFault that counts
             finally:
                 await runtime.stop()
                 for _, queue in robot._streams:
@@ -202,9 +211,13 @@ class Robot:
     async def _beside(self) -> AsyncIterator[None]:
         """Have the additions at work that want a robot that runs."""
         async with AsyncExitStack() as stack:
-            for addition, settings in self.runtime.additions:
-                if addition.beside:
-                    await stack.enter_async_context(load_text(addition.beside)(self, settings))
+            for each in self.runtime.additions:
+                name, function = each.addition.name, each.addition.beside
+                if function:
+                    begun, to_begin = len(self.alongside), len(self.on_ready)
+                    await stack.enter_async_context(Contained(each, function, self, self.tell))
+                    self.alongside[begun:] = [_blamed(name, function, one) for one in self.alongside[begun:]]
+                    self.on_ready[to_begin:] = [partial(_begin, name, function, on) for on in self.on_ready[to_begin:]]
             yield
 
     async def linked(self, timeout: float = inf) -> None:
@@ -583,6 +596,30 @@ class Robot:
             self._streams.remove(stream)
             if leave is not None:
                 leave()
+
+
+def _blamed(name: str, function: str, future: asyncio.Future[Any]) -> asyncio.Future[Any]:
+    """Return a future that ends as this one of an addition's does, an error of it told by the addition's name."""
+    told: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+
+    def ended(future: asyncio.Future[Any]) -> None:
+        if told.done() or future.cancelled():
+            told.cancel()
+            return
+        try:
+            with blamed(name, function):
+                told.set_result(future.result())
+        except Exception as error:
+            told.set_exception(error)
+            told.exception()  # whether or not somebody waits for it
+
+    future.add_done_callback(ended)
+    return told
+
+
+async def _begin(name: str, function: str, begin: Callable[[], Awaitable[None]]) -> None:
+    with blamed(name, function):
+        await begin()
 
 
 def _put(queue: asyncio.Queue[Any], item: object) -> None:

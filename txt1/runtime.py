@@ -11,7 +11,7 @@ from txt1 import additions
 from txt1.config import Config
 from txt1.config.schema import SensorConfig
 from txt1.control.car import loops_for
-from txt1.control.limits import Fault, Gate
+from txt1.control.limits import Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError, HalError, NotArmed
@@ -177,9 +177,10 @@ class Runtime:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
         collector.begin(real_time=not self._virtual)
-        for addition, settings in self.additions:
-            if addition.watch:
-                await self._watching.enter_async_context(additions.load(addition.watch)(self, settings))
+        for each in self.additions:
+            if each.addition.watch:
+                context = additions.Contained(each, each.addition.watch, self, self.tell)
+                await self._watching.enter_async_context(context)
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
         if self._sensing:
             self._report("hal", "hardware", self.hal.name, self.hal.capabilities)
@@ -193,7 +194,8 @@ class Runtime:
             await self._open_sensor(name, sensor, configured[name].period)
         for addition, settings in self.additions:
             if addition.prepare:
-                self.parts.append(await additions.load(addition.prepare)(self, settings))
+                with additions.blamed(addition.name, addition.prepare):
+                    self.parts.append(await additions.load(addition.prepare)(self, settings))
         self.scheduler.start()
 
     async def stop(self) -> None:
@@ -242,6 +244,12 @@ class Runtime:
         own = partial(self._add, named=self.bus.wanted(inputs.INPUT))
         given = sensor if self._through is None else self._through(name, sensor)
         await self.sensors.add(name, given, period, own, self._note_reading)
+
+    def guard(self, name: str, guard: Guard) -> None:
+        """Let a guard lower every set-point in the safety gate; one that fails is told once, and 0 from then on."""
+        from txt1.control.guarding import contained  # a plain robot has no guards
+
+        self.gate.guards.append(contained(name, guard, self.state.tell))
 
     def part(self, kind: type[T]) -> T | None:
         """Return what an addition has put beside the tasks, by its class; None where there is none."""

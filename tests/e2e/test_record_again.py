@@ -189,7 +189,7 @@ def cool_down(runtime: Runtime) -> None:
         share = 10.0 / polled.last.value
         return v * share, omega * share
 
-    runtime.gate.guards.append(guard)
+    runtime.guard("cool down", guard)
 
 
 @clocks

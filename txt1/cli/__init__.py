@@ -127,11 +127,13 @@ def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
         additions.strangers()
     whole = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
     whole.add_argument("--version", action="version", version=f"txt1 {__version__}")
+    owners = {command: addition.name for addition in additions.known().values() for command in addition.commands}
     parsers = whole.add_subparsers(required=True, metavar="COMMAND")
     for name, (place, about) in commands().items():
         command = parsers.add_parser(name, help=about, epilog=EPILOG)
         if named is None or name in named:
-            module = import_module(place)
+            with additions.blamed(owners.get(name, name), place):
+                module = import_module(place)
             command.set_defaults(main=getattr(module, "main", None))
             module.add_arguments(command)
     whole.set_defaults(parsers=parsers.choices)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+from txt1.additions import blamed
 from txt1.cli import options
 from txt1.cli.app import App, conclude, real_time, refusal_of_gains
 from txt1.cli.notify import served
@@ -39,9 +40,14 @@ def run(arguments: argparse.Namespace) -> int:
         _tell_limits(arguments.drive, config)
     if arguments.realtime and arguments.speed is not None:
         raise ConfigError("--realtime: in virtual time (--speed) nothing is late; leave one of them out")
-    asked = {name: told.asked(arguments, config) for name, told in arguments.optional.items()}
+    asked: dict[str, object] = {}
+    for name, told in arguments.optional.items():
+        with blamed(name, "options"):
+            settings = told.asked(arguments, config)
+        if settings is not None:
+            asked[name] = settings
     app = App(arguments.speed)
-    app.run(_operate(app, arguments, config, steer, {name: each for name, each in asked.items() if each is not None}))
+    app.run(_operate(app, arguments, config, steer, asked))
     return conclude(app, arguments.json)
 
 

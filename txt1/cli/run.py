@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--arm": flag("arm at the start", default=None),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
     })  # fmt: skip
-    optional = {name: additions.load(each.options) for name, each in additions.known().items() if each.options}
+    optional = {name: additions.brought(each, each.options) for name, each in additions.known().items() if each.options}
     for name, told in optional.items():
         try:
             add(parser.add_argument_group(told.title), told.arguments)

@@ -30,7 +30,7 @@ async def prepare(runtime: Runtime, settings: SpeedLimit) -> None:
         share = min(1.0, settings.v / abs(v)) if v else 1.0
         return v * share, omega * share
 
-    runtime.gate.guards.append(guard)
+    runtime.guard("speed_limit", guard)
     runtime.bus.offer(LIMIT, lambda: settings.v)
 
 

@@ -123,4 +123,4 @@ async def prepare(runtime: Runtime, given: ObstacleStop) -> None:
         raise ConfigError(f"obstacle_stop.sensor: {name!r} is no laser scanner; name one of: {there}")
     polled = runtime.sensors[name]
     guard = LaserGuard(lambda: polled.last, runtime.state, runtime.gate, runtime.config.geometry, given)
-    runtime.gate.guards.append(guard)
+    runtime.guard("obstacle_stop", guard)

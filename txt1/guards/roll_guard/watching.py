@@ -51,4 +51,4 @@ async def prepare(runtime: Runtime, given: RollGuard) -> None:
     if polled is None or not issubclass(polled.sensor.topic.type, ImuReading):
         raise ConfigError(f"roll_guard.sensor: there is no IMU '{given.sensor}'; configure sensors.{given.sensor}")
     measured = watching(lambda: polled.last, runtime.state)
-    runtime.gate.guards.append(Guard(given, body.track_width, body.radius_min, measured))
+    runtime.guard("roll_guard", Guard(given, body.track_width, body.radius_min, measured))
