@@ -22,12 +22,13 @@ class Registry(NamedTuple):
 
     @property
     def ours(self) -> Mapping[str, Factory | str]:
-        """The package's own, those of its additions, too."""
+        """Those of the table and of additions, of strangers' ones once they were found; ours come first."""
         brought = [addition.parts.get(self.group, {}) for addition in additions.known().values()]
-        return {**{name: place for each in brought for name, place in each.items()}, **self.table}
+        return {**{name: place for each in reversed(brought) for name, place in each.items()}, **self.table}
 
     def names(self) -> list[str]:
         """The names of all that are installed."""
+        additions.strangers()
         return sorted({*self.ours, *(point.name for point in entry_points(group=self.group))})
 
     def make(self, key: str, name: str, *arguments: Any) -> Any:
@@ -40,7 +41,7 @@ class Registry(NamedTuple):
         try:
             return factory(*arguments)
         except Exception as error:
-            if name in self.ours or isinstance(error, Txt1Error):
+            if origin.partition(".")[0] == "txt1" or isinstance(error, Txt1Error):
                 raise
             raise self._failed(name, origin, "made", error) from error
 
@@ -60,6 +61,9 @@ class Registry(NamedTuple):
             return self.ours[name]
         for point in entry_points(group=self.group, name=name):
             return point.value
+        additions.strangers()  # which takes a while
+        if name in self.ours:
+            return self.ours[name]
         near = difflib.get_close_matches(name, self.names(), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         installed = ", ".join(self.names()) or "none"

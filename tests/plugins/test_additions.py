@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from txt1.cli import execute
 from txt1.config import Config, load
 from txt1.config.schema import RECORDED
 from txt1.errors import ConfigError
+from txt1.kernel import loop as kernel
 from txt1.robot import Robot
 
 SITE = Path(__file__).parent / "site"
@@ -23,12 +24,9 @@ Run = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The package is installed."""
     monkeypatch.syspath_prepend(SITE)
-    additions.strangers.cache_clear()
-    yield
-    additions.strangers.cache_clear()
 
 
 @pytest.fixture
@@ -83,13 +81,16 @@ def test_its_command_and_options_are_listed(installed: None, capsys: Capture) ->
     assert "speed_limit.v:" in capsys.readouterr().out
 
 
-async def test_a_program_asks_for_it_by_name(installed: None) -> None:
+def test_a_program_asks_for_it_by_name(installed: None) -> None:
     from plugin_speed_limit import SpeedLimit
 
-    async with Robot.open("sim", seed=1, additions={"speed_limit": SpeedLimit(v=0.2)}) as robot:
-        await robot.load_gains()
-        await robot.drive(0.6, 0.0, 2.0)
-        assert robot.odometry.v == pytest.approx(0.2, abs=0.05)
+    async def main() -> float:
+        async with Robot.open("sim", seed=1, additions={"speed_limit": SpeedLimit(v=0.2)}) as robot:
+            await robot.load_gains()
+            await robot.drive(0.6, 0.0, 2.0)
+            return robot.odometry.v
+
+    assert kernel.run(main(), speed="max") == pytest.approx(0.2, abs=0.02)
 
 
 # -- additions that are not there, or wrong -----------------------------------------------------------------------
@@ -111,14 +112,12 @@ async def test_one_that_is_named_and_not_installed_is_refused() -> None:
 
 
 @pytest.fixture
-def announced(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
+def announced(monkeypatch: pytest.MonkeyPatch) -> list[EntryPoint]:
     """The entry points of packages that are made up."""
     points: list[EntryPoint] = []
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
     monkeypatch.syspath_prepend(SITE)
-    additions.strangers.cache_clear()
-    yield points
-    additions.strangers.cache_clear()
+    return points
 
 
 def test_two_of_one_name_are_told_and_neither_takes_part(announced: list[EntryPoint], capsys: Capture) -> None:

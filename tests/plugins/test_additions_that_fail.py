@@ -108,9 +108,7 @@ def fail(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point])
     monkeypatch.syspath_prepend(SITE)
     monkeypatch.syspath_prepend(tmp_path)
-    additions.strangers.cache_clear()
     yield fail
-    additions.strangers.cache_clear()
     sys.modules.pop("plugin_failing", None)
 
 

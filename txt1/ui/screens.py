@@ -1,7 +1,7 @@
 """A snapshot as a full screen of text: header, state of the robot, one of the screens, keys.
 
-Screens go by name: ours from a table and from additions, other packages' through the entry-point group
-``txt1.screens``::
+Screens go by name: ours from a table and from additions, other packages' through their additions and the entry-point
+group ``txt1.screens``::
 
     [project.entry-points."txt1.screens"]
     THERMOMETER = "mypackage.thermometer:screen"
@@ -10,7 +10,7 @@ where ``screen(snapshot, viewer, width, rows)`` returns what `rich` is to print 
 through all of them. They are imported in the drawing process only; one that fails says so in its place.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import accumulate
@@ -54,9 +54,17 @@ Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
 @cache
 def installed() -> dict[str, EntryPoint]:
     """All screens by name, in the order of the joystick."""
-    added = {name: where for each in additions.ours().values() for name, where in each.parts.get(GROUP, {}).items()}
-    ours = (EntryPoint(name, where, GROUP) for name, where in (SCREENS | added).items())
-    return {point.name: point for point in (*ours, *sorted(entry_points(group=GROUP), key=lambda point: point.name))}
+    ours = {**_points(SCREENS), **_brought(additions.ours())}
+    others = {**_brought(additions.strangers().found), **{point.name: point for point in entry_points(group=GROUP)}}
+    return ours | {name: others[name] for name in sorted(others)}
+
+
+def _brought(by: Mapping[str, additions.Addition]) -> dict[str, EntryPoint]:
+    return {name: point for each in by.values() for name, point in _points(each.parts.get(GROUP, {})).items()}
+
+
+def _points(places: Mapping[str, str]) -> dict[str, EntryPoint]:
+    return {name: EntryPoint(name, where, GROUP) for name, where in places.items()}
 
 
 def render(snapshot: Snapshot | None, viewer: Viewer, width: int, height: int) -> RenderableType:

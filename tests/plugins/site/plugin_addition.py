@@ -1,4 +1,4 @@
-"""A speed limit as an addition of another package: a section, an option, a command, a guard and a topic."""
+"""A speed limit as an addition of another package: a guard, what shows it, and whatever asks for it."""
 
 from txt1.additions import Addition
 
@@ -8,5 +8,9 @@ ADDITION = Addition(
     settings="plugin_speed_limit:SpeedLimit",
     prepare="plugin_speed_limit:prepare",
     options="plugin_speed_limit:OPTIONS",
+    parts={
+        "txt1.screens": {"LIMIT": "plugin_limit_screen:screen"},
+        "txt1.bridges": {"limited": "plugin_limit_bridge:main"},
+    },
     commands={"limit": ("plugin_limit_command", "print the speed limit")},
 )
