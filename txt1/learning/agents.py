@@ -20,7 +20,9 @@ from txt1.config import Config
 from txt1.errors import ConfigError, QTableError
 from txt1.learning import neural, pilot, sweeps, taxis, thesis
 from txt1.learning.agent import Agent
-from txt1.learning.qtable import RELEARN, load
+from txt1.learning.qtable import RELEARN, StoredTable, load
+from txt1.learning.settings import LearningConfig
+from txt1.learning.strangers import checked
 from txt1.learning.trial import AGENT, stream
 from txt1.plugins import Registry
 
@@ -39,8 +41,15 @@ LEARNERS: Final = Registry(
 
 def make(name: str, config: Config, rng: np.random.Generator) -> Agent:
     """Return a learner that knows nothing yet; ConfigError: there is none of that name, or its options are wrong."""
-    agent: Agent = LEARNERS.make("agent", name, config, rng, None)
-    return agent
+    return _made(name, config, rng, None)
+
+
+def _made(name: str, config: Config, rng: np.random.Generator, stored: StoredTable | None) -> Agent:
+    agent: Agent = LEARNERS.make("agent", name, config, rng, stored)
+    place = LEARNERS.place("agent", name)
+    if callable(place):
+        return agent
+    return checked(agent, f"the learner '{name}' ({place})", len(config.section(LearningConfig).actions))
 
 
 def agent_of(config: Config, learn: str | None, policy: Path | None) -> Agent | None:
@@ -62,9 +71,8 @@ def from_table(path: Path, config: Config, rng: np.random.Generator) -> Agent:
     table = load(path)
     name = str(table.about.get("agent"))
     try:
-        agent: Agent = LEARNERS.make("agent", name, config, rng, table)
+        return _made(name, config, rng, table)
     except ConfigError as error:
         raise QTableError(str(path), f"was learned by '{name}' ({error})", RELEARN) from None
     except ValueError as error:
         raise QTableError(str(path), str(error), "give a table that this agent learned") from None
-    return agent
