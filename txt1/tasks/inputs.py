@@ -3,7 +3,6 @@
 from typing import Any, Final, NamedTuple
 
 from txt1.protocol.messages import Velocity
-from txt1.telemetry import exact
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -52,6 +51,8 @@ class Report(NamedTuple):
 
 def _report(report: Report) -> dict[str, Any]:
     """The fields of a report's message; without data where the value has no exact bytes, which a replay says."""
+    from txt1.telemetry import exact  # which nobody needs but a recorder
+
     told: dict[str, Any] = report._asdict()
     value = told.pop("value")
     try:
