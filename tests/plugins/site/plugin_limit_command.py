@@ -1,4 +1,4 @@
-"""The command `txt1 limit`."""
+"""The command "limit"."""
 
 import argparse
 
