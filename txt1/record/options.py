@@ -66,11 +66,15 @@ def asked(arguments: Namespace, config: Config) -> Recording | None:
 
 
 def _given(arguments: Namespace) -> Mapping[str, Any]:
-    """Return the options that were given, as far as they are words and numbers."""
-    told = {name: str(value) if isinstance(value, Path) else value for name, value in vars(arguments).items()}
+    """Return the options that were given, as far as they are words and numbers; not where this recording goes."""
+    every = (one for each in arguments.optional.values() for one in each.arguments.items())
+    usual = {names.split()[0].strip("-").replace("-", "_"): told.get("default") for names, told in every}
     return {
-        name: value for name, value in told.items() if value and isinstance(value, str | int | float | tuple | list)
-    }
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in vars(arguments).items()
+        if value and isinstance(value, str | int | float | tuple | list | Path) and value != usual.get(name)
+        and name != "log"
+    }  # fmt: skip
 
 
 OPTIONS: Final = Options(
