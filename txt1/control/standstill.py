@@ -70,7 +70,7 @@ class Standstill:
         self.drove = False
         self._since: float  # s of the run, of the present means, once there is one
         self._v0: float  # speed then, m/s
-        self._rest = Stop.STANDING  # what a vehicle is that does not move
+        self._rest: Stop  # what a vehicle is that does not move
         self._still_since: float | None = None
         self._moving_since: float | None = None
 
