@@ -15,14 +15,14 @@ SHIPPED = ("firmware/pico", "config/vehicles", "config/worlds", "config/foxglove
 
 
 class WithFiles(build_py):
-    """Puts these folders into the package; an editable install finds them in the source tree (txt1/shipped.py)."""
+    """Puts these folders into the package; an editable install finds them in the source tree (txt1/resources.py)."""
 
     def run(self) -> None:
         """Build."""
         super().run()
         if not self.editable_mode:
             for folder in filter(os.path.isdir, SHIPPED):
-                self.copy_tree(folder, str(Path(self.build_lib, "txt1", "shipped", folder)))
+                self.copy_tree(folder, str(Path(self.build_lib, "txt1", "data", folder)))
 
 
 MODULES = {

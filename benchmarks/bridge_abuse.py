@@ -20,11 +20,11 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
-from txt1.beside import Beside, Connection, Restart
 from txt1.bridges.registry import BRIDGES, bridge
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
+from txt1.sidecar import Beside, Connection, Restart
 
 ABUSES: Final = ("hang", "flood", "stop", "kill", "leak")
 STALE: Final = 0.25 + 0.02

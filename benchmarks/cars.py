@@ -11,8 +11,8 @@ from itertools import combinations
 from math import atan2, exp, hypot
 from typing import Final
 
-from txt1.fleet.air import Pose, Said
 from txt1.fleet.law import Law
+from txt1.fleet.radio import Pose, Said
 from txt1.model.kinematics import move_along_arc
 from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box

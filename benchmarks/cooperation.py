@@ -23,11 +23,11 @@ from benchmarks import cars as paper
 from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
 from txt1.experiments.figures import COLOURS, LOOKS
-from txt1.fleet import air, steering
-from txt1.fleet.air import Pose
+from txt1.fleet import radio, steering
 from txt1.fleet.convoy import GAP, HEADWAY, Follower, Leader, amplification
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.plan import names
+from txt1.fleet.radio import Pose
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import FOUND, Search
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
@@ -144,7 +144,7 @@ class Kept:
 
     def each(self, run: Callable[..., Any], laws: Sequence[type], given: Sequence[tuple[Any, ...]]) -> list[Any]:
         """What comes of a run by these laws with each of the arguments, of those begun before time is over."""
-        origins: list[type | ModuleType] = [*laws, steering, air, paper]
+        origins: list[type | ModuleType] = [*laws, steering, radio, paper]
         files = [Path(str(inspect.getsourcefile(one))) for one in origins]
         sources = [inspect.getsource(run).encode(), *(file.read_bytes() for file in files)]
         code = hashlib.sha256(b"".join(sources)).hexdigest()[:12]

@@ -18,7 +18,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.beside import PERIOD, PRIORITY
 from txt1.cli.app import real_time
 from txt1.config import load
 from txt1.driver import CommandSource
@@ -27,6 +26,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.sidecar import PERIOD, PRIORITY
 from txt1.tasks import controller
 from txt1.tasks.inputs import STEP
 from txt1.telemetry.topics import Topic

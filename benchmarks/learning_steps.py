@@ -27,7 +27,7 @@ from txt1.learning.batch import TICK_MS, Batch
 from txt1.learning.env import DECISION_MS, LightSeekingVectorEnv
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
-from txt1.sim.light import PointLight
+from txt1.sim.lamp import PointLight
 from txt1.sim.parameters import VehicleParameters
 
 COUNT, ROUNDS = 4000, 7

@@ -18,7 +18,7 @@ from time import sleep
 from typing import Final
 
 from benchmarks.rounds import table
-from txt1.cli.machines import Cluster, Machines
+from txt1.cli.workers import Cluster, Machines
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.processors import processors
 

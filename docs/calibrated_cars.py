@@ -14,7 +14,7 @@ from docs import parts
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.config.sources import vehicles
-from txt1.experiments.calibration.practice import Practised, read_practised
+from txt1.experiments.calibration.simulated_operator import Practised, read_practised
 
 HERE: Final = Path(__file__).parent
 TABLES: Final = HERE.parent / "out" / "calibration"

@@ -40,7 +40,7 @@ SPINE: Final = frozenset(
             "robot",
             "runtime",
             "sensors",
-            "shipped",
+            "resources",
             "sim",
             "tasks",
             "telemetry",

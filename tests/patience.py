@@ -41,7 +41,7 @@ STALLED: Final = (
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
     ("txt1.hal.serial", "LOST", LIMIT),
     ("txt1.hal.serial", "PAUSE", LIMIT),
-    ("txt1.beside", "START", LIMIT),
+    ("txt1.sidecar", "START", LIMIT),
     ("txt1.ui.terminal", "BACKLOG", LIMIT),
 )
 """After a stall odometry, host, board or bridge seem to be lost, and a key is too old: the numbers that decide it."""

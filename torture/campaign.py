@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from torture import page
-from torture.desk import Desk, on_the_desk
 from torture.strikes import KINDS, STRIKES, Strike, plan
-from txt1.cli.machines import OPTIONS, machines_of, progress
+from torture.struck_robot import Desk, on_the_desk
+from txt1.cli.workers import OPTIONS, machines_of, progress
 from txt1.commands import add, signals_to
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
@@ -91,7 +91,7 @@ def _kind_of(broken: str) -> str:
 
 def sources() -> str:
     """A short text that is another when the robot's sources, or the faults, are others."""
-    own = (ROOT / "torture" / f"{name}.py" for name in ("desk", "strikes"))
+    own = (ROOT / "torture" / f"{name}.py" for name in ("struck_robot", "strikes"))
     files = [*sorted((ROOT / "txt1").rglob("*.py")), *own]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 

@@ -23,7 +23,7 @@ from statistics import median
 from typing import Any, Final
 
 from torture import page
-from torture.desk import ENDLESS, Broken, coasting
+from torture.struck_robot import ENDLESS, Broken, coasting
 from txt1.board.board import Board
 from txt1.config import load
 from txt1.errors import StopNotVerified
@@ -215,7 +215,7 @@ def _children(process: int) -> list[int]:
     listed = subprocess.run(
         ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, check=False
     )
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "txt1.beside" in line]
+    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "txt1.sidecar" in line]
 
 
 async def beside(fault: str, rng: random.Random, folder: Path, seen: dict[str, float]) -> None:

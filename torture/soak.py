@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from torture import page
-from torture.desk import ENDLESS
+from torture.struck_robot import ENDLESS
 from txt1.config import load
 from txt1.errors import NotArmed
 from txt1.kernel.clock import seconds, stopwatch_ns

@@ -18,7 +18,7 @@ from txt1.errors import ConfigError, HalError, NotArmed
 from txt1.hal.base import Button, Hal, Inputs
 from txt1.hal.channels import rewired
 from txt1.hal.witness import witnessed
-from txt1.kernel import collector
+from txt1.kernel import garbage
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
 from txt1.kernel.statistics import TaskStatistics
@@ -176,7 +176,7 @@ class Runtime:
             if needs_simulated and not sensor.simulated:
                 raise ConfigError(f"--speed: the sensor '{name}' is not simulated and runs in real time only")
         self._open = True  # from here on `stop` closes it, also when opening fails half-way
-        collector.begin(real_time=not self._virtual)
+        garbage.begin(real_time=not self._virtual)
         for each in self.additions:
             if each.addition.watch:
                 context = additions.Contained(each, each.addition.watch, self, self.tell)
@@ -209,7 +209,7 @@ class Runtime:
             stack.push_async_callback(self._watching.aclose)
             stack.push_async_callback(settled, f"the HAL '{self.hal.name}'", "closed", self.hal.close)
             stack.push_async_callback(self.sensors.close)
-            stack.callback(collector.end)
+            stack.callback(garbage.end)
             stack.callback(lambda: self.bus.flush(ended if self.watch is None else self.now))
             stack.push_async_callback(self._settle)
             stack.callback(self.scheduler.stop)

@@ -27,7 +27,7 @@ from txt1.hal.vesc.driver import Unpacker, VescHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
-from txt1.sim.line import LineFaults
+from txt1.sim.serial_line import LineFaults
 
 
 def sim() -> SimHal:

@@ -20,21 +20,21 @@ from rich.console import Console
 
 from tests.e2e.conftest import may_block, passing
 from tests.patience import until
-from txt1.beside import Request
 from txt1.bridges.registry import BRIDGES, RESTART, Desk, bridge
 from txt1.bridges.services import Services
 from txt1.errors import ConfigError
 from txt1.fleet.link import Link
 from txt1.kernel.loop import run
 from txt1.robot import Robot
+from txt1.sidecar import Request
 from txt1.tasks.fields import WARNINGS, Panel
 from txt1.tasks.mode import MODE, Mode
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import screens
-from txt1.ui.line import status_line
+from txt1.ui.summary_line import status_line
 from txt1.ui.viewer import Viewer
 
-TARGETS = Path(__file__).parents[1] / "unit" / "beside"
+TARGETS = Path(__file__).parents[1] / "unit" / "sidecar"
 ROOT = TARGETS.parents[2]
 
 STALE = 0.25

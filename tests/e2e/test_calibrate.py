@@ -22,10 +22,10 @@ from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
 from txt1.errors import NotArmed
 from txt1.experiments.calibration.bench import Bench
-from txt1.experiments.calibration.practice import Onlooker, judge, passes, unknown_car
+from txt1.experiments.calibration.simulated_operator import Onlooker, judge, passes, unknown_car
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.channels import rewired
-from txt1.hal.desk import DevicePort
+from txt1.hal.double import DevicePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.hal.vesc.double import Vesc

@@ -24,12 +24,12 @@ from txt1.cli import execute
 from txt1.errors import ConfigError
 from txt1.fleet.command import line
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.helm import Helm
 from txt1.fleet.link import STOPS, STOPS_MAX, Link
 from txt1.fleet.members import FLEET, Member
 from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.fleet.screen import screen as fleet_screen
+from txt1.fleet.selection import Helm
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks

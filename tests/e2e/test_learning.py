@@ -23,7 +23,7 @@ from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
-from txt1.cli.machines import Machines
+from txt1.cli.workers import Machines
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
@@ -39,7 +39,7 @@ from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
 from txt1.navigation import wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
-from txt1.sim.light import LightSensors, PointLight, SensorFault, noise_for_jitter
+from txt1.sim.lamp import LightSensors, PointLight, SensorFault, noise_for_jitter
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config

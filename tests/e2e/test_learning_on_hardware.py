@@ -29,7 +29,7 @@ from txt1.learning.agents import agent_of, make
 from txt1.learning.task import LearningTask
 from txt1.learning.trial import Phase, Pose, Trial, starts, task_of
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, SAMPLE_PERIOD, Readings
+from txt1.model.light_sensors import LUX_MAX, SAMPLE_PERIOD, Readings
 from txt1.navigation import PoseSource
 from txt1.robot import Robot
 from txt1.sensors.base import Reading

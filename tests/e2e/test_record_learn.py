@@ -29,7 +29,7 @@ from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
-from txt1.learning.light import reward
+from txt1.learning.light_direction import reward
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import Episode
 from txt1.record.session import discard, recording

@@ -18,7 +18,7 @@ from txt1.record.encoder import Encoder
 from txt1.record.reading import Reading
 from txt1.record.session import recording
 from txt1.robot import Robot
-from txt1.ros.feed import Feed
+from txt1.ros.publisher import Feed
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Rule, Topic
 

@@ -8,7 +8,6 @@ from contextlib import asynccontextmanager
 import pytest
 
 from tests.e2e.conftest import ENDLESS
-from txt1.beside import Request
 from txt1.cli import execute
 from txt1.config.sources import load
 from txt1.driver import REFRESH
@@ -16,8 +15,9 @@ from txt1.errors import ConfigError
 from txt1.kernel.ticks import Ticks
 from txt1.model.vehicle import STEERING_MAX
 from txt1.robot import Robot
-from txt1.ros.desk import Ros2Desk
 from txt1.ros.original import Ros1Desk
+from txt1.ros.robot_end import Ros2Desk
+from txt1.sidecar import Request
 
 TICK = 0.02
 nodes = pytest.mark.parametrize(("name", "desk"), [("ros", Ros2Desk), ("ros1", Ros1Desk)])

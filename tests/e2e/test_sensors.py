@@ -12,7 +12,7 @@ from tests.e2e.conftest import ENDLESS
 from txt1.config import load
 from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError, HalError, TaskFault
-from txt1.model.light import LUX_MAX, Readings
+from txt1.model.light_sensors import LUX_MAX, Readings
 from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS, Reading, reading_topic

@@ -15,7 +15,7 @@ import pytest
 from tests.patience import wait_until
 from torture.campaign import main as campaign
 from txt1.cli import execute
-from txt1.cli.machines import Cluster, on_dask, on_processes
+from txt1.cli.workers import Cluster, on_dask, on_processes
 from txt1.errors import ConfigError
 from txt1.experiments.command.sweep import combinations, write_table
 

@@ -18,7 +18,7 @@ import pytest
 
 from tests.browser.live import Live, live
 from tests.patience import LIMIT, S, until
-from txt1.web.door import Door, visitors_token
+from txt1.web.auth import Door, visitors_token
 from txt1.web.routes import MESSAGE_MAX, STRANGER
 from txt1.web.server import CONNECTIONS_MAX
 

@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from txt1.beside import Request
 from txt1.config import load
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
@@ -23,7 +22,8 @@ from txt1.navigation import fused_pose, go_to, true_pose
 from txt1.protocol.messages import Switch
 from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
-from txt1.ros.desk import Ros2Desk
+from txt1.ros.robot_end import Ros2Desk
+from txt1.sidecar import Request
 from txt1.sim.room import Room
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")

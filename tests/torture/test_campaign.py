@@ -66,5 +66,5 @@ def test_outputs_beyond_the_limits_are_seen(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_vehicle_that_does_not_come_to_rest_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("torture.desk.coasting", lambda v: -inf)
+    monkeypatch.setattr("torture.struck_robot.coasting", lambda v: -inf)
     assert "after it was allowed to move last" in once("sim", 1, [Strike("silence", 2.0, 0.9)], duration=5.0).broken

@@ -7,7 +7,7 @@ A bridge is a function that runs in a process of its own. A package announces it
 
 and the function is called with its end of the line and its options::
 
-    def main(robot: txt1.beside.Connection, host: str = "localhost") -> None:
+    def main(robot: txt1.sidecar.Connection, host: str = "localhost") -> None:
         robot.request("subscribe", topics=["/odom"], rate=10.0)
         for telemetry in robot:
             publish(telemetry["topics"]["/odom"])
@@ -26,12 +26,12 @@ from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from math import inf, isfinite
 from typing import Any, Final
 
-from txt1.beside import PERIOD, PRIORITY, Beside, Request, Restart
 from txt1.errors import CommandRefused, Txt1Error
 from txt1.hal.base import Button
 from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.sidecar import PERIOD, PRIORITY, Beside, Request, Restart
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 

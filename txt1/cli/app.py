@@ -17,8 +17,6 @@ from contextlib import asynccontextmanager, contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from txt1.beside import PERIOD as SCREENS_PERIOD
-from txt1.beside import PRIORITY as SCREENS_PRIORITY
 from txt1.commands import DISARMED, FAULT, OK, SIGNALS, STDOUT, UNSTOPPED, View, say, signals_to
 from txt1.config import Config
 from txt1.driver import REFRESH
@@ -31,11 +29,13 @@ from txt1.record.options import Recording
 from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
+from txt1.sidecar import PERIOD as SCREENS_PERIOD
+from txt1.sidecar import PRIORITY as SCREENS_PRIORITY
 from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
 from txt1.ui import tty
-from txt1.ui.line import SHOWN, status_line
+from txt1.ui.summary_line import SHOWN, status_line
 from txt1.ui.terminal import Terminal
 
 if TYPE_CHECKING:

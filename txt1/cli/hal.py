@@ -16,8 +16,8 @@ from txt1.errors import ConfigError
 from txt1.hal.base import Hal
 from txt1.hal.conformance import HalConformance
 from txt1.hal.registry import HALS, create
-from txt1.shipped import PACKAGE
-from txt1.sim.line import LineFaults
+from txt1.resources import PACKAGE
+from txt1.sim.serial_line import LineFaults
 
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
 NAME: Final = "the name of a Python module, such as mycar"

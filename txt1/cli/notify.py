@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
-from txt1.beside import PRIORITY
 from txt1.kernel.ticks import Ticks
 from txt1.runtime import Runtime
+from txt1.sidecar import PRIORITY
 from txt1.tasks import controller
 
 FEEDINGS: Final = 4  # within the watchdog's time: some may come late

@@ -22,7 +22,7 @@ from txt1 import additions
 from txt1.config.renamed import name_now, translated
 from txt1.config.schema import RECORDED, Config
 from txt1.errors import ConfigError
-from txt1.shipped import shipped
+from txt1.resources import resource
 
 T = TypeVar("T")
 
@@ -162,14 +162,14 @@ def origin_of(key: str, origins: Mapping[str, str]) -> str:
 
 def vehicles() -> list[str]:
     """The names of the vehicles that come with the package."""
-    return sorted(path.stem for path in shipped(VEHICLES).glob("*.yaml"))
+    return sorted(path.stem for path in resource(VEHICLES).glob("*.yaml"))
 
 
 def vehicle_file(name: str) -> Path | None:
     """The file of a vehicle, there or not; None for the TXT-1, whose values are the defaults."""
     if name == Config().vehicle:
         return None
-    return Path(name) if name.endswith((".yaml", ".yml")) else shipped(VEHICLES) / f"{name}.yaml"
+    return Path(name) if name.endswith((".yaml", ".yml")) else resource(VEHICLES) / f"{name}.yaml"
 
 
 def _of_vehicle(settings: Sequence[Setting]) -> list[Setting]:

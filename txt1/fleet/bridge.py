@@ -13,14 +13,14 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from txt1.beside import LINE_MAX, Connection
 from txt1.errors import ConfigError
-from txt1.fleet.air import TIMEOUT
 from txt1.fleet.messages import Answer
 from txt1.fleet.network import Hooks, Peer
+from txt1.fleet.radio import TIMEOUT
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
 from txt1.learning.learned import learned_of
+from txt1.sidecar import LINE_MAX, Connection
 
 RATE: Final = 20.0  # Hz
 TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]

@@ -21,9 +21,9 @@ from txt1.commands import DISARMED, FAULT, OK, UNSTOPPED, flag, need, say, takes
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.helm import KEYS, Helm
 from txt1.fleet.options import NETWORK
 from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.fleet.selection import KEYS, Helm
 from txt1.fleet.stopping import Standing
 from txt1.record.options import LOG
 from txt1.ui import tty

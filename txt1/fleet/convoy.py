@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
-from txt1.fleet.air import Said
+from txt1.fleet.radio import Said
 from txt1.model.kinematics import wrap_angle
 
 GAP: Final = 0.9  # d: between two centres at rest, m; a body is 0.51 m long

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from math import atan2
 
 from txt1.driver import REFRESH
-from txt1.fleet.air import TIMEOUT, Medium, Said, placed
 from txt1.fleet.law import Law
+from txt1.fleet.radio import TIMEOUT, Medium, Said, placed
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 

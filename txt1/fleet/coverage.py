@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.fleet.air import Said
+from txt1.fleet.radio import Said
 from txt1.fleet.steering import CLEAR, RADIUS_MIN, Helmsman
 
 SQUARE: Final = 0.25  # m, side of a square

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from txt1.config import Config, load
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import HalError, NotArmed
-from txt1.fleet.air import Air
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.plan import FleetPlan, plan_of
+from txt1.fleet.radio import Air
 from txt1.hal.registry import in_world
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot

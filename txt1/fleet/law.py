@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 from txt1.errors import ConfigError
-from txt1.fleet.air import Said
 from txt1.fleet.convoy import Follower, Leader
 from txt1.fleet.coverage import Coverage
+from txt1.fleet.radio import Said
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import Search
 

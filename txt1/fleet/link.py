@@ -8,10 +8,10 @@ from math import inf
 from typing import Any, Final
 
 from txt1.errors import ConfigError
-from txt1.fleet.air import Said
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, Member, member_of
+from txt1.fleet.radio import Said
 from txt1.learning.learned import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare

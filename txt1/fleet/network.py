@@ -31,9 +31,9 @@ from random import Random
 from typing import Any, Final
 
 from txt1.errors import ConfigError, MissingExtra
-from txt1.fleet.air import TIMEOUT, Said
 from txt1.fleet.members import Member
 from txt1.fleet.messages import Answer, State, answer_of, drive_of, is_name, message_of, state_of, stop_of, time_of
+from txt1.fleet.radio import TIMEOUT, Said
 from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
 

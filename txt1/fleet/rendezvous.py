@@ -29,7 +29,7 @@ from collections.abc import Iterable, Mapping
 from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
-from txt1.fleet.air import Said
+from txt1.fleet.radio import Said
 from txt1.fleet.steering import Helmsman
 from txt1.model.kinematics import wrap_angle
 

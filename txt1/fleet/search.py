@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from math import cos, hypot, sin, sqrt
 from typing import Final
 
-from txt1.fleet.air import Said
 from txt1.fleet.coverage import Coverage
+from txt1.fleet.radio import Said
 from txt1.fleet.steering import Helmsman
 
 SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away

@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.fleet.air import Said
+from txt1.fleet.radio import Said
 from txt1.model.kinematics import wrap_angle
 
 RADIUS_MIN: Final = 0.56  # m

@@ -5,9 +5,9 @@ import select
 from contextlib import suppress
 from typing import Any, Final
 
-from txt1.beside import Connection
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, Reading
 from txt1.kernel.clock import RealClock, seconds
+from txt1.sidecar import Connection
 
 PERIOD: Final = 0.02  # s between two looks
 FULL: Final = 32767.0  # SDL's number for a full deflection

@@ -19,7 +19,7 @@ from functools import partial
 from math import inf
 from typing import Any, Final, Literal, TypeVar
 
-from txt1.kernel import turns
+from txt1.kernel import timeslice
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, VirtualClock, nanoseconds
 from txt1.kernel.jumps import Jumps
 
@@ -54,7 +54,7 @@ class RealTimeLoop(asyncio.SelectorEventLoop):
         self.clock: Clock = RealClock()
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-        turns.short()
+        timeslice.short()
 
 
 class _JumpingSelector(selectors.DefaultSelector):

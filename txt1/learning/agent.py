@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
 Rows = NDArray[np.float64]  # of numbers that were learned, shape (rows, columns)

@@ -1,7 +1,7 @@
 """Many simulated robots at once, for training that needs millions of steps (extra `fast`: numba).
 
 The vehicles are `txt1.sim.batch`; the loops and the light are the runtime's own `txt1.control` and
-`txt1.sim.light.lux_at`. The odometry's velocities and the filter are written out here over arrays;
+`txt1.sim.lamp.lux_at`. The odometry's velocities and the filter are written out here over arrays;
 tests/unit/learning/test_batch.py holds it all against the running robot. Without numba it is the same, slowly.
 """
 
@@ -17,12 +17,12 @@ from txt1.control.parameters import KnownCar, Safety
 from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.kernel.processors import processors
-from txt1.learning.light import FILTER_WEIGHT
-from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
+from txt1.learning.light_direction import FILTER_WEIGHT
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
-from txt1.sim.light import PointLight, lux_at
+from txt1.sim.lamp import PointLight, lux_at
 from txt1.sim.parameters import VehicleParameters
 
 TICK_MS: Final = 20  # one vehicle step, ms: the controller's period. The light is sampled with it.

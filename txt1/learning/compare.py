@@ -25,9 +25,9 @@ from txt1.config import Config, completed
 from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, MissingExtra
-from txt1.learning.abreast import trials
 from txt1.learning.agents import LEARNERS, make
-from txt1.learning.floor import floor_of, known_floor
+from txt1.learning.best_time import floor_of, known_floor
+from txt1.learning.lockstep import trials
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
 from txt1.learning.suite import Each

@@ -30,12 +30,12 @@ from txt1.hal.base import Hal, Outputs
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create_sim
 from txt1.learning.batch import TICK_MS, Batch
-from txt1.learning.light import LightFilter, direction, reward, sector
+from txt1.learning.light_direction import LightFilter, direction, reward, sector
 from txt1.learning.trial import COMMANDS, Start, ready_to_learn, task_of
-from txt1.model.light import LUX_MAX, SENSOR_X, SENSOR_Y
+from txt1.model.light_sensors import LUX_MAX, SENSOR_X, SENSOR_Y
 from txt1.model.odometry import Odometry, WheelOdometry
 from txt1.sensors.light import See, eyes
-from txt1.sim.light import PointLight, noise_for_jitter
+from txt1.sim.lamp import PointLight, noise_for_jitter
 
 try:
     import gymnasium
@@ -231,7 +231,7 @@ class LightSeekingVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[An
         return self._observations(), rewards, terminated, truncated, {"success": success}
 
     def states(self) -> NDArray[np.int64]:
-        """The sectors, as `txt1.learning.light` computes one."""
+        """The sectors, as `txt1.learning.light_direction` computes one."""
         fl, fr, rl, rr = self.robots.readings.T
         angle = np.arctan2(SENSOR_Y * (fl + rl - fr - rr), SENSOR_X * (fl + fr - rl - rr))
         sectors: NDArray[np.int64] = ((np.floor(angle / (pi / 4.0) + 0.5) + 4) % 8).astype(np.int64)

@@ -25,7 +25,7 @@ from txt1.config import Config, completed
 from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
-from txt1.learning.floor import Floor, known_floor
+from txt1.learning.best_time import Floor, known_floor
 from txt1.learning.provenance import code_hash, provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig

@@ -29,11 +29,10 @@ from numpy.typing import NDArray
 
 from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent, Rows
-from txt1.learning.course import Array, Belief, Effects, Place, quickest
 from txt1.learning.learned import Learned
+from txt1.learning.planner import Array, Belief, Effects, Place, quickest
 from txt1.learning.qtable import StoredTable
-from txt1.learning.settings import LearningConfig
-from txt1.learning.survey import (
+from txt1.learning.sensor_map import (
     NUMBERS,
     PLACES,
     POWER,
@@ -48,8 +47,9 @@ from txt1.learning.survey import (
     surveyed,
     way,
 )
+from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, LUX_MIN
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 

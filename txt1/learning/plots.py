@@ -9,10 +9,10 @@ import numpy as np
 
 from txt1.errors import MissingExtra
 from txt1.learning import pilot, sweeps, thesis
-from txt1.learning.floor import Floor
+from txt1.learning.best_time import Floor
 from txt1.learning.qtable import ACTIONS, StoredTable
 from txt1.learning.trial import Task, TrialResult
-from txt1.model.light import MOUNT, SENSORS
+from txt1.model.light_sensors import MOUNT, SENSORS
 
 DPI: Final = 120
 LEGIBLE: Final = 200  # of a table with more numbers only the colours are drawn
@@ -30,7 +30,7 @@ def draw(
 ) -> list[Path]:
     """The pictures that were written: learning_curve.png, paths.png, qtable.png; raises MissingExtra.
 
-    With a floor (`txt1.learning.floor`) the curve has the ratio to it, too.
+    With a floor (`txt1.learning.best_time`) the curve has the ratio to it, too.
     """
     try:
         from matplotlib import colormaps, ticker

@@ -20,7 +20,7 @@ from txt1.errors import QTableError
 
 Table = NDArray[np.float64]  # Q(s, a), shape (states, actions)
 
-STATES: Final = 8  # the sectors of `txt1.learning.light`
+STATES: Final = 8  # the sectors of `txt1.learning.light_direction`
 ACTIONS: Final = ("right", "straight", "left")  # by index (table 5.2)
 
 FORMAT: Final = "txt1 Q-table"

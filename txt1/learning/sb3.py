@@ -4,7 +4,7 @@
     from txt1.learning.sb3 import LightSeekingVecEnv
     PPO("MlpPolicy", LightSeekingVecEnv(load().config, 16, seed=1)).learn(200_000)
 
-The robots drive as trials do abreast (`txt1.learning.abreast`), in any world of the configuration: its vehicle, floor,
+The robots drive as trials do abreast (`txt1.learning.lockstep`), in any world of the configuration: its vehicle, floor,
 light, sensors and their faults, actions, delay. One step is one decision, 0.1 s as for the learners that drive.
 
 - Observation, as often as `stack` says, the latest last: the logarithms of the means of the four readings since the
@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
-from txt1.learning.abreast import DECISION_MS, LIGHT_MS, REST_MS, Abreast
 from txt1.learning.batch import SENSED, TICK_MS
+from txt1.learning.lockstep import DECISION_MS, LIGHT_MS, REST_MS, Abreast
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, stream, task_of
-from txt1.model.light import LUX_MAX, LUX_MIN
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 
 try:
     import torch

@@ -14,7 +14,7 @@ from txt1.errors import Txt1Error
 from txt1.learning.agent import Agent, Decision, Rows, Sharer
 from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
 T = TypeVar("T")

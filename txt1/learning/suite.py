@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
-from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
-from txt1.learning.floor import Floor, floor_of, known_floor
+from txt1.learning.best_time import Floor, floor_of, known_floor
+from txt1.learning.lockstep import trials, world_at
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig

@@ -16,7 +16,7 @@ from txt1.learning.agent import Agent
 from txt1.learning.settings import LearningConfig
 from txt1.learning.sharing import Sharing
 from txt1.learning.trial import TICK, Episode, Phase, Trial, starts, task_of
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.navigation import Arrival, PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.robot import Robot
 from txt1.telemetry.messages import define

@@ -31,7 +31,7 @@ from txt1.config import Config, checked
 from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
-from txt1.model.light import LUX_MAX, LUX_MIN
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN
 from txt1.model.odometry import Odometry
 from txt1.units import NotNegative, Positive, Share
 

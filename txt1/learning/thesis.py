@@ -14,13 +14,21 @@ from txt1.config import Config
 from txt1.errors import NoDirection
 from txt1.learning.agent import Decision, Rows
 from txt1.learning.learned import Learned
-from txt1.learning.light import SECTORS, LightFilter, corrected_direction, direction, reward, sector, spread_limit
+from txt1.learning.light_direction import (
+    SECTORS,
+    LightFilter,
+    corrected_direction,
+    direction,
+    reward,
+    sector,
+    spread_limit,
+)
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, Table, initial, update
 from txt1.learning.settings import LearningConfig, ThesisConfig
 from txt1.learning.trial import COMMANDS, Commands
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
-from txt1.sim.light import PointLight, illuminances
+from txt1.sim.lamp import PointLight, illuminances
 
 REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)

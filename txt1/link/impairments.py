@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from txt1.link.base import BACKLOG, End, Link
-from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
+from txt1.sim.serial_line import Arrival, Line, LineFault, LineFaults, Pace
 
 Carrier = Line | Pace  # decides when which bytes arrive
 

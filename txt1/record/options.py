@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from txt1.additions import Options
 from txt1.commands import flag, host_and_port, path, say, takes
 from txt1.errors import ConfigError
-from txt1.shipped import shipped
+from txt1.resources import resource
 
 if TYPE_CHECKING:
     from txt1.config import Config
     from txt1.kernel.loop import Speed
     from txt1.record.live import LiveView
 
-LAYOUT: Final = shipped("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
+LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxglove's panels
 
 LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
 VIEW: Final = {

@@ -12,7 +12,7 @@ from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import press
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
-from txt1.ui.line import status_line
+from txt1.ui.summary_line import status_line
 from txt1.ui.terminal import Terminal
 
 SEEK: Final = 5.0  # s that one press of a or d winds

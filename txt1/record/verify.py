@@ -4,7 +4,7 @@ Everything that came from outside is in the recording, exactly, with its time an
 came: messages and actions (`/input`), the sensors' readings and, of hardware, its reports (`/reports`). It is given
 again to a fresh runtime made from the recorded configuration, and what that one tells is compared with the recording
 message by message (`txt1.record.comparison`). So guards, the estimate and whatever else reads a sensor work as ever;
-only the sensors and the hardware beneath them are recorded ones (`txt1.record.again`).
+only the sensors and the hardware beneath them are recorded ones (`txt1.record.replay`).
 
 In virtual time the scheduler runs the tasks at the very times of then, and simulated hardware is simulated anew. On the
 real clock every step is in the recording, too (`/steps`), and hardware reports what it reported.
@@ -26,11 +26,11 @@ from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
 from txt1.model.channels import Channels
-from txt1.record.again import Following, RecordedHal, RecordedSensor, Script, StepByStep
 from txt1.record.comparison import Comparison, Difference
 from txt1.record.reading import robots_in
 from txt1.record.recorded import Recorded, read
 from txt1.record.recorder import Recorder
+from txt1.record.replay import Following, RecordedHal, RecordedSensor, Script, StepByStep
 from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS

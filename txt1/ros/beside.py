@@ -35,8 +35,8 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     """Return what makes the robot a node of ROS 2, if it is to be one; raises ConfigError where there is no ROS 2."""
     if not arguments.ros2:
         return None
-    from txt1.ros.desk import Ros2Desk
     from txt1.ros.node import node_beside
+    from txt1.ros.robot_end import Ros2Desk
 
     python = ros2_python()
 

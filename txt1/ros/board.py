@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from txt1.beside import Request
 from txt1.board.board import Board, BoardEvent
 from txt1.errors import Txt1Error
 from txt1.hal.base import Button
 from txt1.ros.calls import Calls
-from txt1.ros.feed import Feed
+from txt1.ros.publisher import Feed
+from txt1.sidecar import Request
 
 
 class BoardDesk:

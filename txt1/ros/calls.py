@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from txt1.errors import Txt1Error
 
 if TYPE_CHECKING:
-    from txt1.beside import Connection
+    from txt1.sidecar import Connection
 
 CANCELLED: Final = "cancelled"
 PATIENCE: Final = 10.0  # s within which the robot answers

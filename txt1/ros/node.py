@@ -7,9 +7,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final, Protocol
 
-from txt1.beside import PERIOD, Beside, Request
 from txt1.bridges.registry import RESTART, SILENCE, warning
 from txt1.runtime import Runtime
+from txt1.sidecar import PERIOD, Beside, Request
 
 START: Final = Path(__file__).with_name("start.py")
 PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one

@@ -6,7 +6,6 @@ import asyncio
 import json
 from typing import Any, Final
 
-from txt1.beside import Request
 from txt1.bridges.registry import Desk
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
@@ -17,6 +16,7 @@ from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
+from txt1.sidecar import Request
 
 ODOMETRY: Final = 0.05  # s between two odometry messages
 BATTERY: Final = 1.0  # s between two battery messages

@@ -9,7 +9,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-from txt1.beside import Beside, Request
 from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.kernel.clock import NS_PER_S, RealClock, nanoseconds, seconds
@@ -17,11 +16,12 @@ from txt1.model.vehicle import Geometry
 from txt1.record.encoder import Encoder
 from txt1.record.reading import Decoding, Item, Reading, metadata_of, robot_in
 from txt1.ros.definitions import OWNERS
-from txt1.ros.feed import JOINTS, Wheels, description, line_of
 from txt1.ros.node import START
+from txt1.ros.publisher import JOINTS, Wheels, description, line_of
 from txt1.ros.python import RosPython
 from txt1.ros.topics import Publication, Quality, recorded
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
+from txt1.sidecar import Beside, Request
 from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Topic

@@ -20,9 +20,9 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
-from txt1.beside import Connection
 from txt1.ros.calls import Caller
 from txt1.ros.txt_driver import MESSAGES, SERVICES
+from txt1.sidecar import Connection
 
 NAME: Final = "txt1_node"
 COMBINED: Final = 0.02  # s between two combined odometries that are handed on

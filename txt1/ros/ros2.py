@@ -25,9 +25,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from txt1.beside import Connection
 from txt1.ros.calls import Caller
 from txt1.ros.stamps import Publishers, Stamps
+from txt1.sidecar import Connection
 
 LOOK: Final = 0.1  # s between two looks at whether a goal is to be cancelled
 SECOND: Final = 1.0  # s between two reports about the node itself

@@ -11,4 +11,4 @@ if __name__ == "__main__":
     here = Path(__file__).resolve().parent
     sys.path[:] = [place for place in sys.path if Path(place).resolve() != here]
     sys.path.append(str(here.parents[1]))
-    import_module("txt1.beside").main(*sys.argv[1:])
+    import_module("txt1.sidecar").main(*sys.argv[1:])

@@ -10,9 +10,9 @@ import numpy as np
 from txt1.config import Config
 from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, SENSOR_Y, SENSORS, Readings
 from txt1.sensors.base import Pose, Reading, Setup, reading_topic
-from txt1.sim.light import LightSensors, PointLight, noise_for_jitter
+from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
@@ -56,7 +56,7 @@ def eyes(config: Config, rng: np.random.Generator, faults: Sequence[str] | None 
 
 
 def compass(light: tuple[float, float]) -> See:
-    """Readings whose `txt1.learning.light.direction` is the light's true bearing, as O's simulated learner had it."""
+    """Readings whose direction (`txt1.learning.light_direction`) is the bearing of the light, as in O's simulation."""
 
     def see(pose: Pose) -> Readings:
         x, y, theta = pose
@@ -126,8 +126,8 @@ class PhidgetLight:
 
     The driver's thread writes the latest voltage ratio of each channel; `read` turns it into lux and never waits. The
     thesis's 1127 precision sensor gives a voltage ratio of 0 to 1 for 0 to 1000 lux. A channel that is not attached, or
-    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light`). The channels are those of FL,
-    FR, RL and RR; the serial number is the kit's, None for the only one there is.
+    has not reported yet, reads NaN, which stops a learner (see `txt1.learning.light_direction`). The channels are those
+    of FL, FR, RL and RR; the serial number is the kit's, None for the only one there is.
     """
 
     period = SAMPLE_PERIOD

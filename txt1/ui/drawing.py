@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from txt1.beside import Connection
 from txt1.kernel.clock import RealClock, nanoseconds
+from txt1.sidecar import Connection
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.screens import installed, render

@@ -12,9 +12,9 @@ from math import inf
 from types import TracebackType
 from typing import Final, Literal, Protocol, Self
 
-from txt1.beside import BEAT, PERIOD, Beside, Request
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
+from txt1.sidecar import BEAT, PERIOD, Beside, Request
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop

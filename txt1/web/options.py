@@ -66,8 +66,8 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
         raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
     need("--web", "web", "aiohttp", "cryptography", "segno")
     from txt1.record.view_proxy import token_in
+    from txt1.web.auth import is_loopback
     from txt1.web.certificate import addresses, fingerprint, own_certificate, tls
-    from txt1.web.door import is_loopback
 
     host, port = arguments.web
     token, certificate, key = arguments.web_token, arguments.web_cert, arguments.web_key

@@ -17,7 +17,7 @@ from aiohttp import WSCloseCode, web
 
 from txt1.errors import CommandRefused
 from txt1.kernel.clock import RealClock, seconds
-from txt1.web.door import Role
+from txt1.web.auth import Role
 from txt1.web.player import Player, strict
 from txt1.web.wheel import Budget, PageClock, Sequence, Wheel
 

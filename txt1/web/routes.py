@@ -9,7 +9,7 @@ from typing import Final
 from aiohttp import WSMessage, WSMsgType, web
 
 from txt1.kernel.clock import NS_PER_S, wall_ns
-from txt1.web.door import Door, Role
+from txt1.web.auth import Door, Role
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import NAME

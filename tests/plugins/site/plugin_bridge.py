@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from txt1.beside import Connection
+from txt1.sidecar import Connection
 
 
 def main(robot: Connection, distance: float = 0.5) -> None:

@@ -1,6 +1,6 @@
 """A bridge: it drives as fast as the speed limit allows, and tells how fast that is."""
 
-from txt1.beside import Connection
+from txt1.sidecar import Connection
 
 
 def main(robot: Connection, share: float = 1.0) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 
-from txt1.beside import Request
 from txt1.bridges.registry import Desk, Desks
 from txt1.fleet.bridge import Gate
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.messages import Answer
 from txt1.kernel.loop import run
+from txt1.sidecar import Request
 
 
 def test_a_request_is_one_robot_s_and_one_without_a_name_is_everybody_s() -> None:

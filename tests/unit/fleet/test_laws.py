@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from benchmarks.cars import Cars
 from benchmarks.cooperation import convoy, coverage, rendezvous
 from txt1.errors import ConfigError
-from txt1.fleet.air import Air, Said
 from txt1.fleet.convoy import TRACK_MAX, Follower, amplification
 from txt1.fleet.law import LAWS, make_law
+from txt1.fleet.radio import Air, Said
 from txt1.fleet.rendezvous import agree, slot
 from txt1.fleet.steering import APART, allowed, toward
 

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from txt1.beside import LINE_MAX
 from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
     LARGEST,
@@ -24,6 +23,7 @@ from txt1.fleet.messages import (
     stop_of,
     time_of,
 )
+from txt1.sidecar import LINE_MAX
 
 PROPER = {"from": "txt01", "sent": 7, "x": 1.0, "y": 2, "theta": 0.5, "v": 0.3, "omega": -0.1}
 JSON = st.recursive(

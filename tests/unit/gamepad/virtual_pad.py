@@ -8,9 +8,9 @@ from typing import Any
 
 import pygame
 
-from txt1.beside import Connection
 from txt1.gamepad import bridge as gamepad
 from txt1.gamepad.pad import AXES, BUTTONS
+from txt1.sidecar import Connection
 
 GAME_CONTROLLER = 1
 

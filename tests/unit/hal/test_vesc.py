@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from txt1.config import Config, load
 from txt1.errors import ConfigError, TaskFault
-from txt1.hal.desk import DevicePort
+from txt1.hal.double import DevicePort
 from txt1.hal.registry import create
 from txt1.hal.vesc import driver as vesc
 from txt1.hal.vesc.double import Vesc
@@ -21,7 +21,7 @@ from txt1.hal.vesc.driver import Command, Options, Unpacker, VescHal, packet
 from txt1.kernel.loop import run
 from txt1.link.base import Link, connect
 from txt1.robot import Robot
-from txt1.sim.line import LineFaults
+from txt1.sim.serial_line import LineFaults
 
 WORDS = ("vehicle=f1tenth", "sim.room.length=.inf", "sim.room.width=.inf", "sim.noise.drag=0")
 

@@ -17,7 +17,7 @@ from txt1.learning.batch import Batch
 from txt1.learning.env import Car
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
-from txt1.sim.light import PointLight, illuminances
+from txt1.sim.lamp import PointLight, illuminances
 from txt1.sim.parameters import VehicleParameters
 
 COUNT = 5

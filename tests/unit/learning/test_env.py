@@ -17,9 +17,9 @@ from tests.patience import LIMIT
 from txt1.config import load
 from txt1.hal.registry import create_sim
 from txt1.learning import env
-from txt1.learning.light import direction, sector
+from txt1.learning.light_direction import direction, sector
 from txt1.learning.trial import COMMANDS
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.robot import Robot
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.errors import LightFault, NoDirection
-from txt1.learning.light import (
+from txt1.learning.light_direction import (
     FROZEN_SAMPLES,
     SECTORS,
     SETTLING_SAMPLES,
@@ -21,8 +21,8 @@ from txt1.learning.light import (
     sector,
     spread_limit,
 )
-from txt1.model.light import SENSORS, Readings
-from txt1.sim.light import LightSensors, PointLight, SensorFault, illuminances, noise_for_jitter
+from txt1.model.light_sensors import SENSORS, Readings
+from txt1.sim.lamp import LightSensors, PointLight, SensorFault, illuminances, noise_for_jitter
 
 LUX = st.floats(1.0, 1000.0)
 

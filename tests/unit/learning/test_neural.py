@@ -7,10 +7,10 @@ import pytest
 
 from txt1.config import load
 from txt1.learning import neural
-from txt1.learning.abreast import trials
 from txt1.learning.agents import make
+from txt1.learning.lockstep import trials
 from txt1.learning.neural import NeuralAgent, Settings
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
 CONFIG = load().config

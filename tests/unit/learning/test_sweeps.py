@@ -14,9 +14,9 @@ from txt1.learning.experiment import Plan, summary
 from txt1.learning.settings import TURN
 from txt1.learning.sweeps import SweepsAgent, TurnModel, best_action, courses
 from txt1.learning.trial import COMMANDS
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
-from txt1.sim.light import PointLight, illuminances
+from txt1.sim.lamp import PointLight, illuminances
 
 CONFIG = load().config
 ORDERS = list(permutations(COMMANDS))

@@ -7,10 +7,10 @@ import pytest
 
 from txt1.config import load
 from txt1.learning import taxis
-from txt1.learning.abreast import trials
 from txt1.learning.agents import make
+from txt1.learning.lockstep import trials
 from txt1.learning.taxis import Settings, TaxisAgent
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
 SWAPPED = "sim.light.mount=[[0.2286, -0.127], [0.2286, 0.127], [-0.2286, -0.127], [-0.2286, 0.127]]"

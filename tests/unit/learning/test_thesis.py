@@ -11,14 +11,14 @@ from benchmarks.table_5_3 import TABLE_5_3
 from txt1.config import load
 from txt1.learning.command.trials import on_robot
 from txt1.learning.experiment import Plan
-from txt1.learning.light import sector
+from txt1.learning.light_direction import sector
 from txt1.learning.settings import TURN, ThesisConfig
 from txt1.learning.thesis import ThesisAgent
 from txt1.learning.trial import COMMANDS
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.sensors.light import compass
-from txt1.sim.light import LightSensors, PointLight
+from txt1.sim.lamp import LightSensors, PointLight
 
 LEFT, RIGHT, STRAIGHT = (Odometry(v=0.3, omega=omega) for omega in (TURN, -TURN, 0.0))
 REAR_LEFT, FRONT_LEFT, AHEAD = radians(135.0), radians(45.0), 0.0

@@ -11,7 +11,7 @@ import pytest
 from txt1.learning.qtable import StoredTable
 from txt1.learning.trial import COMMANDS, Phase, Start, Task, Trial, starts
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light import Readings
+from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import optimal_time
 

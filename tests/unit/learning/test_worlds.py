@@ -13,10 +13,10 @@ import pytest
 from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
 from txt1.learning import pilot, suite, thesis
-from txt1.learning.abreast import trials, world_at
 from txt1.learning.agents import make
+from txt1.learning.best_time import floor_of
 from txt1.learning.experiment import KEPT
-from txt1.learning.floor import floor_of
+from txt1.learning.lockstep import trials, world_at
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig

@@ -24,7 +24,7 @@ from txt1.record.rosbag1 import Converter
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package
-from txt1.ros.feed import Feed
+from txt1.ros.publisher import Feed
 from txt1.ros.python import INSTALLED, ros2
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned

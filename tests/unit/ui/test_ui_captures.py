@@ -16,12 +16,12 @@ import pytest
 from rich.cells import cell_len
 from ui_snapshots import TEAM, blind, full, mode
 
-from txt1.fleet import console, helm
+from txt1.fleet import console, selection
 from txt1.fleet.members import FLEET
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.drawing import drawn
-from txt1.ui.line import status_line
 from txt1.ui.screens import installed
+from txt1.ui.summary_line import status_line
 from txt1.ui.viewer import Viewer
 
 FOLDER = Path(__file__).parents[2] / "golden" / "screens"
@@ -42,7 +42,7 @@ def views() -> dict[str, tuple[Snapshot | None, Viewer]]:
     team = full(screen=list(installed()).index("FLEET")).replaced({FLEET: TEAM})
     return {
         **{name: (full(screen=index), Viewer()) for index, name in enumerate(installed())},
-        "FLEET of four": (team, Viewer(helm.KEYS)),
+        "FLEET of four": (team, Viewer(selection.KEYS)),
         "FLEET on a console": (team, Viewer(console.KEYS)),
         "HELP": (full(), Viewer(help=True)),
         "STATUS, stopped": (stopped, Viewer()),

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from txt1.board import command as board
-from txt1.fleet import console, helm
+from txt1.fleet import console, selection
 from txt1.record import player as replay
 from txt1.ui.tty import Keys
 from txt1.ui.viewer import DRIVING
@@ -50,7 +50,7 @@ def test_how_the_bytes_are_cut_does_not_matter(data: bytes, draw: st.DataObject)
     assert keys.feed(data[:cut]) + keys.feed(data[cut:] + b"q") == whole
 
 
-@pytest.mark.parametrize("shown", [DRIVING, board.SHOWN, replay.KEYS, helm.KEYS, console.KEYS, {"x": "stop all"}])
+@pytest.mark.parametrize("shown", [DRIVING, board.SHOWN, replay.KEYS, selection.KEYS, console.KEYS, {"x": "stop all"}])
 def test_every_key_that_a_footer_names_is_understood(shown: Mapping[str, str]) -> None:
     for key in shown:
         typed = [each for each in key.replace(" ", "") if each.isascii()]

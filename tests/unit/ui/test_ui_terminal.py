@@ -16,9 +16,9 @@ from ui_snapshots import full
 from ui_tty import Tty
 
 from tests.patience import S
-from txt1.beside import Request
 from txt1.errors import CommandRefused, TerminalLost
 from txt1.hal.base import Button
+from txt1.sidecar import Request
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.terminal import Terminal
 

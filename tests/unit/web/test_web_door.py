@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.web.door import SESSION, Door, is_loopback, visitors_token
+from txt1.web.auth import SESSION, Door, is_loopback, visitors_token
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from txt1.config import Config
 from txt1.experiments.calibration.bench import Bench, own_settings
 from txt1.experiments.calibration.blocks import motor, servo, steering
-from txt1.experiments.calibration.floor import circle, scale, straight, turn
+from txt1.experiments.calibration.floor_steps import circle, scale, straight, turn
 from txt1.experiments.calibration.model import speeds, tune
 from txt1.hal.base import Hal
 

@@ -14,14 +14,14 @@ from typing import Any, Final
 import yaml
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.machines import progress
 from txt1.cli.options import ROBOT, loaded
+from txt1.cli.workers import progress
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
-from txt1.experiments.calibration import practice
+from txt1.experiments.calibration import simulated_operator
 from txt1.experiments.calibration.bench import Bench, Operator
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.base import Hal
@@ -99,10 +99,10 @@ def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) ->
     hal = create(config)
     if isinstance(hal, SimHal):
         kind = loaded(argparse.Namespace(**vars(arguments) | {"vehicle": base}), ENDLESS).config
-        unknown = create(practice.unknown_car(kind, config.seed))
+        unknown = create(simulated_operator.unknown_car(kind, config.seed))
         assert isinstance(unknown, SimHal)
         told = partial(print, flush=True)
-        return unknown, Person() if arguments.ask else practice.Onlooker(unknown, config.seed, told)
+        return unknown, Person() if arguments.ask else simulated_operator.Onlooker(unknown, config.seed, told)
     if not sys.stdin.isatty():
         raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
     return hal, Person()
@@ -115,37 +115,37 @@ def _practise(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--write {file}: --practice writes a table of all cars; name it {file.stem}.csv")
     config = loaded(arguments, ENDLESS).config
     seeds = range(config.seed, config.seed + arguments.practice)
-    cars: list[practice.Practised] = []
+    cars: list[simulated_operator.Practised] = []
     if file is not None:
         run_folder.make(file.parent)
-        cars = [car for car in practice.read_practised(file, config.vehicle) if car.seed in seeds]
+        cars = [car for car in simulated_operator.read_practised(file, config.vehicle) if car.seed in seeds]
     for seed in sorted(set(seeds) - {car.seed for car in cars}):
         seeded = config.model_copy(update={"seed": seed})
-        hal = create(practice.unknown_car(seeded, seed))
+        hal = create(simulated_operator.unknown_car(seeded, seed))
         if not isinstance(hal, SimHal):
             raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
         app = App(arguments.speed or "max")
-        bench = Bench(seeded, practice.Onlooker(hal, seed), opener := _opener(app, hal), lambda values: None)
-        verdicts: list[practice.Verdict] = []
+        bench = Bench(seeded, simulated_operator.Onlooker(hal, seed), opener := _opener(app, hal), lambda values: None)
+        verdicts: list[simulated_operator.Verdict] = []
 
         async def all_of_it(
             bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, verdicts: Any = verdicts
         ) -> None:
             await calibrate(bench, arguments.step or steps(bench.config, hal))
-            verdicts.append(await practice.judge(hal, bench.config, opener))
+            verdicts.append(await simulated_operator.judge(hal, bench.config, opener))
 
         code = app.run(all_of_it())
         if not verdicts:
             return code
-        cars.append(car := practice.Practised(seed, verdicts[0], bench.driving))
+        cars.append(car := simulated_operator.Practised(seed, verdicts[0], bench.driving))
         progress(len(cars), len(seeds))
         if file is not None:
-            practice.write_practised(file, config.vehicle, car)
+            simulated_operator.write_practised(file, config.vehicle, car)
     failed = [car for car in cars if not car.passes]
     for car in failed:
         print(f"seed {car.seed}: {car.verdict}, {car.driving:.0f} s of driving")
     print(f"{len(cars)} cars, {len(failed)} of them not as they should be; the worst of each:")
-    for line in practice.worst(cars):
+    for line in simulated_operator.worst(cars):
         print(f"  {line}")
     return FAULT if failed else OK
 

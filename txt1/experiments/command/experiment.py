@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.machines import OPTIONS, Machines, machines_of
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
+from txt1.cli.workers import OPTIONS, Machines, machines_of
 from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError

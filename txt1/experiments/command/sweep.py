@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from txt1 import commands
 from txt1.cli import execute, parsed
-from txt1.cli.machines import OPTIONS, machines_of, progress
+from txt1.cli.workers import OPTIONS, machines_of, progress
 from txt1.commands import FAULT, OK, flag, path, say, signals_to, takes
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder

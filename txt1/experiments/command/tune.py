@@ -7,8 +7,8 @@ from typing import Final
 from rich.console import Console
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.machines import OPTIONS, Machines, machines_of
 from txt1.cli.options import ARM, ROBOT
+from txt1.cli.workers import OPTIONS, Machines, machines_of
 from txt1.commands import OK, add, count, flag, path, say, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig

@@ -24,7 +24,7 @@ from txt1.link.receiver import Receiver
 from txt1.protocol.decoder import Event
 from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry
-from txt1.shipped import shipped
+from txt1.resources import resource
 
 IDENTITY: Final = 0x7F
 RELEASE: Final = b"REPL"
@@ -67,7 +67,7 @@ except OSError:
 
 def folder() -> Path:
     """Return where the firmware's files are: in the installed package, or in the source tree."""
-    return shipped("firmware/pico")
+    return resource("firmware/pico")
 
 
 def files() -> list[str]:

@@ -9,9 +9,9 @@ from math import inf
 from struct import Struct, pack, unpack_from
 from typing import Final
 
-from txt1.board.line import far_end
+from txt1.board.far_end import far_end
 from txt1.config import Config, checked
-from txt1.hal.desk import Controller, DevicePort
+from txt1.hal.double import Controller, DevicePort
 from txt1.hal.vesc.driver import STEPS, Command, Options, Unpacker, packet
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX

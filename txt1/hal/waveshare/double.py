@@ -9,9 +9,9 @@ import json
 from math import inf, pi
 from typing import Any, Final
 
-from txt1.board.line import far_end
+from txt1.board.far_end import far_end
 from txt1.config import Config, checked
-from txt1.hal.desk import Controller, DevicePort
+from txt1.hal.double import Controller, DevicePort
 from txt1.hal.waveshare.driver import (
     ECHO,
     FEEDBACK,

@@ -10,16 +10,16 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from txt1.cli.machines import OPTIONS, machines_of
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
+from txt1.cli.workers import OPTIONS, machines_of
 from txt1.commands import DISARMED, OK, add, busy, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.learning import compare, experiment, plots, suite
 from txt1.learning.agents import LEARNERS, make
+from txt1.learning.best_time import floor_of, known_floor
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
-from txt1.learning.floor import floor_of, known_floor
 from txt1.learning.suite import Each
 from txt1.learning.trial import Episode, starts, task_of
 from txt1.record.options import LOG

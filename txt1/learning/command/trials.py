@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.machines import HERE, Machines, stopped
+from txt1.cli.workers import HERE, Machines, stopped
 from txt1.commands import signals_to
 from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error

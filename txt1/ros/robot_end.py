@@ -9,7 +9,6 @@ from dataclasses import asdict
 from math import hypot
 from typing import Any, Final
 
-from txt1.beside import Request
 from txt1.bridges.registry import Desk
 from txt1.config.sources import with_values
 from txt1.control.limits import clip
@@ -18,7 +17,8 @@ from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.ros.feed import Feed
+from txt1.ros.publisher import Feed
+from txt1.sidecar import Request
 from txt1.sim.room import Room
 
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal

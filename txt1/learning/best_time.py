@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from txt1.config import Config, flatten
 from txt1.control.car import Car, car_of
 from txt1.control.pid import Gains
-from txt1.learning.abreast import DECISION_MS, gains_table
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.lockstep import DECISION_MS, gains_table
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, Task, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, compiled, move

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from txt1.kernel import turns
+from txt1.kernel import timeslice
 from txt1.kernel.loop import run
 
 
@@ -25,7 +25,7 @@ def slice_ms(process: int) -> float:
 def test_a_real_time_loop_takes_short_turns_and_a_process_it_starts_ordinary_ones() -> None:
     async def main() -> tuple[float, float, int]:
         child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-        turns.ordinary(child.pid, 10)
+        timeslice.ordinary(child.pid, 10)
         found = slice_ms(os.getpid()), slice_ms(child.pid), os.getpriority(os.PRIO_PROCESS, child.pid)
         child.communicate(b"\n")
         return found

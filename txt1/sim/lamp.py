@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from mypy_extensions import mypyc_attr
 
-from txt1.model.light import (
+from txt1.model.light_sensors import (
     EVEN,
     LUX_MAX,
     LUX_MIN,
@@ -145,7 +145,7 @@ def noise_for_jitter(
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class LightSensors:
-    """The four sensors of a vehicle: `read` once every `txt1.model.light.SAMPLE_PERIOD`.
+    """The four sensors of a vehicle: `read` once every `txt1.model.light_sensors.SAMPLE_PERIOD`.
 
     Args:
         light: what there is to see.

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.random import default_rng
 
-from txt1.sim.line import Arrival, Line, LineFault, LineFaults, Pace
+from txt1.sim.serial_line import Arrival, Line, LineFault, LineFaults, Pace
 
 FRAME = bytes(range(0x10, 0x2A))  # as long as an odometry frame: 26 bytes
 

@@ -14,19 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.patience import LIMIT, S, until
-from txt1.beside import HELD, MESSAGES, PERIOD, Beside, Request, Restart, stop_in
+from txt1.sidecar import HELD, MESSAGES, PERIOD, Beside, Request, Restart, stop_in
 
 
 @pytest.fixture(autouse=True)
 def time_to_begin_and_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of low priority may be slow to do so."""
-    monkeypatch.setattr("txt1.beside.START", LIMIT)
-    monkeypatch.setattr("txt1.beside.PATIENCE", LIMIT)
+    monkeypatch.setattr("txt1.sidecar.START", LIMIT)
+    monkeypatch.setattr("txt1.sidecar.PATIENCE", LIMIT)
 
 
 @pytest.fixture
 def no_time_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.beside.PATIENCE", 0.1)
+    monkeypatch.setattr("txt1.sidecar.PATIENCE", 0.1)
 
 
 class Owner:
@@ -187,7 +187,7 @@ class Given:
 
 
 async def test_a_prompt_one_is_read_as_it_writes_but_not_just_before_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.beside.PERIOD", 10.0)
+    monkeypatch.setattr("txt1.sidecar.PERIOD", 10.0)
     owner, ticks = Owner(), Given()
     async with owner.beside("drive", prompt=True) as beside:
         serving = asyncio.ensure_future(beside.serve(ticks))  # type: ignore[arg-type]

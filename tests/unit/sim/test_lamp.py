@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.light import LightFilter, corrected_direction, direction
-from txt1.model.light import SENSOR_X, SENSOR_Y, Readings
-from txt1.sim.light import SENSOR_LIMITS, LightSensors, PointLight, Range, SensorFault, illuminances, noise_for_jitter
+from txt1.learning.light_direction import LightFilter, corrected_direction, direction
+from txt1.model.light_sensors import SENSOR_X, SENSOR_Y, Readings
+from txt1.sim.lamp import SENSOR_LIMITS, LightSensors, PointLight, Range, SensorFault, illuminances, noise_for_jitter
 
 LIGHT = PointLight()
 POSITIONS = ((0.2286, 0.127), (0.2286, -0.127), (-0.2286, 0.127), (-0.2286, -0.127))

@@ -1,7 +1,7 @@
 """A process beside the event loop: telemetry in, requests out, a heartbeat. Both ends of the line between them.
 
 Each sends one JSON object a line. The robot sends telemetry, and nothing before the last piece was received; the other
-process, ``python -m txt1.beside``, sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with
+process, ``python -m txt1.sidecar``, sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with
 "request" and further fields when it wants something. Their "time" is the origin's, in ns of the monotonic clock.
 
 Nothing that process does delays the robot: while the tasks run in real time it is read behind them and never wakes the
@@ -29,7 +29,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, Literal, NamedTuple, Self
 
-from txt1.kernel import turns
+from txt1.kernel import timeslice
 from txt1.kernel.clock import RealClock, nanoseconds, seconds
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.ticks import Ticks
@@ -101,7 +101,7 @@ class Beside:
     """Told what the process asks for, and with an empty name of every heartbeat without a request."""
     _: KW_ONLY
     options: Mapping[str, object] = field(default_factory=dict)  # keyword arguments of the function
-    program: Sequence[str] = (sys.executable, "-m", "txt1.beside")  # another Python's calls `main` of this module, too
+    program: Sequence[str] = (sys.executable, "-m", "txt1.sidecar")  # another Python's calls `main` of this module, too
     environment: Mapping[str, str] | None = None  # of the process; None: this one's
     beat: float = BEAT  # s of real time between heartbeats
     restart: Restart = field(default_factory=Restart)
@@ -402,9 +402,9 @@ def _start(
         )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    turns.ordinary(child.pid, niceness)
+    timeslice.ordinary(child.pid, niceness)
     if not on_terminal:
-        turns.whole_session(child.pid, niceness)
+        timeslice.whole_session(child.pid, niceness)
     with suppress(OSError):  # it has ended already
         if hasattr(resource, "prlimit"):
             resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
@@ -505,4 +505,4 @@ def main(fd: str, target: str, beat: str, options: str) -> None:
 
 
 if __name__ == "__main__":
-    import_module("txt1.beside").main(*sys.argv[1:])  # under its own name, which is how the target knows it
+    import_module("txt1.sidecar").main(*sys.argv[1:])  # under its own name, which is how the target knows it

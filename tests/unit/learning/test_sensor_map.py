@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.learning.survey import NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted
-from txt1.model.light import MOUNT
+from txt1.learning.sensor_map import NUMBERS, PLACES, POWER, SCALE, UNLIKELY, followed, sighted
+from txt1.model.light_sensors import MOUNT
 
 SURVEY = np.zeros(NUMBERS)
 SURVEY[POWER], SURVEY[PLACES:SCALE], SURVEY[SCALE] = 2.0, np.ravel(MOUNT), 1.0

@@ -6,7 +6,7 @@ from typing import Final
 PACKAGE: Final = Path(__file__).parent
 
 
-def shipped(folder: str) -> Path:
+def resource(folder: str) -> Path:
     """Where such a folder is, by its path in the source tree; setup.py names those that a wheel has."""
-    packed = PACKAGE / "shipped" / folder
+    packed = PACKAGE / "data" / folder
     return packed if packed.exists() else PACKAGE.parent / folder

@@ -24,11 +24,11 @@ from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
-from txt1.model.light import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.model.odometry import Odometry
 from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
-from txt1.sim.light import PointLight, lux_at, noise_for_jitter
+from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 
 DECISION_MS: Final = 100  # learners are asked so often
 LIGHT_MS: Final = 16  # between two samples of the light

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 
-from txt1.beside import Connection
+from txt1.sidecar import Connection
 
 
 def echo(connection: Connection, **options: object) -> None:

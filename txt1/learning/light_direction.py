@@ -16,7 +16,7 @@ from math import atan2, exp, floor, hypot, inf, isfinite, pi, sqrt
 from typing import Final
 
 from txt1.errors import LightFault, NoDirection
-from txt1.model.light import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSORS, Readings
 
 FILTER_WEIGHT: Final = 0.9  # weight of the past in the filter (5.10)
 

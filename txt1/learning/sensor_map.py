@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.learning.course import Array, Belief, compiled
+from txt1.learning.planner import Array, Belief, compiled
 
 SENSORS: Final = 4
 POWER, PLACES, SCALE = 4, 5, 13  # of the survey's numbers: brightness of the four first, then power, places, scale
