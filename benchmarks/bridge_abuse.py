@@ -24,7 +24,7 @@ from txt1.bridges.registry import BRIDGES, bridge
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
-from txt1.sidecar import Beside, Connection, Restart
+from txt1.sidecar import Connection, Restart, Sidecar
 
 ABUSES: Final = ("hang", "flood", "stop", "kill", "leak")
 STALE: Final = 0.25 + 0.02
@@ -90,7 +90,7 @@ async def abused(duration: float, abuses: tuple[str, ...]) -> Round:
     counts: Counter[str] = Counter()
     async with Robot.open(hal="sim", seed=1) as robot, AsyncExitStack() as stack:
         await robot.load_gains()
-        at_work: dict[str, Beside] = {}
+        at_work: dict[str, Sidecar] = {}
         for name in abuses:
             started = bridge(robot, name, restart=Restart(5, 0.5), silence=10.0)
             at_work[name] = await stack.enter_async_context(started)

@@ -26,7 +26,7 @@ from txt1.kernel.ticks import Ticks
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.sidecar import PERIOD, PRIORITY
+from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD
 from txt1.tasks import controller
 from txt1.tasks.inputs import STEP
 from txt1.telemetry.topics import Topic
@@ -66,8 +66,8 @@ async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[st
             stack.enter_context(real_time(robot))
         await robot.load_gains()
         terminal = await stack.enter_async_context(Terminal(robot))
-        robot.add_task("screens", PERIOD, terminal.screens, PRIORITY)
-        robot.add_task("script", PERIOD, partial(circle, robot.source("script")))
+        robot.add_task("screens", TELEMETRY_PERIOD, terminal.screens, SERVE_PRIORITY)
+        robot.add_task("script", TELEMETRY_PERIOD, partial(circle, robot.source("script")))
         operator: asyncio.Future[Any] = asyncio.ensure_future(terminal.wait())
         await asyncio.wait({operator}, timeout=SETTLED)
         began, own, drawing = len(steps), _cpu_s(os.getpid()), _drawing()
@@ -79,7 +79,7 @@ async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[st
         statistics = robot.runtime.statistics()
         number = list(statistics).index("controller")
         return {
-            "late_s": [(now + 1e-9) % controller.PERIOD for task, now in steps[began:] if task == number],
+            "late_s": [(now + 1e-9) % controller.CONTROL_PERIOD for task, now in steps[began:] if task == number],
             "misses": statistics["controller"].misses,
             "missed_at_s": missed_at([now for task, now in steps if task == number]),
             "robot_cpu_share": (_cpu_s(os.getpid()) - own) / duration,
@@ -89,7 +89,7 @@ async def drawn(duration: float, log: Path | None, with_rights: bool) -> dict[st
 
 def missed_at(begun: list[float]) -> list[float]:
     """When cycles were missed, s: the ends of the gaps between those that have begun."""
-    slots = [int((now + 1e-9) / controller.PERIOD) for now in begun]
+    slots = [int((now + 1e-9) / controller.CONTROL_PERIOD) for now in begun]
     return [
         round(now, 2) for now, (before, after) in zip(begun[1:], pairwise(slots), strict=True) if after > before + 1
     ]

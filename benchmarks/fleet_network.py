@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.rounds import table
-from txt1.fleet.messages import Answer
+from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import Hooks, Peer
 from txt1.kernel.clock import NS_PER_S, RealClock
 
@@ -27,11 +27,11 @@ def peer(name: str, loss: float) -> None:
     ended = threading.Event()
     obeyed: set[str] = set()
 
-    def stop(who: str, identity: str) -> Answer:
+    def stop(who: str, identity: str) -> StopAnswer:
         if identity not in obeyed:
             obeyed.add(identity)
             print(one.now, flush=True)
-        return Answer(closed=True)
+        return StopAnswer(closed=True)
 
     one = Peer(name, loss=loss, space="benchmark", hooks=Hooks(stop=stop))
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()

@@ -18,7 +18,7 @@ from time import sleep
 from typing import Final
 
 from benchmarks.rounds import table
-from txt1.cli.workers import Cluster, Machines
+from txt1.cli.workers import Cluster, Workers
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.processors import processors
 
@@ -70,7 +70,7 @@ def learned(out: Path, arguments: argparse.Namespace, where: list[str], half: li
     return (stopwatch_ns() - began) / NS_PER_S
 
 
-def empty(machines: Machines) -> float:
+def empty(machines: Workers) -> float:
     """Milliseconds that a trial costs that does nothing; what comes before the first is not counted."""
     texts = dict.fromkeys(range(EMPTY), "1")
     began = 0
@@ -90,9 +90,9 @@ def main() -> None:
     here, there = arguments.out / "processes", arguments.out / "cluster"
     jobs = processors()
     rows = [_row(f"{jobs} processes", learned(here, arguments, ["--jobs", str(jobs)], []), arguments.trials)]
-    costs = [empty(Machines(jobs))]
+    costs = [empty(Workers(jobs))]
     with cluster(arguments.workers) as workers:
-        costs.append(empty(Machines(1, Cluster(PLACE))))
+        costs.append(empty(Workers(1, Cluster(PLACE))))
         killed = list(workers)
         took = learned(there, arguments, ["--dask", PLACE], killed)
         rows.append(_row(f"Dask, {arguments.workers} workers, one killed", took, arguments.trials))

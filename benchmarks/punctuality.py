@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 
 from benchmarks.rounds import interleave, spread, table, verdict
 from txt1.kernel.realtime import FIFO, grantable
-from txt1.tasks.controller import PERIOD
+from txt1.tasks.controller import CONTROL_PERIOD
 
 LIMIT: Final = 1.5
 """Largest ratio of our lateness to the C loop's."""
@@ -88,7 +88,8 @@ def show(results: dict[str, list[Round]], duration: float, busy: int) -> None:
     """Print the rounds and compare them."""
     beside = f"beside {busy} busy loops" if busy else "on the machine as it is"
     table(
-        f"p99 of the start lateness of a {1.0 / PERIOD:.0f} Hz task, us, in rounds of {duration:.0f} s, {beside}",
+        f"p99 of the start lateness of a {1.0 / CONTROL_PERIOD:.0f} Hz task, us, in rounds of {duration:.0f} s, "
+        f"{beside}",
         ("round", *results),
         [
             (str(number), *(f"{each.p99:.1f}" for each in each_round))
@@ -141,8 +142,8 @@ def loops(busy: int) -> Iterator[None]:
 
 def c_loop(program: Path, duration: float, *priority: str) -> Round:
     """One round of the peer."""
-    cycles = round(duration / PERIOD)
-    words = [str(program), str(round(PERIOD * 1e9)), str(cycles), *priority]
+    cycles = round(duration / CONTROL_PERIOD)
+    words = [str(program), str(round(CONTROL_PERIOD * 1e9)), str(cycles), *priority]
     *lines, last = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()
     return _round([int(line) / 1e3 for line in lines], int(last.removeprefix("missed ")))
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from docs import parts
-from txt1.record.reading import Decoding, Reading
+from txt1.record.reading import Decoding, FilePass
 from txt1.ros.python import RosPython, ros2
 
 ROOT: Final = Path(__file__).parents[1]
@@ -130,7 +130,7 @@ def latencies(ros: RosPython, domain: Mapping[str, str], first: bool, seconds: f
                 relay.wait()
         taken: dict[float, float] = {}
         cycles: dict[float, float] = {}
-        reading, decoding = Reading(file), Decoding()
+        reading, decoding = FilePass(file), Decoding()
         for item in reading:
             if item.name == "/input":
                 message = decoding.message(item)

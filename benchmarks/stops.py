@@ -37,7 +37,7 @@ from txt1.protocol.layout import encode
 from txt1.protocol.messages import Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import Faults
-from txt1.tasks.controller import PERIOD
+from txt1.tasks.controller import CONTROL_PERIOD
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 KINDS: Final = {"sim": (), "ours": ("board.habits=ours",), "original": ("board.habits=original",)}
@@ -129,7 +129,7 @@ def with_own_odometry(hal: Any) -> None:
     def reading(now: float) -> Inputs:
         nonlocal told, at
         inputs: Inputs = read(now)
-        if now >= at + PERIOD - 1e-9:
+        if now >= at + CONTROL_PERIOD - 1e-9:
             at = now
             assert inputs.ticks is not None
             wheels.step(inputs.ticks, now)

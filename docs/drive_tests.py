@@ -26,7 +26,7 @@ from txt1.experiments import figures, report, run_folder
 from txt1.experiments.command.experiment import ENDLESS, drive
 from txt1.experiments.command.tune import TESTS, repeated
 from txt1.experiments.metrics import QUANTUM, Deviation, difference, measure, paths_apart
-from txt1.experiments.profile import Profile, Step, load_profile
+from txt1.experiments.profile import Profile, ProfileStep, load_profile
 from txt1.experiments.run_folder import Run
 from txt1.kernel.loop import run as run_loop
 from txt1.robot import Robot
@@ -44,7 +44,7 @@ WEAK = (
 LOCK = Profile(
     title="Full lock at 0.5 m/s",
     figure="velocities",
-    steps=tuple(Step(v=0.5 if omega is not None else 0.0, omega=omega or 0.0, seconds=4.0)
+    steps=tuple(ProfileStep(v=0.5 if omega is not None else 0.0, omega=omega or 0.0, seconds=4.0)
                 for omega in (None, 0.0, 0.5 / 0.56, 0.0)),
 )  # fmt: skip
 SEEN: Final = {

@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from txt1.cli import execute
-from txt1.record.reading import Decoding, Reading
+from txt1.record.reading import Decoding, FilePass
 
 TARGET: Final = Path(__file__).with_name("learns.gif")
 BEGIN, END, STEP = 1.0, 24.0, 0.25  # s: what is shown, and from picture to picture
@@ -35,7 +35,7 @@ def run(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         "run", "--policy", str(learned / "qtable.json"), "--log", str(log), "--seed", "1", "--speed", "max",
         "--headless", "--duration", str(END),
     )  # fmt: skip
-    poses, speeds, asked, decoding, reading = [], [], 0.0, Decoding(), Reading(log)
+    poses, speeds, asked, decoding, reading = [], [], 0.0, Decoding(), FilePass(log)
     for item in reading:
         time = reading.run_time(item)
         match item.name:

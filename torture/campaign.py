@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from torture import page
 from torture.strikes import KINDS, STRIKES, Strike, plan
 from torture.struck_robot import Desk, on_the_desk
-from txt1.cli.workers import OPTIONS, machines_of, progress
+from txt1.cli.workers import OPTIONS, progress, workers_of
 from txt1.commands import add, signals_to
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.loop import run
@@ -127,7 +127,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return bool(came) or late
 
     with signals_to(lambda number, _: came.append(number)), options.kept.open("a") as rows:
-        for seed, text in machines_of(options).each(struck, missing, ended):
+        for seed, text in workers_of(options).each(struck, missing, ended):
             row = {"code": code, **json.loads(text)}
             if row["broken"]:
                 broken += 1

@@ -22,7 +22,7 @@ from txt1.protocol.layout import Role
 from txt1.protocol.messages import HostMessage, PwmTest, Switch, Velocity
 from txt1.robot import Robot
 from txt1.sim.parameters import VehicleParameters
-from txt1.sim.serial_line import Arrival, Line, LineFaults
+from txt1.sim.serial_line import Arrival, LineFaults, SerialLine
 from txt1.sim.vehicle import Vehicle
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
@@ -53,7 +53,7 @@ class Way:
 
     def __init__(self, rng: Generator) -> None:
         self._rng = rng
-        self._line: Line | None = None
+        self._line: SerialLine | None = None
         self._last = 0.0
 
     @property
@@ -63,7 +63,7 @@ class Way:
 
     def spoil(self, faults: LineFaults | None, now: float) -> None:
         """Give it these faults from now on; None: mend it."""
-        self._line = None if faults is None else Line(faults, self._rng, start=now)
+        self._line = None if faults is None else SerialLine(faults, self._rng, start=now)
 
     def carry(self, data: bytes, now: float) -> list[Arrival]:
         """What arrives of a piece, and when; never before what was given earlier."""

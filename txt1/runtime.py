@@ -20,7 +20,7 @@ from txt1.hal.channels import rewired
 from txt1.hal.witness import witnessed
 from txt1.kernel import garbage
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.kernel.scheduler import PeriodicTask, Row, Scheduler
+from txt1.kernel.scheduler import PeriodicTask, Scheduler, TaskRow
 from txt1.kernel.statistics import TaskStatistics
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
@@ -44,7 +44,7 @@ Through = Callable[[str, Sensor[Any]], Sensor[Any]]
 """Given the name of a configured sensor and the sensor, not opened yet, returns the one to be read in its place."""
 
 
-def robot_tasks(robot: "Runtime") -> Iterable[Row]:
+def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
     """The robot's tasks: name, priority, period in s (None: when a message comes) and coroutine.
 
     In the same instant those of higher priority run first, and those of equal priority in this order (thesis 3.3.3).
@@ -69,7 +69,7 @@ def robot_tasks(robot: "Runtime") -> Iterable[Row]:
     yield "serial", 4, None, serving
     yield "encoder", 3, 0.02, partial(encoder.encoder, state=state, hal=hal, geometry=geometry)
     if robot.watch is not None:
-        yield "standstill", 3, standstill.PERIOD, partial(standstill.standstill, watch=robot.watch)
+        yield "standstill", 3, standstill.STANDSTILL_PERIOD, partial(standstill.standstill, watch=robot.watch)
     yield "mode", 2, 1.0, partial(mode.mode, state=state, gate=gate)
     yield "display", 2, 0.1, partial(panel.display, state=state, hal=hal)
     yield "odometry", 2, 0.05, partial(encoder.odometry, state=state, send=robot.send)
@@ -105,7 +105,7 @@ class Runtime:
         scheduler: Callable[[OnFault], Scheduler] = Scheduler,
         sensing: bool = False,
         through: Through | None = None,
-        tasks: Callable[["Runtime"], Iterable[Row]] | None = None,
+        tasks: Callable[["Runtime"], Iterable[TaskRow]] | None = None,
         asked: Mapping[str, object] | None = None,
     ) -> None:
         self.config = config
@@ -221,7 +221,7 @@ class Runtime:
         watch, ends = self.watch, self.now + standstill.END
         with suppress(HalError):  # then nobody sees it stand
             while watch is not None and not watch.settled and self.now < ends:
-                await asyncio.sleep(standstill.PERIOD)
+                await asyncio.sleep(standstill.STANDSTILL_PERIOD)
                 now, neutral = self.now, self.gate.neutral(self.state.servos)
                 encoder.take_odometry(self.state, self.io.read(now), now)
                 self.io.write(neutral, now)
@@ -326,7 +326,7 @@ class Runtime:
     def slept(self, duration: float) -> None:
         """Disarm after the computer was suspended for `duration` s: whatever was to be done then is over."""
         now = self._begin("slept", values=(duration,))
-        self.gate.slept(duration, controller.PERIOD)
+        self.gate.slept(duration, controller.CONTROL_PERIOD)
         if not self.gate.armed:
             self.make_safe(now)
 
@@ -415,7 +415,7 @@ class Runtime:
 
     def _begin_sampling(self) -> None:
         # below every task of the robot's and the user's: it sees what they have done in the same instant
-        self._add("telemetry", -100, controller.PERIOD, self._sample)
+        self._add("telemetry", -100, controller.CONTROL_PERIOD, self._sample)
 
     async def _sample(self, ticks: Ticks) -> None:
         async for now in ticks:

@@ -39,15 +39,15 @@ Reason = Literal["ended", "failed"]
 BEAT: Final = 0.05  # s between heartbeats
 SILENT: Final = 0.25  # s without a heartbeat after which the process counts as silent
 START: Final = 10.0  # s that a process has for its first heartbeat
-PATIENCE: Final = 1.0  # s of real time that it has to end by itself
+END_PATIENCE: Final = 1.0  # s of real time that it has to end by itself
 NICENESS: Final = 10  # on a processor they share the robot's process is woken at once, not when a slice ends
 MEMORY: Final = 1 << 30  # bytes of memory it may take
 MESSAGES: Final = 20  # messages taken at once; the newest count
 REFILL: Final = 8  # messages that a tick adds to those that may be taken
 LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
-PERIOD: Final = 0.02  # s between two ticks: the controller's, behind it
+TELEMETRY_PERIOD: Final = 0.02  # s between two ticks: the controller's, behind it
 HELD: Final = 0.001  # s before a tick in which nothing is read: as long as it takes to obey `MESSAGES`
-PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and the user's
+SERVE_PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and the user's
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
@@ -91,7 +91,7 @@ class Restart(NamedTuple):
 
 
 @dataclass(eq=False)
-class Beside:
+class Sidecar:
     """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task."""
 
     target: str  # the function that the process calls with its `Connection` and the options
@@ -138,7 +138,7 @@ class Beside:
         self._closing.set()
         self._drop("")
         await asyncio.wait([self._life])  # goes on if a second Ctrl-C ends this: no process is left behind
-        await self._reap(PATIENCE)  # the loop may have cancelled it with all other tasks
+        await self._reap(END_PATIENCE)  # the loop may have cancelled it with all other tasks
 
     @property
     def pid(self) -> int | None:
@@ -162,7 +162,7 @@ class Beside:
         self._poll(real and not self.prompt)
         try:
             async for now in ticks:
-                self._due = loop.time() + PERIOD - now % PERIOD if real else inf
+                self._due = loop.time() + TELEMETRY_PERIOD - now % TELEMETRY_PERIOD if real else inf
                 self._turn()
         finally:
             self._poll(False)
@@ -213,7 +213,7 @@ class Beside:
             elif self._allowance <= 0 and not self._polled:
                 self._pause()
             if not self._ticking:
-                self._loop.call_later(PERIOD, self._turn) if self._paused else self._turn()
+                self._loop.call_later(TELEMETRY_PERIOD, self._turn) if self._paused else self._turn()
         except Exception as error:
             self._drop(error)
 
@@ -337,7 +337,7 @@ class Beside:
         """End the process when it is dropped, and start it again if it failed and that is allowed."""
         while True:
             end = await asyncio.shield(self._end)
-            await self._reap(0.0 if end else PATIENCE)
+            await self._reap(0.0 if end else END_PATIENCE)
             if isinstance(end, Exception):
                 if not self.restart.limit:
                     raise end

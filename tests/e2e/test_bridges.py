@@ -20,10 +20,10 @@ from rich.console import Console
 
 from tests.e2e.conftest import may_block, passing
 from tests.patience import until
-from txt1.bridges.registry import BRIDGES, RESTART, Desk, bridge
+from txt1.bridges.registry import BRIDGES, RESTART, RobotEnd, bridge
 from txt1.bridges.services import Services
 from txt1.errors import ConfigError
-from txt1.fleet.link import Link
+from txt1.fleet.link import FleetLink
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 from txt1.sidecar import Request
@@ -208,7 +208,7 @@ def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_i
         async with Robot.open(hal="sim", seed=1) as robot:
             await robot.load_gains()
             services = Services(robot, robot.config, "max", Path("/nowhere"))
-            desk = Desk(robot, "ask", {**Link(robot).requests, **services.requests})
+            desk = RobotEnd(robot, "ask", {**FleetLink(robot).requests, **services.requests})
             for name, fields in asked:
                 desk.request(Request(name, fields, 0.0))
                 await asyncio.sleep(0.05)
@@ -232,7 +232,7 @@ def test_gains_of_401_digits_are_refused_in_one_line() -> None:
     async def main() -> None:
         async with Robot.open(hal="sim", seed=1) as robot:
             services = Services(robot, robot.config, "max", Path("/nowhere"))
-            desk = Desk(robot, "web", services.requests)
+            desk = RobotEnd(robot, "web", services.requests)
             desk.request(Request("gains", {"linear": [10**400, 1, 1], "angular": [[1.5, 4, 5, 6]]}, 0.0))
             assert robot.runtime.state.events[-1].text == (
                 "bridge 'web': speed: kp must be a finite number, not an integer of 1329 bits"

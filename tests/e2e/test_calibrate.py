@@ -22,14 +22,14 @@ from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
 from txt1.errors import NotArmed
 from txt1.experiments.calibration.bench import Bench
-from txt1.experiments.calibration.simulated_operator import Onlooker, judge, passes, unknown_car
+from txt1.experiments.calibration.simulated_operator import SimulatedOperator, judge, passes, unknown_car
 from txt1.experiments.calibration.steps import STEPS, calibrate, steps
 from txt1.hal.channels import rewired
-from txt1.hal.double import DevicePort
+from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.hal.vesc.double import Vesc
-from txt1.hal.vesc.driver import Options, VescHal
+from txt1.hal.vesc.driver import VescHal, VescOptions
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
@@ -101,7 +101,7 @@ def test_it_does_not_before(kind: str) -> None:
         assert not passes(verdict, 0.0)
 
 
-class Leaver(Onlooker):
+class Leaver(SimulatedOperator):
     """An operator who presses Ctrl-C in place of an answer."""
 
     left = 0
@@ -157,7 +157,7 @@ def test_an_interrupted_calibration_goes_on_where_it_was() -> None:
     assert "motor" not in left
 
     async def go_on() -> bool:
-        bench = Bench(config, Onlooker(hal, 4), opener(hal), lambda values: None)
+        bench = Bench(config, SimulatedOperator(hal, 4), opener(hal), lambda values: None)
         await calibrate(bench, left)
         return passes(await judge(hal, bench.config, opener(hal)), bench.driving)
 
@@ -238,7 +238,7 @@ def test_a_motor_that_does_not_turn_is_a_fault_with_a_remedy(
     assert "is the motor's power on?" in capsys.readouterr().err
 
 
-class Slip(Onlooker):
+class Slip(SimulatedOperator):
     """An operator who types 0 before the right answer."""
 
     told = 0
@@ -289,8 +289,8 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
     vesc = Vesc(with_values(believed, {**true, **{f"hal_options.{key}": value for key, value in own.items()}}))
 
     def made(config: Config) -> VescHal:
-        options = checked(Options, config.hal_options, "hal_options")
-        port = DevicePort("vesc", lambda: vesc)
+        options = checked(VescOptions, config.hal_options, "hal_options")
+        port = DoublePort("vesc", lambda: vesc)
         return VescHal(port, options, config.geometry, lambda end: end, simulated=True)
 
     @asynccontextmanager
@@ -300,14 +300,14 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
             yield robot
 
     async def found() -> Config:
-        bench = Bench(believed, Onlooker(vesc.car.hal, 1), opened, lambda values: None, own_loops=True)
+        bench = Bench(believed, SimulatedOperator(vesc.car.hal, 1), opened, lambda values: None, own_loops=True)
         names = steps(believed, made(believed))
         assert names == ["servo", "scale", "circle"]
         await calibrate(bench, names)
         return bench.config
 
     config = run(found(), speed="max")
-    options = checked(Options, config.hal_options, "hal_options")
+    options = checked(VescOptions, config.hal_options, "hal_options")
     assert options.backwards
     assert options.servo_centre == pytest.approx(0.56, abs=0.01)
     assert config.geometry.circumference == pytest.approx(0.3, rel=0.02)

@@ -9,7 +9,7 @@ from tests.e2e.conftest import ENDLESS, Sample
 from txt1.control.commander import Driver
 from txt1.driver import CommandSource
 from txt1.errors import CommandRefused, ConfigError, NotArmed, Overruled
-from txt1.experiments.profile import Profile, Step
+from txt1.experiments.profile import Profile, ProfileStep
 from txt1.experiments.runner import Experiment
 from txt1.kernel.ticks import Ticks
 from txt1.navigation import follow, go_to
@@ -124,7 +124,7 @@ async def test_a_drive_that_stands_still_is_told_too_and_one_cannot_begin_while_
         lambda: go_to(robot, (1.0, 0.0, 0.0)),
         lambda: follow(robot, [(1.0, 0.0)]),
         lambda: Experiment(
-            robot, Profile(title="-", figure="velocities", steps=(Step(v=0.3, omega=0.0, seconds=1.0),))
+            robot, Profile(title="-", figure="velocities", steps=(ProfileStep(v=0.3, omega=0.0, seconds=1.0),))
         ).run(),
     ):
         with pytest.raises(Overruled, match="'keys'"):
@@ -149,7 +149,7 @@ async def test_navigation_ends_when_it_is_overruled(robot: Robot, drive: str) ->
 async def test_an_experiment_says_who_ended_it(robot: Robot) -> None:
     keys = robot.source("keys")
     experiment = Experiment(
-        robot, Profile(title="-", figure="velocities", steps=(Step(v=0.3, omega=0.0, seconds=10.0),))
+        robot, Profile(title="-", figure="velocities", steps=(ProfileStep(v=0.3, omega=0.0, seconds=10.0),))
     )
     running = asyncio.ensure_future(experiment.run())
     await asyncio.sleep(2.0)

@@ -24,12 +24,12 @@ from txt1.cli import execute
 from txt1.errors import ConfigError
 from txt1.fleet.command import line
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.link import STOPS, STOPS_MAX, Link
+from txt1.fleet.link import STOPS, STOPS_MAX, FleetLink
 from txt1.fleet.members import FLEET, Member
 from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.fleet.screen import screen as fleet_screen
-from txt1.fleet.selection import Helm
+from txt1.fleet.selection import Selection
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -86,7 +86,7 @@ async def test_a_plan_says_who_is_where_and_what_is_his_own(plan: Path) -> None:
 
 async def test_one_stop_reaches_all_from_the_helm_and_the_keys_only_one() -> None:
     async with Fleet.open(3) as fleet:
-        helm = Helm(fleet)
+        helm = Selection(fleet)
         helm.next()
         for _ in range(20):
             helm.command(0.3, 0.0)
@@ -208,7 +208,7 @@ async def test_a_convoy_of_robots_follows_and_stands_when_its_leader_falls_silen
         assert [abs(robot.odometry.v) for robot in robots[1:]] == [0.0, 0.0, 0.0]
         assert fleet.cooperations["txt02"].silent == "txt01"
         assert any("cooperates no more: txt01 not heard" in event.text for event in robots[1].runtime.state.events)
-        assert "waits for txt01" in _text(Helm(fleet).snapshot)
+        assert "waits for txt01" in _text(Selection(fleet).snapshot)
 
 
 def _text(snapshot: Snapshot) -> str:
@@ -234,7 +234,7 @@ async def test_robots_search_the_light_together() -> None:
 
 async def test_a_robot_that_learns_hears_others_for_a_while_and_tells_once_what_it_refuses() -> None:
     async with Robot.open() as robot:
-        link = Link(robot)
+        link = FleetLink(robot)
         table = Learned("thesis", 3, (1, 0), ((1.0, 2.0), (3.0, 4.0)))
         link.teach(table)
         assert Snapshot.take(robot.runtime.bus, robot.now, "", ["/learned"])[LEARNED] == table
@@ -254,7 +254,7 @@ async def test_a_robot_that_learns_hears_others_for_a_while_and_tells_once_what_
 
 async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_that_is_not_there() -> None:
     async with Robot.open() as robot:
-        link, alone = Link(robot), Link(robot)
+        link, alone = FleetLink(robot), FleetLink(robot)
         began = robot.now
         joining = asyncio.ensure_future(link.joined())
         await asyncio.sleep(3.0)
@@ -268,7 +268,7 @@ async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_th
 
 async def test_a_stop_of_all_is_obeyed_once_and_one_without_identity_each_time() -> None:
     async with Robot.open() as robot:
-        link = Link(robot)
+        link = FleetLink(robot)
         stop = link.requests["stop"]
         for identity, again in (("a", True), ("b", True), ("", False), ("", False)):
             robot.arm()
@@ -285,7 +285,7 @@ async def test_a_stop_of_all_is_obeyed_once_and_one_without_identity_each_time()
 
 async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nobody_is_reached() -> None:
     async with Robot.open() as robot:
-        link = Link(robot)
+        link = FleetLink(robot)
         told = robot.runtime.state.events
         link.stop_all()
         assert not robot.armed and told[-1].text.startswith("the fleet is not reached: only this robot was stopped")
@@ -309,7 +309,7 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
     async def main() -> None:
         patient = ("safety.missed_ticks_max=100000",)
         async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
-            link = Link(robot)
+            link = FleetLink(robot)
             at_work = bridge(robot, "fleet", {"name": "net01", "space": space}, link.requests)
             beside = await stack.enter_async_context(at_work)
             console = await asyncio.to_thread(Peer, "console1", space=space, console=True)

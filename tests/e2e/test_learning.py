@@ -23,7 +23,7 @@ from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
-from txt1.cli.workers import Machines
+from txt1.cli.workers import Workers
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
@@ -299,7 +299,7 @@ def test_several_processes_come_to_the_same_result_as_one(tmp_path: Path) -> Non
     seen: list[tuple[int, int]] = []
     for jobs in (1, 2):
         outcomes, ended = conduct(
-            plan, tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number)), Machines(jobs)
+            plan, tmp_path / str(jobs), False, lambda trial, one: seen.append((trial, one.number)), Workers(jobs)
         )
         assert ended is None
         experiment.write(plan, tmp_path / str(jobs), outcomes)

@@ -22,7 +22,7 @@ from txt1.cli import execute
 from txt1.commands import need
 from txt1.errors import MissingExtra
 from txt1.record import mcap_file, recorder
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 from txt1.record.recover import recover
 
 Capture = pytest.CaptureFixture[str]
@@ -204,7 +204,7 @@ def test_in_virtual_time_a_full_disk_ends_the_run(
     assert execute([*RUN, "--duration", "60", "--log", str(tmp_path / "run.mcap")]) == 1
     assert "No space left on device; make room on the disk" in capsys.readouterr().err
     monkeypatch.undo()
-    assert {item.topic for item in Reading(tmp_path / "run.mcap")} >= set(EVERY_CYCLE)
+    assert {item.topic for item in FilePass(tmp_path / "run.mcap")} >= set(EVERY_CYCLE)
 
 
 def fill_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
@@ -258,7 +258,7 @@ def test_a_file_cut_at_every_1000th_byte_is_recovered_and_nothing_is_invented(
 
 def raw(path: Path) -> list[Message]:
     """Every message in the order of the file."""
-    return [record for record in Reading(path).records() if isinstance(record, Message)]
+    return [record for record in FilePass(path).records() if isinstance(record, Message)]
 
 
 def test_a_chunk_with_a_wrong_byte_is_left_out(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
 from txt1.kernel.loop import Speed, run
 from txt1.model.odometry import Odometry
-from txt1.record.layout import Layout
+from txt1.record.layout import MessageBuffer
 from txt1.record.session import recording
 from txt1.record.verify import verify
 from txt1.robot import Robot
@@ -277,7 +277,7 @@ def test_numbers_of_another_processor_are_compared_within_a_millionth(
     off: float, found: bool, tmp_path: Path, capsys: Any
 ) -> None:
     path = recorded(tmp_path / "run.mcap", drive)
-    layout = Layout("geometry_msgs/TwistStamped", {"header": {"frame_id": "base_footprint"}})
+    layout = MessageBuffer("geometry_msgs/TwistStamped", {"header": {"frame_id": "base_footprint"}})
     place, _ = layout.places["twist.angular.z"]
 
     def change(topic: str, time: int, data: bytes) -> bytes:

@@ -22,7 +22,7 @@ from txt1.config import load
 from txt1.kernel.loop import run
 from txt1.record import mcap_file
 from txt1.record import recorder as record_recorder
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 from txt1.record.recover import recover
 from txt1.record.session import recording
 from txt1.robot import Robot
@@ -40,7 +40,7 @@ def started(path: Path) -> subprocess.Popen[bytes]:
 
 
 def wall_start(path: Path) -> float:
-    reading = Reading(path)
+    reading = FilePass(path)
     list(reading.records())
     return datetime.fromisoformat(reading.metadata["txt1"]["wall_start"]).timestamp()
 
@@ -112,7 +112,7 @@ def test_on_the_real_clock_a_full_disk_costs_messages_and_no_cycle(
     with pytest.raises(Exception, match=r"No space left on device; 'txt1 log recover' saves what is in it"):
         run(at_work(tmp_path / "run.mcap", lambda _: full))
     monkeypatch.undo()
-    assert not (reading := Reading(tmp_path / "run.mcap")).complete
+    assert not (reading := FilePass(tmp_path / "run.mcap")).complete
     assert len(list(reading)) > 100
 
 

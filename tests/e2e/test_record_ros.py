@@ -15,10 +15,10 @@ from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import Odometry
 from txt1.record.encoder import Encoder
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 from txt1.record.session import recording
 from txt1.robot import Robot
-from txt1.ros.publisher import Feed
+from txt1.ros.publisher import Publisher
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Rule, Topic
 
@@ -42,7 +42,7 @@ class Node:
     """A node of ROS 2, as far as the robot is concerned; one that never `starts` has only its task there."""
 
     def __init__(self, robot: Robot, starts: bool = True) -> None:
-        self.feed = Feed(robot.runtime, print)
+        self.feed = Publisher(robot.runtime, print)
         self._starts = starts
         self.messages: Messages = {}
         self._names: dict[int, str] = {}
@@ -66,7 +66,7 @@ class Node:
 def recorded(file: Path) -> Messages:
     """The same of a recording."""
     messages: Messages = {}
-    for item in Reading(file):
+    for item in FilePass(file):
         messages.setdefault(item.name, []).append((item.message.log_time, item.message.data))
     return messages
 

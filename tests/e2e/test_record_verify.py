@@ -28,7 +28,7 @@ from txt1.kernel.loop import Speed, run
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.layout import from_numbers, numbers
 from txt1.protocol.messages import PidSet, PowerControl, PwmTest, Switch, Velocity
-from txt1.record.layout import Layout
+from txt1.record.layout import MessageBuffer
 from txt1.record.session import recording
 from txt1.record.verify import verify
 from txt1.robot import Robot
@@ -108,7 +108,7 @@ def altered(
     return target
 
 
-def with_number(layout: Layout, path: str, value: float) -> Callable[[bytes], bytes]:
+def with_number(layout: MessageBuffer, path: str, value: float) -> Callable[[bytes], bytes]:
     """What puts another number into a message of this layout."""
     offset, code = layout.places[path]
 
@@ -167,7 +167,7 @@ def test_one_altered_gain_is_found_at_its_tick(tmp_path: Path, capsys: Any) -> N
     loaded = [item for item in inputs(path) if item.kind == "PidSet"][-1]
     time = loaded.header.stamp.sec + loaded.header.stamp.nanosec / 1e9
     cycle = int(time / 0.02) + 1
-    layout = Layout("txt1_msgs/Input", {"kind": "PidSet", "values": [0.0] * len(loaded.values)})
+    layout = MessageBuffer("txt1_msgs/Input", {"kind": "PidSet", "values": [0.0] * len(loaded.values)})
     change = with_number(layout, "values.0", 9.001)
     bad = altered(path, tmp_path / "bad.mcap", "/input", int(time / 0.02), change, b"PidSet")
     difference = verify(bad).difference
@@ -188,7 +188,7 @@ def inputs(path: Path) -> list[Any]:
 def test_an_altered_output_is_found_at_its_tick(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     assert execute([*RUN, "--duration", "5", "--drive", "0.4,0.4", "--log", str(path)]) == 0
-    layout = Layout("txt1_msgs/Pwm", {"header": {"frame_id": "base_footprint"}})
+    layout = MessageBuffer("txt1_msgs/Pwm", {"header": {"frame_id": "base_footprint"}})
     bad = altered(path, tmp_path / "bad.mcap", "/pwm", 123, with_number(layout, "motor", 1))
     difference = verify(bad).difference
     assert difference is not None
@@ -246,7 +246,7 @@ def test_one_altered_gain_on_the_real_clock_is_found_at_its_tick(tmp_path: Path)
     assert verify(path).difference is None
     loaded = [item for item in inputs(path) if item.kind == "PidSet"][-1]
     time = loaded.header.stamp.sec + loaded.header.stamp.nanosec / 1e9
-    layout = Layout("txt1_msgs/Input", {"kind": "PidSet", "values": [0.0] * len(loaded.values)})
+    layout = MessageBuffer("txt1_msgs/Input", {"kind": "PidSet", "values": [0.0] * len(loaded.values)})
     change = with_number(layout, "values.0", 9.001)
     bad = altered(path, tmp_path / "bad.mcap", "/input", int(time / 0.02), change, b"PidSet")
     difference = verify(bad).difference

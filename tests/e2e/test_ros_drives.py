@@ -16,12 +16,12 @@ from txt1.kernel.ticks import Ticks
 from txt1.model.vehicle import STEERING_MAX
 from txt1.robot import Robot
 from txt1.ros.original import Ros1Desk
-from txt1.ros.robot_end import Ros2Desk
+from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sidecar import Request
 
 TICK = 0.02
-nodes = pytest.mark.parametrize(("name", "desk"), [("ros", Ros2Desk), ("ros1", Ros1Desk)])
-Desk = type[Ros1Desk] | type[Ros2Desk]
+nodes = pytest.mark.parametrize(("name", "desk"), [("ros", Ros2RobotEnd), ("ros1", Ros1Desk)])
+Desk = type[Ros1Desk] | type[Ros2RobotEnd]
 
 
 @asynccontextmanager
@@ -44,7 +44,7 @@ async def driven(desk: Desk, *settings: str) -> AsyncIterator[tuple[Robot, async
 @pytest.mark.parametrize(
     ("desk", "name", "fields"),
     [
-        (Ros2Desk, "power", {"switch": "atx", "on": False}),
+        (Ros2RobotEnd, "power", {"switch": "atx", "on": False}),
         (Ros1Desk, "switched_pwr", {"source": 0, "on": False}),
     ],
     ids=["ros2", "ros1"],

@@ -11,7 +11,7 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
 from txt1.cli import execute
-from txt1.cli.operating import Start
+from txt1.cli.operating import RunStart
 from txt1.robot import Robot
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ async def test_what_was_stopped_before_the_link_came_up_is_not_armed_by_the_star
     hal: str, settings: tuple[str, ...], intervene: Callable[[Robot], None]
 ) -> None:
     async with Robot.open(hal, settings=settings, arm=False, patience=0.0) as robot:
-        ready = asyncio.ensure_future(Start(robot, arm=True, drive=(0.5, 0.0)).get_ready())
+        ready = asyncio.ensure_future(RunStart(robot, arm=True, drive=(0.5, 0.0)).get_ready())
         await asyncio.sleep(0.5)
         intervene(robot)
         await asyncio.sleep(5.0)
@@ -43,7 +43,7 @@ async def test_what_was_stopped_before_the_link_came_up_is_not_armed_by_the_star
 
 async def test_a_session_arms_when_nobody_is_in_the_way() -> None:
     async with Robot.open("serial", settings=VIRTUAL, arm=False, patience=0.0) as robot:
-        await Start(robot, arm=True).get_ready()
+        await RunStart(robot, arm=True).get_ready()
         assert robot.armed
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from txt1.bridges.services import RECORDING, ROUTE, Services
 from txt1.errors import CommandRefused, NotArmed
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 from txt1.robot import Robot
 
 TICK = 0.02
@@ -103,6 +103,6 @@ async def test_a_recording_is_begun_and_completed_on_the_way(robot: Robot, servi
     services.requests["record"](False)
     await asyncio.sleep(1.0)
     assert robot.runtime.bus.read(RECORDING) == ""
-    reading = await asyncio.to_thread(lambda: Reading(tmp_path / name))
+    reading = await asyncio.to_thread(lambda: FilePass(tmp_path / name))
     topics = await asyncio.to_thread(lambda: {item.topic for item in reading})
     assert {"/odom", "/setpoint", "/snapshot"} <= topics and reading.complete

@@ -18,7 +18,7 @@ import pytest
 
 from tests.browser.live import Live, live
 from tests.patience import LIMIT, S, until
-from txt1.web.auth import Door, visitors_token
+from txt1.web.auth import Auth, visitors_token
 from txt1.web.routes import MESSAGE_MAX, STRANGER
 from txt1.web.server import CONNECTIONS_MAX
 
@@ -86,7 +86,7 @@ async def session(car: Live, token: str | None = TOKEN) -> AsyncIterator[aiohttp
     """A browser that is signed in with a token, or a stranger's."""
     headers = {"Origin": car.url.rstrip("/")}
     if token is not None:
-        door = Door(TOKEN, "http", car.port)
+        door = Auth(TOKEN, "http", car.port)
         signed = door.sign_in(token, time())
         assert signed is not None
         headers["Cookie"] = f"{door.cookie}={signed[1]}"
@@ -413,7 +413,7 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
 
 def asking(car: Live) -> socket.socket:
     """A page that has asked for its socket."""
-    door = Door(TOKEN, "http", car.port)
+    door = Auth(TOKEN, "http", car.port)
     signed = door.sign_in(TOKEN, time())
     assert signed is not None
     host = f"127.0.0.1:{car.port}"

@@ -7,7 +7,7 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from txt1.record.reading import Decoding, Reading, flat
+from txt1.record.reading import Decoding, FilePass, flat
 
 MEASURED = ("/diagnostics", "/steps", "/reports", "/snapshot", "/link")
 """Topics that hold what a clock measures, or that say again what others say."""
@@ -47,7 +47,7 @@ def largest(old: Path, new: Path) -> Largest:
 
 def messages(path: Path) -> dict[str, list[tuple[float, dict[str, Any]]]]:
     """The messages of a recording by topic, each with its time, s of the run."""
-    reading, decoding = Reading(path), Decoding()
+    reading, decoding = FilePass(path), Decoding()
     found: dict[str, list[tuple[float, dict[str, Any]]]] = defaultdict(list)
     for item in reading:
         if item.name not in MEASURED:

@@ -22,7 +22,7 @@ from txt1.navigation import fused_pose, go_to, true_pose
 from txt1.protocol.messages import Switch
 from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
-from txt1.ros.robot_end import Ros2Desk
+from txt1.ros.robot_end import Ros2RobotEnd
 from txt1.sidecar import Request
 from txt1.sim.room import Room
 
@@ -179,7 +179,7 @@ async def _learns(robot: Robot) -> None:
 
 async def _by_ros(robot: Robot) -> None:
     """What a node of ROS 2 asks for reaches the bridge's own desk: velocities, a goal, gains, a disarm."""
-    desk = Ros2Desk(robot)
+    desk = Ros2RobotEnd(robot)
     calls = 0
 
     def call(name: str, **fields: Any) -> None:

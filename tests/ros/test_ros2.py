@@ -22,7 +22,7 @@ from tests.patience import LIMIT, TXT1, S
 from tests.ros.network import GUEST, HOST, plug_in, pull_out, two_computers, within
 from txt1.driver import REFRESH
 from txt1.errors import ConfigError
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 from txt1.ros.install import outdated
 from txt1.ros.python import RosPython, clean, home, ros2
 
@@ -268,7 +268,7 @@ def test_a_program_gets_the_bytes_that_are_recorded(ros: RosPython, domain: dict
     with robot(domain, "--speed", "1", "--log", str(file), *SENSORS):
         told = ask(ros, domain, "raw")
     recorded: dict[str, list[str]] = {}
-    for item in Reading(file):
+    for item in FilePass(file):
         data = item.message.data
         padding = bytes(-len(data) % 4)  # which DDS adds
         recorded.setdefault(item.name, []).append((data + padding).hex())

@@ -16,7 +16,7 @@ from math import inf
 from typing import Final, NamedTuple, Protocol
 
 from txt1.board.far_end import far_end
-from txt1.board.original import Framer, Original
+from txt1.board.original import Framer, OriginalFirmware
 from txt1.board.settings import BoardConfig
 from txt1.config import Config
 from txt1.errors import CommandRefused, EncodeError, HalError, LinkLost, NotArmed
@@ -98,7 +98,7 @@ class Board:
         self.vehicle: Final = hal.vehicle
         """The simulated vehicle that it is on."""
         self.runtime = Runtime(own, self.send, hal, limits=limits, name="board", tasks=tasks)
-        self.original: Original | None = None
+        self.original: OriginalFirmware | None = None
         """The firmware of an original board, once it has power."""
         if manual:
             self.runtime.press(Button.CENTRE)
@@ -122,8 +122,8 @@ class Board:
         else:
             self.runtime.gate.arm(self.now)  # it has none: nothing keeps its outputs from the motors
 
-    def _original(self, runtime: Runtime) -> Original:
-        self.original = Original(runtime.state, runtime.hal, runtime.inbox, runtime.presses, self.send)
+    def _original(self, runtime: Runtime) -> OriginalFirmware:
+        self.original = OriginalFirmware(runtime.state, runtime.hal, runtime.inbox, runtime.presses, self.send)
         return self.original
 
     async def power_down(self) -> None:

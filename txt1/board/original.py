@@ -14,7 +14,7 @@ from txt1.control.limits import Outputs, clip
 from txt1.control.pid import CLEAR, Gains, Past, errors
 from txt1.control.schedule import GainSet, Schedule
 from txt1.hal.base import Button, Hal
-from txt1.kernel.scheduler import Row
+from txt1.kernel.scheduler import TaskRow
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import remaining_time
 from txt1.model.odometry import Odometry, advance
@@ -74,7 +74,7 @@ class Framer:
         """Nothing: what was begun stays."""
 
 
-class Original:
+class OriginalFirmware:
     """The tasks and what they remember while the board has power."""
 
     def __init__(
@@ -106,7 +106,7 @@ class Original:
         self._counts: tuple[int, int] | None = None
         self._volts = (0.0, 0.0)
 
-    def tasks(self) -> Iterable[Row]:
+    def tasks(self) -> Iterable[TaskRow]:
         """The tasks by name, with priority and period."""
         return (
             ("controller", 4, CONTROL_PERIOD, self.controller),

@@ -3,14 +3,14 @@
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 
-from txt1.bridges.options import Asked
+from txt1.bridges.options import BridgesAsked
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import FOLDER, services
 from txt1.robot import Robot
 
 
 @asynccontextmanager
-async def beside(robot: Robot, asked: Asked) -> AsyncIterator[None]:
+async def beside(robot: Robot, asked: BridgesAsked) -> AsyncIterator[None]:
     """Run the bridges as long as the block is at work."""
     async with AsyncExitStack() as stack:
         requests = await stack.enter_async_context(services(robot, asked.speed, FOLDER))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from txt1.kernel.loop import Speed
 
 
-class Asked(NamedTuple):
+class BridgesAsked(NamedTuple):
     """Bridges beside a robot."""
 
     bridges: Sequence[tuple[str, Mapping[str, object]]]
@@ -23,7 +23,7 @@ class Asked(NamedTuple):
     """Of the robot's time, for the recordings that a bridge begins."""
 
 
-def asked(arguments: Namespace, config: Config) -> Asked | None:
+def asked(arguments: Namespace, config: Config) -> BridgesAsked | None:
     """Return the bridges that were asked for, None for none; raises ConfigError: there is no such bridge."""
     if not arguments.bridge:
         return None
@@ -31,7 +31,7 @@ def asked(arguments: Namespace, config: Config) -> Asked | None:
 
     for name, _ in arguments.bridge:
         BRIDGES.place("bridge", name)
-    return Asked(arguments.bridge, arguments.speed)
+    return BridgesAsked(arguments.bridge, arguments.speed)
 
 
 BRIDGE: Final = {

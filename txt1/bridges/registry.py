@@ -31,7 +31,7 @@ from txt1.hal.base import Button
 from txt1.plugins import Registry
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.sidecar import PERIOD, PRIORITY, Beside, Request, Restart
+from txt1.sidecar import SERVE_PRIORITY, TELEMETRY_PERIOD, Request, Restart, Sidecar
 from txt1.telemetry.snapshot import Snapshot, plain
 from txt1.telemetry.topics import TOPICS, Rule, Topic
 
@@ -58,14 +58,14 @@ async def bridge(
     *,
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
-) -> AsyncIterator[Beside]:
+) -> AsyncIterator[Sidecar]:
     """A bridge at work beside a robot, until the block is left; `options` are keyword arguments for its function.
 
     Beyond driving and the joystick it may ask for `requests`, functions of the request's fields. After `silence` s
     without a heartbeat it is ended (None: never), and treated as `restart` says. Raises ConfigError: there is no bridge
     of that name, or it is at work already.
     """
-    desk = Desk(robot, name, requests or {})
+    desk = RobotEnd(robot, name, requests or {})
     async with _at_work(name, options, desk, [desk], restart, silence) as beside:
         yield beside
 
@@ -79,12 +79,12 @@ async def fleet_bridge(
     *,
     restart: Restart = RESTART,
     silence: float | None = SILENCE,
-) -> AsyncIterator[Beside]:
+) -> AsyncIterator[Sidecar]:
     """One bridge at work beside several robots of this process; `requests` are each robot's, by its name.
 
     Its telemetry is a list of that of robots, and its requests have a field more, ``robot``; one without it is for all.
     """
-    desks = {each: Desk(robot, name, (requests or {}).get(each, {})) for each, robot in robots.items()}
+    desks = {each: RobotEnd(robot, name, (requests or {}).get(each, {})) for each, robot in robots.items()}
     async with _at_work(name, options, Desks(desks), list(desks.values()), restart, silence) as beside:
         yield beside
 
@@ -93,18 +93,18 @@ async def fleet_bridge(
 async def _at_work(
     name: str,
     options: Mapping[str, object] | None,
-    end: "Desk | Desks",
-    desks: "Sequence[Desk]",
+    end: "RobotEnd | Desks",
+    desks: "Sequence[RobotEnd]",
     restart: Restart,
     silence: float | None,
-) -> AsyncIterator[Beside]:
+) -> AsyncIterator[Sidecar]:
     def let_go() -> None:
         for desk in desks:
             desk.let_go()
 
     first = desks[0]
     where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
-    beside = Beside(
+    beside = Sidecar(
         str(where), end.telemetry, end.request, options=options or {}, restart=restart, silence=silence,
         tell=lambda text: first.say(f" {text}"), lost=let_go,
     )  # fmt: skip
@@ -113,7 +113,7 @@ async def _at_work(
             for desk in desks:
                 watched.enter_context(warning(desk.robot.runtime, f"bridge '{name}'", beside))
             async with beside:
-                first.robot.add_task(f"bridge {name}", PERIOD, beside.serve, PRIORITY)
+                first.robot.add_task(f"bridge {name}", TELEMETRY_PERIOD, beside.serve, SERVE_PRIORITY)
                 yield beside
     finally:
         let_go()
@@ -122,7 +122,7 @@ async def _at_work(
 
 
 @contextmanager
-def warning(runtime: Runtime, name: str, beside: Beside) -> Iterator[None]:
+def warning(runtime: Runtime, name: str, beside: Sidecar) -> Iterator[None]:
     """Have every screen of the robot show that a process beside it is not at work, as long as the block lasts."""
 
     def trouble() -> str:
@@ -135,7 +135,7 @@ def warning(runtime: Runtime, name: str, beside: Beside) -> Iterator[None]:
         runtime.state.warnings.remove(trouble)
 
 
-class Desk:
+class RobotEnd:
     """The robot's end for one bridge: it answers requests and hands out telemetry."""
 
     def __init__(self, robot: Robot, name: str, requests: Mapping[str, Callable[..., object]]) -> None:
@@ -234,8 +234,8 @@ class Desk:
     ) -> None:
         """Send `topics` so many times a second and `seldom` once; None for all that there are."""
         hertz = _number("rate", rate)
-        if not 0.0 < hertz <= 1.0 / PERIOD:
-            raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / PERIOD:g}")
+        if not 0.0 < hertz <= 1.0 / TELEMETRY_PERIOD:
+            raise ValueError(f"rate: {hertz:g} Hz; give one above 0, and at most {1.0 / TELEMETRY_PERIOD:g}")
         self._interval = 1.0 / hertz
         self._topics, self._seldom = _names("topics", topics), _names("seldom", seldom)
         self._due = self._due_seldom = 0.0
@@ -250,7 +250,7 @@ class Desk:
 class Desks:
     """The ends of several robots for one bridge."""
 
-    def __init__(self, desks: Mapping[str, Desk]) -> None:
+    def __init__(self, desks: Mapping[str, RobotEnd]) -> None:
         self._desks = desks
 
     def telemetry(self) -> bytes | None:

@@ -23,7 +23,7 @@ from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
 
 FOLDER: Final = Path("out/recordings")
-PERIOD: Final = 0.02  # s between two looks at whether a route is still held
+SERVICES_PERIOD: Final = 0.02  # s between two looks at whether a route is still held
 
 RECORDING: Final = declare(Topic(
     "/recording", str, "", "std_msgs/String", Rule.SNAPSHOT, "the recording that a bridge has begun; empty for none"
@@ -99,7 +99,7 @@ class Services:
         self._points = way
         if not self._watched:
             self._watched = True
-            robot.add_task("route", PERIOD, self._watch)
+            robot.add_task("route", SERVICES_PERIOD, self._watch)
         self._route = self._start(
             follow(robot, way, closed=False, speed=speed, pose_source=source, source=self._source)
         )

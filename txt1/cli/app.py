@@ -25,12 +25,12 @@ from txt1.hal.base import Hal
 from txt1.kernel.loop import Speed, run
 from txt1.kernel.realtime import SWEEP, realtime
 from txt1.kernel.ticks import Ticks
-from txt1.record.options import Recording
+from txt1.record.options import RecordingAsked
 from txt1.record.session import recording, recording_together
 from txt1.robot import Robot
 from txt1.runtime import Runtime
-from txt1.sidecar import PERIOD as SCREENS_PERIOD
-from txt1.sidecar import PRIORITY as SCREENS_PRIORITY
+from txt1.sidecar import SERVE_PRIORITY as SCREENS_PRIORITY
+from txt1.sidecar import TELEMETRY_PERIOD as SCREENS_PERIOD
 from txt1.tasks.fields import DRIVER, LOG
 from txt1.telemetry.snapshot import plain
 from txt1.telemetry.topics import Rule
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from txt1.record.live import LiveView
 
 BEAT_MIN: Final = 0.005  # shortest time between two heartbeats of the drawing process, s
-PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
+LINK_PATIENCE: Final = 10.0  # s that a command nobody watches waits for the link
 
 
 class App:
@@ -122,7 +122,7 @@ class App:
         through = False
         asked = dict(additions or {})
         if log is not None:
-            asked["record"] = Recording(log, None, about or {}, self.speed)
+            asked["record"] = RecordingAsked(log, None, about or {}, self.speed)
         try:
             async with Robot.open(hal, config=config, arm=False, patience=0.0, additions=asked) as robot:
                 self._subject = robot
@@ -203,7 +203,7 @@ async def get_ready(robot: Robot, arm: bool | None) -> None:
 
     Raises ConfigError: nobody is there to arm the robot; HalError: the board does not answer as it should; NotArmed.
     """
-    await robot.linked(PATIENCE)
+    await robot.linked(LINK_PATIENCE)
     if not (robot.arms_by_itself if arm is None else arm):
         raise ConfigError("nobody is there to arm the robot: add --arm")
     robot.arm()

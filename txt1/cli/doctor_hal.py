@@ -10,7 +10,7 @@ from typing import Final
 from txt1.cli.remark import Remark, judged
 from txt1.hal.base import Hal, Outputs
 
-PERIOD: Final = 0.02  # s
+READING_PERIOD: Final = 0.02  # s
 ODOMETRY_RATE: Final = 15.0  # readings a second of a hardware layer that computes odometry, at least
 THROTTLED: Final = (
     (0, "under-voltage now", "a stronger supply, or shorter and thicker wires to it"),
@@ -60,7 +60,7 @@ async def examined(hal: Hal, duration: float) -> list[Remark]:
                 slowest = max(slowest, inputs.odometry_time - taken) if taken > 0.0 else 0.0
                 taken, readings = inputs.odometry_time, readings + 1
             hal.write(Outputs(), now)
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(READING_PERIOD)
     finally:
         await hal.close()
     can, link = hal.capabilities, inputs.link

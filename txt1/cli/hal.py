@@ -20,14 +20,17 @@ from txt1.resources import PACKAGE
 from txt1.sim.serial_line import LineFaults
 
 SKELETON: Final = PACKAGE / "hal" / "skeleton"
-NAME: Final = "the name of a Python module, such as mycar"
+MODULE_NAME: Final = "the name of a Python module, such as mycar"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     lifted = flag("the wheels are off the ground: without it, nothing real is checked")
-    check = {"name": takes("NAME"), "--wheels-up": lifted} | CONFIGURATION | LINE | VEHICLE
-    new = {"name": takes("NAME", NAME), "--to": takes("FOLDER", "where its folder is made; here, if left out", path)}
+    check = {"name": takes("MODULE_NAME"), "--wheels-up": lifted} | CONFIGURATION | LINE | VEHICLE
+    new = {
+        "name": takes("MODULE_NAME", MODULE_NAME),
+        "--to": takes("FOLDER", "where its folder is made; here, if left out", path),
+    }
     add_actions(parser, {"list": (list_hals, {}), "check": (check_hal, check), "new": (new_hal, new)})
 
 
@@ -66,7 +69,7 @@ def new_hal(arguments: argparse.Namespace) -> int:
     """Write a package with a hardware layer to begin with, and its test (docs/your-own-hal.md)."""
     name: str = arguments.name
     if not (name.isidentifier() and name.islower() and name.isascii()) or iskeyword(name):
-        raise ConfigError(f"'{name}' cannot be the name of a HAL: it is {NAME}")
+        raise ConfigError(f"'{name}' cannot be the name of a HAL: it is {MODULE_NAME}")
     if name in HALS.ours:
         raise ConfigError(f"'{name}' is one of txt1's own HALs: choose another name")
     known = find_spec(name)

@@ -13,7 +13,7 @@ from typing import Final
 
 from txt1.kernel.ticks import Ticks
 from txt1.runtime import Runtime
-from txt1.sidecar import PRIORITY
+from txt1.sidecar import SERVE_PRIORITY
 from txt1.tasks import controller
 
 FEEDINGS: Final = 4  # within the watchdog's time: some may come late
@@ -47,7 +47,9 @@ def served(runtime: Runtime) -> Iterator[None]:
         return
     limit = watchdog()
     # at whole multiples of the controller's period, behind it, so that it does not come in its way
-    period = controller.PERIOD * max(1, int((1.0 if limit is None else limit / FEEDINGS) / controller.PERIOD))
+    period = controller.CONTROL_PERIOD * max(
+        1, int((1.0 if limit is None else limit / FEEDINGS) / controller.CONTROL_PERIOD)
+    )
     status = ""
     fed = 0
 
@@ -64,7 +66,7 @@ def served(runtime: Runtime) -> Iterator[None]:
             if lines:
                 tell(*lines)
 
-    runtime.add_task("watchdog", PRIORITY, period, feed)
+    runtime.add_task("watchdog", SERVE_PRIORITY, period, feed)
     tell("READY=1")
     try:
         yield

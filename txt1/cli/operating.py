@@ -75,7 +75,7 @@ async def _operate(
         keys = {name: key.meaning for name, key in robot.keys.items()}
         shown = {"SPACE": DRIVING["SPACE"]} | keys | DRIVING if keys else None
         more = {"e": robot.toggle_esc, **{name: key.do for name, key in robot.keys.items()}}
-        start = Start(robot, arguments.arm, arguments.drive, steer)
+        start = RunStart(robot, arguments.arm, arguments.drive, steer)
 
         async def prepare() -> None:
             await start.get_ready()
@@ -95,7 +95,7 @@ async def _operate(
 
 
 @dataclass
-class Start:
+class RunStart:
     """The start of a run on a robot whose link may not be up yet."""
 
     robot: Robot

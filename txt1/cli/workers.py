@@ -50,7 +50,7 @@ class Cluster(NamedTuple):
     key: Path | None = None
 
 
-class Machines(NamedTuple):
+class Workers(NamedTuple):
     """Where trials are done: in so many processes, or on a cluster."""
 
     jobs: int = 1
@@ -72,16 +72,16 @@ class Machines(NamedTuple):
         return on_dask(work, trials, self.cluster, ended)
 
 
-HERE: Final = Machines()  # one after the other, in this process
+HERE: Final = Workers()  # one after the other, in this process
 
 
-def machines_of(arguments: argparse.Namespace, *, alone: bool = False) -> Machines:
+def workers_of(arguments: argparse.Namespace, *, alone: bool = False) -> Workers:
     """The machines that were asked for by `OPTIONS`; a robot that is `alone` has no second."""
     if arguments.dask is None:
-        return Machines(1 if alone else arguments.jobs or processors())
+        return Workers(1 if alone else arguments.jobs or processors())
     if alone:
         raise ConfigError("--dask: this robot is not simulated as fast as possible, so it cannot be in many places")
-    return Machines(1, Cluster(arguments.dask, arguments.dask_ca, arguments.dask_cert, arguments.dask_key))
+    return Workers(1, Cluster(arguments.dask, arguments.dask_ca, arguments.dask_cert, arguments.dask_key))
 
 
 def stopped() -> bool:

@@ -11,7 +11,7 @@ from txt1.control.pid import CLEAR, Gains, Past, VelocityLoops, errors, pid
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
 
 
-class Car(NamedTuple):
+class CarParameters(NamedTuple):
     """What the loops know, as plain numbers; see `KnownCar` and `Geometry`."""
 
     lever: float
@@ -25,12 +25,12 @@ class Car(NamedTuple):
     acceleration: float
 
 
-def car_of(known: KnownCar, body: Geometry) -> Car | None:
+def car_of(known: KnownCar, body: Geometry) -> CarParameters | None:
     """What the loops know of the car; None: nothing, as is all they can know of one whose sides run at two speeds."""
     if not known.known or body.steering == "skid":
         return None
     steered = body.steering == "both"  # encoders of a car whose front wheels steer sit at its rear ones
-    return Car(
+    return CarParameters(
         body.lever, body.wheelbase if steered else 0.0, body.tan_steering_max, body.steering_max, known.speed_gain,
         known.dead_band, known.time_constant, known.scrub, known.acceleration,
     )  # fmt: skip
@@ -54,7 +54,7 @@ def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, floa
 
 def informed_step(
     linear: Past, angular: Past, lead: float, v: float, omega: float, v_now: float, omega_now: float,
-    linear_gains: tuple[float, float, float], angular_gains: tuple[float, float, float], dt: float, car: Car,
+    linear_gains: tuple[float, float, float], angular_gains: tuple[float, float, float], dt: float, car: CarParameters,
 ) -> tuple[Past, Past, float, float, float]:  # fmt: skip
     """Both loops' next states, the reference speed to `lead` the next cycle, and motor and steering output, counts.
 
@@ -81,7 +81,7 @@ def informed_step(
 class InformedLoops:
     """The two loops of a car that they know; as `txt1.control.pid.VelocityLoops`."""
 
-    def __init__(self, car: Car) -> None:
+    def __init__(self, car: CarParameters) -> None:
         self._car = car
         self.clear()
 

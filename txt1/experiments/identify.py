@@ -39,8 +39,10 @@ STEADY: Final = 0.4  # share of a step's time, at its end, that counts as steady
 
 # unevenness of the floor, as a share of the speed, anew at every tick; assumed, for the encoders show no patterns
 UNEVENNESS: Final = 0.03
-PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
-LOOP_DELAY: Final = 2.0 * PERIOD  # age of what the loops react to: half a period measured, one waited, half one held
+SAMPLING_PERIOD: Final = 0.02  # s between two steps of the loops and two readings of the encoders
+LOOP_DELAY: Final = (
+    2.0 * SAMPLING_PERIOD
+)  # age of what the loops react to: half a period measured, one waited, half one held
 
 
 class Plant(NamedTuple):
@@ -125,14 +127,14 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
     control = robot.config.loops()
     linear, angular = control.linear.gains(), control.schedule().sets
     turning = tuple(each._replace(gains=TURN_FEEDBACK) for each in angular)
-    robot.add_task("measurement", PERIOD, measure, priority=-1)
+    robot.add_task("measurement", SAMPLING_PERIOD, measure, priority=-1)
     holds: list[Hold] = []
 
     async def keep(v: float, omega: float, seconds: float) -> None:
         ends = robot.now + seconds
         while robot.now < ends:
             robot.program.insist(v, omega)
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(SAMPLING_PERIOD)
 
     async def load(linear: Gains, angular: Sequence[GainSet]) -> None:
         await keep(0.0, 0.0, REST_TIME)
@@ -166,7 +168,7 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
     return holds
 
 
-def identify(holds: Sequence[Hold], period: float = PERIOD) -> Plant:
+def identify(holds: Sequence[Hold], period: float = SAMPLING_PERIOD) -> Plant:
     """The vehicle that explains a drive.
 
     Steady speeds v = K (abs(u) - d) give the gain K and the dead band d as a line. A lag T makes the area between a
@@ -236,22 +238,22 @@ def speed_response(
     plant: Plant, gains: Gains, target: float, seconds: float, geometry: Geometry, seed: int, motor_max: float
 ) -> Array:
     """The speed, m/s, at every tick after a step from rest to `target` m/s, shape (ticks,)."""
-    decay = exp(-PERIOD / plant.time_constant)
-    ticks, rng = round(seconds / PERIOD), np.random.default_rng(seed)
+    decay = exp(-SAMPLING_PERIOD / plant.time_constant)
+    ticks, rng = round(seconds / SAMPLING_PERIOD), np.random.default_rng(seed)
     v, path, counts = 0.0, rng.random() * geometry.count_length, 0
-    bumps = (UNEVENNESS * PERIOD / plant.time_constant * rng.standard_normal(ticks)).tolist()
+    bumps = (UNEVENNESS * SAMPLING_PERIOD / plant.time_constant * rng.standard_normal(ticks)).tolist()
     speeds = []
     past, measured = CLEAR, 0.0
     for bump in bumps:
         motor = past[0]
         beyond = max(min(abs(motor), motor_max) - plant.dead_band, 0.0)
         v_free = plant.speed_gain * (beyond if motor > 0.0 else -beyond)
-        path += v_free * PERIOD + (v - v_free) * plant.time_constant * (1.0 - decay)
+        path += v_free * SAMPLING_PERIOD + (v - v_free) * plant.time_constant * (1.0 - decay)
         v = (v_free + (v - v_free) * decay) * (1.0 - bump)
         now = int(path // geometry.count_length)
         # the controller runs before the encoders are read, so it works on the reading of the tick before
-        past = pid(past, 1000.0 * (target - measured), gains, PERIOD, PWM_MAX)
-        measured = (now - counts) * geometry.count_length / PERIOD
+        past = pid(past, 1000.0 * (target - measured), gains, SAMPLING_PERIOD, PWM_MAX)
+        measured = (now - counts) * geometry.count_length / SAMPLING_PERIOD
         counts = now
         speeds.append(v)
     return np.array(speeds)
@@ -262,23 +264,23 @@ def yaw_response(
 ) -> Array:
     """The yaw rate, rad/s, at every tick after a step of its set-point at a speed of `v` m/s, shape (ticks,)."""
     gain = plant.steering_gain * abs(v)
-    decay = exp(-PERIOD / max(plant.steering_lag, 1e-6))
+    decay = exp(-SAMPLING_PERIOD / max(plant.steering_lag, 1e-6))
     edge, half_track = geometry.count_length, 0.5 * geometry.track_width
     omega = measured = before
     past = (before / gain, 0.0, 0.0)
-    ticks, rng = round(seconds / PERIOD), np.random.default_rng(seed)
+    ticks, rng = round(seconds / SAMPLING_PERIOD), np.random.default_rng(seed)
     right, left, rights, lefts = rng.random() * edge, rng.random() * edge, 0, 0
     rates = []
     for bump in (0.5 * UNEVENNESS * rng.standard_normal(ticks)).tolist():
         settled = gain * min(max(past[0], -STEERING_MAX), STEERING_MAX)
-        turned = settled * PERIOD + (omega - settled) * plant.steering_lag * (1.0 - decay)
+        turned = settled * SAMPLING_PERIOD + (omega - settled) * plant.steering_lag * (1.0 - decay)
         omega = settled + (omega - settled) * decay
-        path = v * (1.0 - bump) * PERIOD
+        path = v * (1.0 - bump) * SAMPLING_PERIOD
         right += path + half_track * turned
         left += path - half_track * turned
-        past = pid(past, 1000.0 * (after - measured), gains, PERIOD, STEERING_MAX)
+        past = pid(past, 1000.0 * (after - measured), gains, SAMPLING_PERIOD, STEERING_MAX)
         now = int(right // edge), int(left // edge)
-        measured = (now[0] - rights - now[1] + lefts) * edge / (geometry.track_width * PERIOD)
+        measured = (now[0] - rights - now[1] + lefts) * edge / (geometry.track_width * SAMPLING_PERIOD)
         rights, lefts = now
         rates.append(omega)
     return np.array(rates)

@@ -20,7 +20,7 @@ PROFILES: Final = Path(__file__).parent / "profiles"  # folder of the thesis's e
 EXAMPLE: Final = "for example {title: Turn, figure: path, steps: [{v: 0.5, omega: 0.3, seconds: 10}]}"
 
 
-class Step(Section):
+class ProfileStep(Section):
     """A velocity and how long to command it."""
 
     v: Annotated[float, Field(ge=-1.5, le=1.5)]  # m/s
@@ -57,7 +57,7 @@ class Profile(Section):
     title: str  # title of its figure
     figure: Literal["velocities", "path", "waypoints", "battery"]  # 4.3 and 4.4, 4.5 and 4.6, with errors, 3.13
     sample: Annotated[float, Field(ge=0.02, le=10.0)] = 0.02  # s between two samples
-    steps: tuple[Step, ...] = ()  # velocities to command, in turn
+    steps: tuple[ProfileStep, ...] = ()  # velocities to command, in turn
     waypoints: Waypoints | None = None  # places to drive to
 
     @model_validator(mode="after")

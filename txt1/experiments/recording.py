@@ -15,7 +15,7 @@ from txt1.errors import ConfigError
 Array = NDArray[np.float64]
 
 
-class Measurement(NamedTuple):
+class Instant(NamedTuple):
     """One instant."""
 
     time: float  # s of the experiment
@@ -41,18 +41,18 @@ class Measurement(NamedTuple):
 
 
 class Recording:
-    """The samples of a run as columns, named as in `Measurement`."""
+    """The samples of a run as columns, named as in `Instant`."""
 
-    def __init__(self, samples: Iterable[Measurement]) -> None:
+    def __init__(self, samples: Iterable[Instant]) -> None:
         rows = [tuple(sample) for sample in samples]
-        self.columns = np.array(rows, float).reshape(len(rows), len(Measurement._fields)).T
+        self.columns = np.array(rows, float).reshape(len(rows), len(Instant._fields)).T
 
     def __len__(self) -> int:
         return int(self.columns.shape[1])
 
     def __getitem__(self, name: str) -> Array:
         """The column of that name, shape (samples,)."""
-        column: Array = self.columns[Measurement._fields.index(name)]
+        column: Array = self.columns[Instant._fields.index(name)]
         return column
 
     @property
@@ -88,7 +88,7 @@ def mean_of(recordings: Sequence[Recording]) -> Recording:
 
 def save(recording: Recording, folder: Path) -> None:
     """Write the samples to a folder as comma-separated values, a column per quantity, SI units."""
-    head = ",".join(Measurement._fields)
+    head = ",".join(Instant._fields)
     np.savetxt(folder / FILE, recording.columns.T, "%.6g", ",", "\r\n", head, comments="")
 
 
@@ -97,9 +97,9 @@ def load(folder: Path) -> Recording:
     file = folder / FILE
     try:
         head, *rows = file.read_text().splitlines() or [""]
-        if tuple(head.split(",")) != Measurement._fields:
+        if tuple(head.split(",")) != Instant._fields:
             raise ConfigError(f"{file}: its columns are not those of a run; give a folder that --out has made")
-        return Recording(Measurement(*map(float, row.split(","))) for row in rows)
+        return Recording(Instant(*map(float, row.split(","))) for row in rows)
     except OSError as error:
         raise ConfigError(f"{file}: {error.strerror}; give a folder that an experiment's --out made") from None
     except (ValueError, TypeError) as error:

@@ -11,8 +11,8 @@ from rich.table import Table
 from txt1.experiments.metrics import QUANTUM, Channel, Deviation, difference, paths_apart
 from txt1.experiments.run_folder import Run
 
-Row = list[str]
-Titled = tuple[str, Row, list[Row]]  # A table's title, its column names and its rows
+TableRow = list[str]
+Titled = tuple[str, TableRow, list[TableRow]]  # A table's title, its column names and its rows
 
 
 def show(runs: Sequence[Run], console: Console, *, with_differences: bool = False) -> None:
@@ -70,7 +70,7 @@ def apart(runs: Sequence[Run]) -> list[Titled]:
     return found
 
 
-def difference_cells(each: Deviation) -> Row:
+def difference_cells(each: Deviation) -> TableRow:
     """Return the channel, the delay, the difference and an encoder count."""
     least, most = (1000.0 * delay for delay in each.delay)
     late = f"{least:.0f} ms" if least == most else f"{least:.0f} to {most:.0f} ms"
@@ -101,7 +101,7 @@ def step_name(step: dict[str, Any]) -> str:
     return f"{'v' if step['channel'] == 'v' else 'ω'} {step['before']:g} → {step['after']:g}"
 
 
-def _step(step: dict[str, Any]) -> Row:
+def _step(step: dict[str, Any]) -> TableRow:
     off, noise = f"{1000.0 * step['steady_error']:+.1f}", f"{1000.0 * step['noise']:.1f}"
     return [step_name(step), _seconds(step["rise"]), overshoot(step), _seconds(step["settling"]), off, noise]
 
@@ -121,7 +121,7 @@ def _mm(value: float | None, digits: int = 1) -> str:
 
 
 _STEP_HEAD = ["step", "rise", "overshoot", "settling", "off, 1/1000", "noise, 1/1000"]
-_TABLES: tuple[tuple[str, str, Row, Callable[[dict[str, Any]], Row]], ...] = (
+_TABLES: tuple[tuple[str, str, TableRow, Callable[[dict[str, Any]], TableRow]], ...] = (
     ("Steps, m/s and rad/s", "steps", _STEP_HEAD, _step),
     ("Stops, m/s", "stops", _STEP_HEAD, _step),
     ("Loss of speed in the second after a change of the yaw rate, rad/s", "droop", ["change", "droop"],

@@ -8,8 +8,8 @@ from typing import Any, Final, NamedTuple
 
 from txt1.control.limits import SetpointBounds
 from txt1.errors import NotArmed, Overruled
-from txt1.experiments.profile import Profile, Step, Waypoints
-from txt1.experiments.recording import Measurement, Recording
+from txt1.experiments.profile import Profile, ProfileStep, Waypoints
+from txt1.experiments.recording import Instant, Recording
 from txt1.kernel.ticks import Ticks
 from txt1.model.battery import CUT_OFF_V
 from txt1.model.reeds_shepp import Pose
@@ -51,7 +51,7 @@ class Outcome(NamedTuple):
 def outcome_of(values: Sequence[Any]) -> Outcome:
     """The outcome that `json` made these values of."""
     samples, legs, *rest = values
-    recording = Recording(Measurement(*sample) for sample in samples)
+    recording = Recording(Instant(*sample) for sample in samples)
     return Outcome(recording, tuple(Leg(time, tuple(start), tuple(end)) for time, start, end in legs), *rest)
 
 
@@ -72,7 +72,7 @@ class Experiment:
     progressed: Callable[[float], None] = lambda _: None  # told how much of the profile is over, 0 to 1
 
     def __post_init__(self) -> None:
-        self._samples: list[Measurement] = []
+        self._samples: list[Instant] = []
         self._legs: list[Leg] = []
         self._begin = 0.0
         self._warned: float | None = None
@@ -116,7 +116,7 @@ class Experiment:
         name = "" if self._source is None else self._source.name
         return Outcome(Recording(self._samples), tuple(self._legs), self._stopped_by, self._warned, name)
 
-    async def _drive_steps(self, steps: tuple[Step, ...]) -> None:
+    async def _drive_steps(self, steps: tuple[ProfileStep, ...]) -> None:
         robot, total = self.robot, self.profile.duration
         begin = due = robot.now
         ends = begin
@@ -196,7 +196,7 @@ class Experiment:
                 before = now, pose
             volts = [volt for volt in battery[:2] if volt is not None]
             self._samples.append(
-                Measurement(
+                Instant(
                     now - self._begin, set_v, set_omega, v, omega, x, y, theta,
                     robot.runtime.state.odometry_time - self._begin, way, turn,
                     true_v, true_omega, *(pose or (nan, nan, nan)),

@@ -28,7 +28,7 @@ from txt1.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAME: Final = "sensor-failure"
+EXPERIMENT: Final = "sensor-failure"
 SETUPS: Final = ("imu-gps", "vicon")  # presets whose sensors fail
 FAILURES: Final = ("sound", "frozen", "silent", "jumping", "drifting", "not a number", "late by 0.3 s")
 COURSE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]  # m
@@ -94,7 +94,7 @@ def added(values: tuple[float, ...], more: tuple[float, ...], times: float) -> t
     return tuple(value + times * other for value, other in zip(values, more, strict=True))
 
 
-class Outcome(NamedTuple):
+class FailureOutcome(NamedTuple):
     """A run with one failing sensor."""
 
     setup: str
@@ -115,9 +115,9 @@ class Outcome(NamedTuple):
         return {key: None if value == inf else value for key, value in found.items()}
 
 
-def outcome_of(tree: dict[str, Any]) -> Outcome:
+def outcome_of(tree: dict[str, Any]) -> FailureOutcome:
     """An outcome of its fields as JSON has them."""
-    return Outcome(**tree | {"trace": np.array(tree["trace"])})
+    return FailureOutcome(**tree | {"trace": np.array(tree["trace"])})
 
 
 def config_for(config: Config, setup: str) -> Config:
@@ -131,7 +131,7 @@ def config_for(config: Config, setup: str) -> Config:
     return config.model_copy(update={"estimation": estimation, "sim": sim, "sensors": sensors})
 
 
-async def drive(config: Config, setup: str, sensor: str, failure: str) -> Outcome:
+async def drive(config: Config, setup: str, sensor: str, failure: str) -> FailureOutcome:
     """Drive the course, steered by the true pose, its velocity loops by the fused odometry, with one failing sensor."""
     rows: list[tuple[float, ...]] = []
     lost, again, disarmed = inf, inf, ""
@@ -166,7 +166,7 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Outcom
             await follow(robot, COURSE, laps=LAPS, pose_source=true_pose(robot))
         disarmed = "" if robot.armed else disarmed or robot.reason
     time, distance, heading, share, band = np.array(rows).T
-    return Outcome(
+    return FailureOutcome(
         setup, sensor, failure, float(distance.max()), float(heading.max()), float(share.max()),
         lost - BEGIN, max(again - END, 0.0) if again < inf else inf if lost < inf else 0.0, disarmed,
         np.stack((time, distance, band), axis=1),
@@ -184,7 +184,7 @@ def plan(config: Config) -> list[tuple[str, str, str]]:
     ]
 
 
-def table(outcomes: Iterable[Outcome]) -> str:
+def table(outcomes: Iterable[FailureOutcome]) -> str:
     """The outcomes as a table in Markdown."""
     lines = [
         "| set-up | sensor | failure | largest error m | heading deg | of 3 sigma | detected after s "
@@ -202,13 +202,13 @@ def table(outcomes: Iterable[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def write(outcomes: list[Outcome], folder: Path) -> None:
+def write(outcomes: list[FailureOutcome], folder: Path) -> None:
     """Write the table, as Markdown and as JSON."""
     (folder / "table.md").write_text(table(outcomes) + "\n")
     (folder / "metrics.json").write_text(json.dumps([each.row() for each in outcomes], indent=1) + "\n")
 
 
-def draw(outcomes: list[Outcome], file: Path) -> None:
+def draw(outcomes: list[FailureOutcome], file: Path) -> None:
     """Draw the errors of all runs over time, a panel for each sensor of a set-up, and the band of the sound run."""
     from matplotlib.figure import Figure
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
-from txt1.experiments.identify import PERIOD, Plant, speed_response, yaw_response
+from txt1.experiments.identify import SAMPLING_PERIOD, Plant, speed_response, yaw_response
 from txt1.experiments.metrics import BAND, excess, settled_after, smooth
 from txt1.experiments.recording import Array
 from txt1.model.vehicle import Geometry
@@ -130,7 +130,7 @@ def _best(
 def _quality(responses: Sequence[Array], before: float, after: float) -> Quality:
     """Return the quality of the mean of several trials, judged as in `txt1.experiments.metrics`."""
     shares = (np.array(responses) - before) / (after - before)
-    times: Array = np.arange(shares.shape[1], dtype=np.float64) * PERIOD
+    times: Array = np.arange(shares.shape[1], dtype=np.float64) * SAMPLING_PERIOD
     means = smooth(shares.mean(axis=0), times)
     noise = shares[:, len(times) // 2 :].std(axis=1).mean()
     overshoot = max(0.0, float(excess(means, 1.0).max()))

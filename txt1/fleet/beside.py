@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from txt1.bridges.registry import bridge
-from txt1.fleet.link import Link
+from txt1.fleet.link import FleetLink
 from txt1.fleet.options import Joining
 from txt1.robot import Key, Robot
 
@@ -12,7 +12,7 @@ from txt1.robot import Key, Robot
 @asynccontextmanager
 async def beside(robot: Robot, joining: Joining) -> AsyncIterator[None]:
     """Be in the fleet as long as the block is at work: x, and a page's stop, stop all; raises ConfigError."""
-    link = Link(robot)
+    link = FleetLink(robot)
     robot.runtime.parts.append(link)
     robot.requests["stop"] = link.stop_all
     robot.keys["x"] = Key("stop all", link.stop_all)

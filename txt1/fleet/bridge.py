@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from txt1.errors import ConfigError
-from txt1.fleet.messages import Answer
+from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import Hooks, Peer
-from txt1.fleet.radio import TIMEOUT
+from txt1.fleet.radio import SILENCE
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
 from txt1.learning.learned import learned_of
 from txt1.sidecar import LINE_MAX, Connection
 
-RATE: Final = 20.0  # Hz
+FLEET_RATE: Final = 20.0  # Hz
 TOPICS: Final = ["/said", "/member", "/fleet_order", "/fleet_stops"]
 SELDOM: Final = ["/learned"]  # once a second
 PASSED: Final = 0.8  # s from one table of another robot to the next that is passed on
@@ -45,17 +45,17 @@ def main(
     space: str = "txt1",
 ) -> None:
     """Be the robot's voice in the fleet until its run ends; the arguments are those of `Peer`."""
-    gate = Gate(RealClock().now_ns)
+    gate = ReportedGate(RealClock().now_ns)
     stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # of Zenoh's threads, which must not wait
     drives: deque[tuple[float, float]] = deque(maxlen=ORDERS)  # apart: many of them push no stop out
 
-    def stop(who: str, identity: str) -> Answer:
+    def stop(who: str, identity: str) -> StopAnswer:
         if identity not in gate.obeyed:
             stops.append((who, identity))
         return gate.answer(identity)
 
     hooks = Hooks(stop=stop, drive=lambda who, v, omega: drives.append((v, omega)))
-    robot.request("subscribe", topics=TOPICS, rate=RATE, seldom=SELDOM)
+    robot.request("subscribe", topics=TOPICS, rate=FLEET_RATE, seldom=SELDOM)
     try:
         with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken lasts longer than a heartbeat
             joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, space)
@@ -107,7 +107,7 @@ def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
             robot.request("learned", who=who, learned=None, why=str(error))
 
 
-class Gate:
+class ReportedGate:
     """The robot's safety gate, as the robot itself reported it last: nothing else is ever answered to a stop."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
@@ -121,13 +121,13 @@ class Gate:
         self.obeyed = frozenset(topics.get("/fleet_stops") or ())
         self._armed, self._at = (topics.get("/member") or {}).get("armed") is not False, self._clock() / NS_PER_S
 
-    def answer(self, stop: str) -> Answer:
+    def answer(self, stop: str) -> StopAnswer:
         """Return the answer to a stop of that identity."""
-        if self._clock() / NS_PER_S - self._at > TIMEOUT:
-            return Answer(closed=False, why="its program is silent")
+        if self._clock() / NS_PER_S - self._at > SILENCE:
+            return StopAnswer(closed=False, why="its program is silent")
         if stop not in self.obeyed:
-            return Answer(closed=False, why="it has not obeyed yet")
-        return Answer(closed=False, why="it was armed again") if self._armed else Answer(closed=True)
+            return StopAnswer(closed=False, why="it has not obeyed yet")
+        return StopAnswer(closed=False, why="it was armed again") if self._armed else StopAnswer(closed=True)
 
 
 def _stop(peer: Peer) -> str:

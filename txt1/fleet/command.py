@@ -23,7 +23,7 @@ from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.options import NETWORK
 from txt1.fleet.plan import FleetPlan, plan_of
-from txt1.fleet.selection import KEYS, Helm
+from txt1.fleet.selection import KEYS, Selection
 from txt1.fleet.stopping import Standing
 from txt1.record.options import LOG
 from txt1.ui import tty
@@ -105,7 +105,7 @@ async def _operate(
                 robot.runtime.scheduler.end_at(arguments.duration)
         if page is not None:
             await _serve(fleet, page, arguments, bridges)
-        helm = Helm(fleet)
+        helm = Selection(fleet)
         teleop = Teleop(
             robots[0].config.teleop.speed, robots[0].config.teleop.turn, robots[0].config.geometry.radius_min
         )

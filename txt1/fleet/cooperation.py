@@ -6,7 +6,7 @@ from math import atan2
 
 from txt1.driver import REFRESH
 from txt1.fleet.law import Law
-from txt1.fleet.radio import TIMEOUT, Medium, Said, placed
+from txt1.fleet.radio import SILENCE, Medium, Said, placed
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
@@ -39,7 +39,7 @@ class Cooperation:
         robot = self._robot
         async for _ in ticks:
             me = self.said()
-            heard = {name: one for name, one in self._medium.heard().items() if me.time - one.time <= TIMEOUT}
+            heard = {name: one for name, one in self._medium.heard().items() if me.time - one.time <= SILENCE}
             self._listen(", ".join(sorted(self.law.needs - heard.keys())))
             if not self.silent and robot.armed:
                 self._source.command(*self.law.step(me, heard, self._see(robot)))
@@ -52,7 +52,7 @@ class Cooperation:
             return
         self.silent = silent
         self._source.release()
-        self._robot.tell(f"cooperates no more: {silent} not heard for {TIMEOUT:g} s" if silent else "cooperates")
+        self._robot.tell(f"cooperates no more: {silent} not heard for {SILENCE:g} s" if silent else "cooperates")
 
 
 def see_simulated(robot: Robot) -> tuple[float, float] | None:

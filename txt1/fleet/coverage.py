@@ -25,7 +25,7 @@ TURN: Final = 1.0  # m that a target costs at least
 BEHIND: Final = 2.0  # m that it costs more to drive back
 WITHIN: Final = 4.0  # m that it costs more to make room first
 REACHED: Final = 0.3  # m
-PATIENCE: Final = 300  # steps for one target
+TARGET_STEPS: Final = 300  # steps for one target
 LOOK: Final = 5  # steps between two looks at who is where; nobody comes further than 0.1 m meanwhile
 
 
@@ -57,7 +57,7 @@ class Coverage:
             for one in (me, *heard.values()):
                 self._visit(one, me.time)
         goal = self._goal
-        if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < REACHED or self._steps > PATIENCE:
+        if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < REACHED or self._steps > TARGET_STEPS:
             goal, self._steps = self._choose(me, heard), 0
         self._goal, self._steps = goal, self._steps + 1
         return self._helmsman.steer(me, *goal, self._speed, heard.values())

@@ -13,7 +13,7 @@ from txt1.errors import HalError, NotArmed
 from txt1.fleet.cooperation import Cooperation, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.plan import FleetPlan, plan_of
-from txt1.fleet.radio import Air
+from txt1.fleet.radio import Radio
 from txt1.hal.registry import in_world
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -129,9 +129,9 @@ class Fleet:
                 steering.append(asyncio.ensure_future(steer(robot)))
         return steering
 
-    def cooperate(self, settings: Mapping[str, Any], air: Air | None = None) -> None:
+    def cooperate(self, settings: Mapping[str, Any], air: Radio | None = None) -> None:
         """Let all drive by a law of `txt1.fleet.law`, named by ``law``, with its settings; raises ConfigError."""
-        air = air or Air()
+        air = air or Radio()
         room, team = (self.world.room.length, self.world.room.width), list(self.robots)
         for name, robot in self.robots.items():
             law = make_law(name, team, room, settings)

@@ -20,7 +20,7 @@ SAID: Final = declare(Topic("/said", Said, "m, rad, m/s, rad/s", "std_msgs/Strin
 MEMBER: Final = declare(
     Topic("/member", Member, "", "std_msgs/String", Rule.SNAPSHOT, "this robot, as the fleet sees it")
 )
-PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no fleet
+BRIDGE_PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no fleet
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
@@ -31,7 +31,7 @@ STOPS_MAX: Final = 20  # stops of all that are remembered: an older one is obeye
 QUIET: Final = 1.0  # s without a word of the bridge after which the fleet is not reached
 
 
-class Link:
+class FleetLink:
     """To a `txt1.fleet.cooperation.Cooperation` it is the air, to a `txt1.learning.sharing.Sharing` the exchange."""
 
     def __init__(self, robot: Robot) -> None:
@@ -95,7 +95,7 @@ class Link:
     async def joined(self) -> None:
         """Wait until each of the others has had the time to tell what it has learned, but not for ever."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(BRIDGE_PATIENCE):
                 await self._joined.wait()
                 await asyncio.sleep(TOLD)
 

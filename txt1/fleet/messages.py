@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
-SIZE: Final = 1 << 15  # bytes of the longest message that is read
-NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a console
+MESSAGE_SIZE: Final = 1 << 15  # bytes of the longest message that is read
+MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")  # of a robot or a console
 LARGEST: Final = 1e6  # of a number: m, rad, m/s, rad/s, V
 DATA_MAX: Final = 16  # numbers of a law
 TEXT_MAX: Final = 100  # letters of a reason; of a longer one the rest is cut off
@@ -19,7 +19,7 @@ TIME_MAX: Final = 1 << 63  # ns of a clock
 STOP: Final = re.compile(r"[0-9a-f]{32}")  # the identity of a stop of all
 
 
-class State(NamedTuple):
+class MemberState(NamedTuple):
     """What a robot tells of itself: pose (m, rad), velocities (m/s, rad/s), numbers of its law, and how it is."""
 
     x: float
@@ -35,7 +35,7 @@ class State(NamedTuple):
     silent: str
 
 
-class Answer(NamedTuple):
+class StopAnswer(NamedTuple):
     """A robot's answer to a stop of all, as the robot itself reports: whether its gate is closed, and if not why."""
 
     closed: bool
@@ -45,7 +45,7 @@ class Answer(NamedTuple):
 def message_of(payload: bytes) -> dict[str, Any] | None:
     """Return the JSON object of a message from a peer with a proper name; None for anything else."""
     try:
-        message = json.loads(payload) if len(payload) <= SIZE else None
+        message = json.loads(payload) if len(payload) <= MESSAGE_SIZE else None
     except (ValueError, RecursionError):
         return None
     if not isinstance(message, dict) or not is_name(message.get("from")):
@@ -55,16 +55,16 @@ def message_of(payload: bytes) -> dict[str, Any] | None:
 
 def is_name(name: object) -> bool:
     """Whether a peer may be called that."""
-    return isinstance(name, str) and NAME.fullmatch(name) is not None
+    return isinstance(name, str) and MEMBER_NAME.fullmatch(name) is not None
 
 
-def state_of(message: Mapping[str, Any]) -> State:
+def state_of(message: Mapping[str, Any]) -> MemberState:
     """Return what a robot tells of itself."""
     data = message.get("data", ())
     if not isinstance(data, list | tuple) or len(data) > DATA_MAX:
         raise ValueError(f"data: give at most {DATA_MAX} numbers")
     x, y, theta, v, omega = (number(message, name) for name in ("x", "y", "theta", "v", "omega"))
-    return State(
+    return MemberState(
         x, y, theta, v, omega, tuple(number({"data": each}, "data") for each in data), message.get("armed") is True,
         text(message, "reason"), text(message, "driver"),
         None if message.get("battery") is None else number(message, "battery"), text(message, "silent"),
@@ -82,9 +82,9 @@ def stop_of(payload: bytes) -> str:
     return stop if isinstance(stop, str) and STOP.fullmatch(stop) else ""
 
 
-def answer_of(message: Mapping[str, Any]) -> Answer:
+def answer_of(message: Mapping[str, Any]) -> StopAnswer:
     """Return how a robot is after a stop."""
-    return Answer(message.get("closed") is True, text(message, "why"))
+    return StopAnswer(message.get("closed") is True, text(message, "why"))
 
 
 def time_of(message: Mapping[str, Any], name: str) -> int:

@@ -32,8 +32,18 @@ from typing import Any, Final
 
 from txt1.errors import ConfigError, MissingExtra
 from txt1.fleet.members import Member
-from txt1.fleet.messages import Answer, State, answer_of, drive_of, is_name, message_of, state_of, stop_of, time_of
-from txt1.fleet.radio import TIMEOUT, Said
+from txt1.fleet.messages import (
+    MemberState,
+    StopAnswer,
+    answer_of,
+    drive_of,
+    is_name,
+    message_of,
+    state_of,
+    stop_of,
+    time_of,
+)
+from txt1.fleet.radio import SILENCE, Said
 from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
 
@@ -58,7 +68,7 @@ class _Other:
 
     ids: set[str] = field(default_factory=set)  # of its liveliness tokens
     heard: float = 0.0
-    state: State | None = None
+    state: MemberState | None = None
     learned: tuple[Mapping[str, Any], float] | None = None  # as it was told, and when
     pings: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=PINGS))  # s there and back, offset
 
@@ -71,7 +81,7 @@ class _Other:
 class Hooks:
     """Called with the messages of other peers, in a thread of Zenoh's."""
 
-    stop: Callable[[str, str], Answer | None] = lambda who, stop: None
+    stop: Callable[[str, str], StopAnswer | None] = lambda who, stop: None
     """Told of each saying of a stop, by whom, with its identity or ""; returns what to answer, None: nothing."""
     drive: Callable[[str, float, float], None] = lambda who, v, omega: None
     state: Callable[[Mapping[str, Any]], None] = lambda message: None
@@ -415,7 +425,7 @@ def _free(port: int) -> bool:
 def _member(name: str, other: _Other, now: float) -> Member:
     offset = min(other.pings)[1] if other.pings else None
     age = now - other.heard
-    alive = other.alive and age < 10.0 * TIMEOUT
+    alive = other.alive and age < 10.0 * SILENCE
     state = other.state
     if state is None:
         return Member(name, armed=False, age=age, offset=offset, alive=alive)

@@ -21,7 +21,7 @@ from txt1.telemetry.snapshot import plain
 if TYPE_CHECKING:
     from txt1.fleet.network import Peer
 
-RATE: Final = 20.0  # looks a second
+FLEET_PAGE_RATE: Final = 20.0  # looks a second
 QUIET: Final = ("", "subscribe", "request", "halt")  # have no meaning here, and need none
 HELD: Final = 0.5  # s after a command in which the wheel of a robot that "fleet" drives is this page's
 
@@ -84,7 +84,7 @@ class Network:
         return one._replace(driver="web") if ours else one
 
     def _beat(self) -> None:
-        while not self._closing.wait(1.0 / RATE):
+        while not self._closing.wait(1.0 / FLEET_PAGE_RATE):
             self._theirs.send(b".")
 
 

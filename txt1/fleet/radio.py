@@ -1,7 +1,7 @@
 """What robots tell one another, and who is heard: the air between them.
 
 Cooperation needs no more than this: each robot tells where it is and how it moves, twenty times a second, and hears
-some of the others. `Air` is that within one process, with a range and losses if wanted; over a network it is
+some of the others. `Radio` is that within one process, with a range and losses if wanted; over a network it is
 `txt1.fleet.network.Peer`. Both are a `Medium`.
 """
 
@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, Protocol
 
 from numpy.random import Generator
 
-TIMEOUT: Final = 0.5  # s after which one who was heard is silent
+SILENCE: Final = 0.5  # s after which one who was heard is silent
 
 Pose = tuple[float, float, float]
 
@@ -41,7 +41,7 @@ class Medium(Protocol):
         """The last that was heard of each of the others."""
 
 
-class Air:
+class Radio:
     """Carries the words of robots of one process to one another.
 
     Args:
@@ -79,7 +79,7 @@ class Air:
 class Voice(NamedTuple):
     """One robot's end of the air."""
 
-    air: Air
+    air: Radio
     name: str
 
     def say(self, said: Said) -> None:

@@ -38,7 +38,7 @@ ROUND: Final = 1.1  # m outside or inside the slots, where cars drive round to t
 LANES: Final = 0.1  # m beyond the circle of the slots at which a car changes from one lane to the other
 GAP: Final = 0.5  # m from that circle, within which others that stand are beside a car
 PROGRESS: Final = 0.05  # m by which the way to the slot is to become shorter ...
-PATIENCE: Final = 400  # ... within so many steps
+SLOT_STEPS: Final = 400  # ... within so many steps
 NEAR: Final = 0.3  # m from the middle, within which every slot is straight ahead
 SECTOR: Final = 0.35  # rad from the slot's direction within which a car drives in
 AHEAD: Final = 0.6  # rad, how far ahead on that circle it aims
@@ -121,7 +121,7 @@ class Rendezvous:
         way = hypot(x - me.x, y - me.y)
         if self.slot != self._way[0] or way < self._way[1] - PROGRESS:
             self._way = self.slot, way, 0
-        elif self._way[2] < PATIENCE:
+        elif self._way[2] < SLOT_STEPS:
             self._way = *self._way[:2], self._way[2] + 1
         else:
             self._way = self.slot, way, 0

@@ -23,7 +23,7 @@ COLUMNS: Final = (
 )  # fmt: skip
 
 
-class Line(NamedTuple):
+class RobotLine(NamedTuple):
     """A robot's cells by their columns' headings, and the style of its state."""
 
     cells: dict[str, str]
@@ -55,21 +55,21 @@ def _table(members: Sequence[Member], width: int, rows: int) -> RenderableType:
     return table(f"FLEET of {len(members)}", columns, told, gap=GAP)
 
 
-def _left(columns: Sequence[Column], lines: Sequence[Line], width: int) -> int:
+def _left(columns: Sequence[Column], lines: Sequence[RobotLine], width: int) -> int:
     """Cells that the other columns leave to the states."""
     others = [column.heading for column in columns if column.heading != "state"]
     taken = (max(len(heading), *(len(line.cells[heading]) for line in lines)) for heading in others)
     return width - FRAME - GAP * len(others) - sum(taken)
 
 
-def _cell(line: Line, heading: str, left: int) -> str:
+def _cell(line: RobotLine, heading: str, left: int) -> str:
     text = line.cells[heading]
     if heading != "state":
         return clean(text)
     return styled(clean(text if len(text) <= left else f"{text[: left - 1]}…"), line.style)
 
 
-def _line(one: Member) -> Line:
+def _line(one: Member) -> RobotLine:
     if not one.alive:
         state, style = "gone", BAD
     elif one.silent:
@@ -83,4 +83,4 @@ def _line(one: Member) -> Line:
         "heard": "" if one.age is None else f"{duration(one.age)} ago",
         "clock": "" if one.offset is None else duration(abs(one.offset)),
     }  # fmt: skip
-    return Line(cells, style)
+    return RobotLine(cells, style)

@@ -12,7 +12,7 @@ from txt1.ui.viewer import DRIVING
 KEYS = {"SPACE": "stop all", "n": "next robot", **{key: word for key, word in DRIVING.items() if key not in ("SPACE",)}}
 
 
-class Helm:
+class Selection:
     """To the terminal it is a robot, and the source of the driving keys' commands."""
 
     def __init__(self, fleet: Fleet) -> None:

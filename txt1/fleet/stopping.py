@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from secrets import token_hex
 from typing import NamedTuple
 
-from txt1.fleet.messages import Answer
+from txt1.fleet.messages import StopAnswer
 
 
 class Standing(NamedTuple):
@@ -38,13 +38,13 @@ class StopOfAll:
         self.began = began
         """When it was said first, s."""
         self._expected = set(expected)
-        self._answers: dict[str, Answer] = {}
+        self._answers: dict[str, StopAnswer] = {}
 
     def expect(self, names: Iterable[str]) -> None:
         """Expect the answers of more robots: whoever was heard while it was said is expected to the end."""
         self._expected.update(names)
 
-    def answered(self, name: str, answer: Answer) -> None:
+    def answered(self, name: str, answer: StopAnswer) -> None:
         """Take an answer; the newest of each robot counts."""
         self._answers[name] = answer
 

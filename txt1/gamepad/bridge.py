@@ -5,11 +5,11 @@ import select
 from contextlib import suppress
 from typing import Any, Final
 
-from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
 
-PERIOD: Final = 0.02  # s between two looks
+PAD_PERIOD: Final = 0.02  # s between two looks
 FULL: Final = 32767.0  # SDL's number for a full deflection
 
 _clock: Final = RealClock()
@@ -44,7 +44,7 @@ class Devices:
         self.unknown: dict[int, Any] = {}
         """Joysticks that SDL has no mapping for, by their numbers."""
 
-    def look(self) -> dict[int, tuple[Reading, float]]:
+    def look(self) -> dict[int, tuple[PadState, float]]:
         """Every pad's reading, and when it was heard last, by its number."""
         pygame, present = self._pygame, now()
         for event in pygame.event.get():
@@ -84,9 +84,9 @@ class Devices:
         for each in known:
             each.pop(instance, None)
 
-    def _read(self, pad: Any) -> Reading:
+    def _read(self, pad: Any) -> PadState:
         down = frozenset(name for number, name in enumerate(BUTTONS) if pad.get_button(number))
-        return Reading(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
+        return PadState(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
 
 
 def main(robot: Connection, radius_min: float = 0.56, **parameters: Any) -> None:
@@ -121,6 +121,6 @@ def main(robot: Connection, radius_min: float = 0.56, **parameters: Any) -> None
                 robot.request("press", button="right")
             if wish.manual:
                 robot.request("press", button="centre")
-            select.select([robot], [], [], PERIOD)
+            select.select([robot], [], [], PAD_PERIOD)
     finally:
         devices.close()

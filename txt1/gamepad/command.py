@@ -14,12 +14,12 @@ from txt1.cli import options
 from txt1.commands import OK, need, say
 from txt1.config import Config
 from txt1.errors import ConfigError
-from txt1.gamepad.pad import PadParameters, Pads, Reading
+from txt1.gamepad.pad import PadParameters, Pads, PadState
 
 if TYPE_CHECKING:
     from txt1.gamepad.bridge import Devices
 
-PERIOD: Final = 0.05  # s between two lines
+LINES_PERIOD: Final = 0.05  # s between two lines
 STEPS: Final = {
     "a": "press the button that is to be the dead-man (lowest of the four)",
     "b": "press the one for the emergency stop (right of the four)",
@@ -85,10 +85,10 @@ def _show(devices: Devices, config: Config, duration: float | None) -> None:
         if not readings and not devices.unknown and told.get(-1) is None:
             told[-1] = "none"
             say("no gamepad is there: plug one in, or press a button of one that sleeps")
-        select.select([], [], [], PERIOD)
+        select.select([], [], [], LINES_PERIOD)
 
 
-def described(reading: Reading) -> str:
+def described(reading: PadState) -> str:
     """Return a reading in words: axes in hundredths, buttons that are down."""
     axes = "  ".join(f"{name} {value:+.2f}" for name, value in reading.axes.items())
     return f"{axes}  {' '.join(sorted(reading.buttons)) or 'no button'}"
@@ -129,9 +129,9 @@ def _part(stick: Any, devices: Devices, asked: str) -> str | None:
         if part is not None:
             while moved(rest, _state(stick)) is not None:
                 devices.look()
-                select.select([], [], [], PERIOD)
+                select.select([], [], [], LINES_PERIOD)
             return part
-        if select.select([sys.stdin], [], [], PERIOD)[0] and sys.stdin.readline() is not None:
+        if select.select([sys.stdin], [], [], LINES_PERIOD)[0] and sys.stdin.readline() is not None:
             return None
 
 

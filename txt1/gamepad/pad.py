@@ -50,7 +50,7 @@ class PadParameters:
     """File with SDL's mappings of pads that it does not know; `txt1 gamepad --map FILE` writes one."""
 
 
-class Reading(NamedTuple):
+class PadState(NamedTuple):
     """A pad now: the buttons that are down; axes from -1 (left, away from you) to 1, triggers from 0."""
 
     buttons: frozenset[str] = frozenset()
@@ -75,7 +75,7 @@ def shaped(value: float) -> float:
     return copysign(size, value)
 
 
-def velocity(reading: Reading, parameters: PadParameters, radius_min: float) -> tuple[float, float]:
+def velocity(reading: PadState, parameters: PadParameters, radius_min: float) -> tuple[float, float]:
     """The original's rule: v = speed times one axis, omega = abs(v) / R_min times the other; m/s and rad/s."""
     axes = reading.axes
     ahead = shaped(axes.get(parameters.forward, 0.0)) - shaped(axes.get(parameters.reverse, 0.0))
@@ -98,7 +98,7 @@ class Pad:
     _down: frozenset[str] = field(default_factory=frozenset)
     _arming: float = inf  # since when the arm button is held
 
-    def take(self, reading: Reading, now: float, heard: float) -> Wish:
+    def take(self, reading: PadState, now: float, heard: float) -> Wish:
         """What the hand wants; the pad has been heard last at `heard`."""
         p, pressed = self.parameters, reading.buttons - self._down
         self._down = reading.buttons
@@ -131,7 +131,7 @@ class Pads:
         self.driver: int | None = None
         """The number of the pad that drives."""
 
-    def take(self, readings: Mapping[int, tuple[Reading, float]], now: float) -> Wish:
+    def take(self, readings: Mapping[int, tuple[PadState, float]], now: float) -> Wish:
         """What they want together; `readings`, and when each was heard last, by the numbers of all that there are."""
         for gone in self._pads.keys() - readings.keys():
             del self._pads[gone]

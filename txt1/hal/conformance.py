@@ -29,7 +29,7 @@ from txt1.model.vehicle import PWM_MAX
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.serial_line import LineFaults
 
-PERIOD: Final = 0.02  # s between two calls: the controller's
+CALL_PERIOD: Final = 0.02  # s between two calls: the controller's
 
 # A HAL obeys either the counts or the set-point, so these carry both.
 NEUTRAL: Final = Outputs()
@@ -42,7 +42,7 @@ EXTREMES: Final = tuple(Outputs._make((*[sign * PWM_MAX] * 5, sign * 1.5, sign *
 GAINS: Final = PidSet(LINEAR_GAINS, tuple((s.v_max, *s.gains) for s in ANGULAR_GAINS))
 COMBINED: Final = CombinedOdometry(1.0, -2.0, 0.5, 0.3, 0.1)
 
-PATIENCE: Final = 60.0  # s in which a board behind a link answers and takes its gains, however noisy the link is
+LINK_PATIENCE: Final = 60.0  # s in which a board behind a link answers and takes its gains, however noisy the link is
 NOTICEABLE: Final = 0.005  # the robot has moved when it has moved so far, m
 
 CUT: Final = 4.0  # s after which the line is lost in the promises on cut lines
@@ -73,7 +73,7 @@ class HalConformance(Conformance[Hal]):
     """The promises, one test each. Override `make`, and `held` and the settings where the defaults do not fit."""
 
     interface = Hal
-    prompt = 0.25 * PERIOD
+    prompt = 0.25 * CALL_PERIOD
 
     drive: ClassVar[float] = 1.0
     """Seconds of driving at 0.5 m/s or 3000 counts after which the motion is judged.
@@ -102,7 +102,7 @@ class HalConformance(Conformance[Hal]):
         name, before = new.name, new.capabilities
         kind = type(before).__name__
         promise(isinstance(before, Capabilities), "Hal.capabilities", f"is a Capabilities, not {kind}")
-        await self.hold(NEUTRAL, PERIOD)
+        await self.hold(NEUTRAL, CALL_PERIOD)
         promise(hal.capabilities == before, "Hal.capabilities", "is constant, but opening the HAL changed it")
         await hal.close()
         promise(hal.capabilities == before, "Hal.capabilities", "is constant, but closing the HAL changed it")
@@ -115,9 +115,9 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_a_closed_hal_opens_again(self) -> None:
-        await self.hold(NEUTRAL, PERIOD)
+        await self.hold(NEUTRAL, CALL_PERIOD)
         await self.reopen()
-        await self.hold(NEUTRAL, PERIOD)
+        await self.hold(NEUTRAL, CALL_PERIOD)
 
     @opened
     async def test_opening_leaves_the_outputs_neutral(self) -> None:
@@ -145,8 +145,8 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_reading_and_writing_are_prompt(self) -> None:
-        await self.expect_prompt("Hal.read", PERIOD, self.read)
-        await self.expect_prompt("Hal.write", PERIOD, lambda: self.write(NEUTRAL))
+        await self.expect_prompt("Hal.read", CALL_PERIOD, self.read)
+        await self.expect_prompt("Hal.write", CALL_PERIOD, lambda: self.write(NEUTRAL))
 
     @opened
     async def test_every_input_agrees_with_the_capabilities(self) -> None:
@@ -163,9 +163,9 @@ class HalConformance(Conformance[Hal]):
     @opened
     async def test_it_survives_many_reads_and_gaps(self) -> None:
         for _ in range(500):
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(CALL_PERIOD)
             self.check_inputs(self.read(), complete=False)
-        await asyncio.sleep(10.0 * PERIOD)
+        await asyncio.sleep(10.0 * CALL_PERIOD)
         self.check_inputs(self.read(), complete=False)
 
     # -- writing -----------------------------------------------------------------------------------------------
@@ -259,7 +259,7 @@ class HalConformance(Conformance[Hal]):
 
     @opened
     async def test_the_robot_is_placed_or_it_is_refused(self) -> None:
-        await self.hold(NEUTRAL, PERIOD)
+        await self.hold(NEUTRAL, CALL_PERIOD)
         self.offers("place", "place", 0.1, -0.2, 0.3, self.now)
         self.requires("place", "pose")
         pose = self.read().pose
@@ -313,7 +313,7 @@ class HalConformance(Conformance[Hal]):
         self.requires_a_line()
         link = None
         while self.now < CUT + NOTICED:
-            link = (await self.hold(FORWARD, PERIOD)).link
+            link = (await self.hold(FORWARD, CALL_PERIOD)).link
         told = f"{NOTICED:g} s after the cut there are none; are the faults put on its line?"
         promise(link is not None and link.losses > 0, "BoardLink.losses", f"counts a line that is cut, but {told}")
         await self.ready()
@@ -329,8 +329,8 @@ class HalConformance(Conformance[Hal]):
         """Check that it drives, stops and tells no nonsense whatever its line does."""
         self.requires_a_line()
         before = last = await self.hold(NEUTRAL, self.settle)
-        for _ in range(round(2.0 * self.drive / PERIOD)):
-            now = await self.hold(FORWARD, PERIOD)
+        for _ in range(round(2.0 * self.drive / CALL_PERIOD)):
+            now = await self.hold(FORWARD, CALL_PERIOD)
             self.check_inputs(now, complete=False)
             leap = _leap(last, now)
             promise(leap < LEAP, "Hal.read", f"reports the sensors, but it leapt by {leap:.2f} m or rad")
@@ -358,8 +358,10 @@ class HalConformance(Conformance[Hal]):
             link = self.read().link
             if (link is None or link.ready) and (answers or not waits_for_gains):
                 break
-            promise(self.now < PATIENCE, "BoardLink.ready", f"comes true, but after {PATIENCE:g} s it is {link}")
-            await self.hold(NEUTRAL, PERIOD)
+            promise(
+                self.now < LINK_PATIENCE, "BoardLink.ready", f"comes true, but after {LINK_PATIENCE:g} s it is {link}"
+            )
+            await self.hold(NEUTRAL, CALL_PERIOD)
         promise(all(answers), "Hal.load_gains", "takes the gains of the thesis, but they were rejected")
 
     def read(self) -> Inputs:
@@ -375,10 +377,10 @@ class HalConformance(Conformance[Hal]):
 
     async def hold(self, outputs: Outputs, seconds: float) -> Inputs:
         """The inputs after holding outputs for so long, with a read and a write each period as the tasks do."""
-        ends = self.now + seconds - 0.5 * PERIOD
+        ends = self.now + seconds - 0.5 * CALL_PERIOD
         while True:
             self.write(outputs)
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(CALL_PERIOD)
             inputs = self.read()
             if self.now >= ends:
                 return inputs

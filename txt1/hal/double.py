@@ -13,12 +13,12 @@ from txt1.link.base import End, Link, connect
 from txt1.link.station import Station
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
-PERIOD: Final = 0.005  # s between two steps of a controller's loops
+LOOP_PERIOD: Final = 0.005  # s between two steps of a controller's loops
 GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
 RESET: Final = 4.0  # 1/s, of its integral
 
 
-class Car:
+class SimulatedCar:
     """A simulated vehicle; `move` it again and again."""
 
     def __init__(self, config: Config) -> None:
@@ -78,7 +78,7 @@ class Car:
 class Steps:
     """A controller's loops while it has power: `step` is given the time since then, s, again and again."""
 
-    def __init__(self, car: Car, step: Callable[[float], None]) -> None:
+    def __init__(self, car: SimulatedCar, step: Callable[[float], None]) -> None:
         self._car, self._step = car, step
         self._began = 0.0
         self._task: asyncio.Task[None] | None = None
@@ -111,14 +111,14 @@ class Steps:
     async def _run(self) -> None:
         while True:
             self._step(self.now)
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(LOOP_PERIOD)
 
 
 class Controller:
     """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
 
     def __init__(self, config: Config) -> None:
-        self.car = Car(config)
+        self.car = SimulatedCar(config)
         self.line: End = self
         """Its end of the line, where need be behind faults."""
         self.station = Station()
@@ -157,7 +157,7 @@ class Controller:
 D = TypeVar("D", bound=Controller)
 
 
-class DevicePort(Generic[D]):
+class DoublePort(Generic[D]):
     """A port with a controller behind it, in the same process and the same time."""
 
     def __init__(self, address: str, make: Callable[[], D]) -> None:

@@ -48,11 +48,11 @@ MEASURED: Final = 8
 """Where virtual time jumps one cycle of so many is measured: to look at the clock each time costs a twentieth."""
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
-Row = tuple[str, int, float | None, PeriodicTask]
+TaskRow = tuple[str, int, float | None, PeriodicTask]
 """A task in a list of tasks: its name, its priority, its period in s (None: on arrival), and the coroutine function."""
 
 
-class _Entry:
+class _Scheduled:
     """A task under the scheduler."""
 
     __slots__ = (
@@ -90,8 +90,10 @@ class Scheduler:
         self._jumps = None if virtual is None else virtual.jumps
         self._number = 0 if self._jumps is None else self._jumps.enter()
         self._on_fault = on_fault
-        self._entries: list[_Entry] = []
-        self._ranked: list[_Entry] = []  # by priority, then in the order they were added: an entry's index is in here
+        self._entries: list[_Scheduled] = []
+        self._ranked: list[
+            _Scheduled
+        ] = []  # by priority, then in the order they were added: an entry's index is in here
         self._waiting: list[int] = []  # heap by due time, then index; what has arrived is due at once
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()
@@ -142,19 +144,19 @@ class Scheduler:
 
         return notify
 
-    def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> _Entry:
+    def _add(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> _Scheduled:
         if any(entry.name == name for entry in self._entries):
             raise ValueError(f"there is a task '{name}' already")
         if len(self._entries) == TASKS_MAX:
             raise ValueError(f"task '{name}': there are {TASKS_MAX} tasks already, and no room for more")
-        entry = _Entry(name, priority, period, task)
+        entry = _Scheduled(name, priority, period, task)
         self._entries.append(entry)
         self._rank(entry)
         if self._running:
             self._prime(entry)
         return entry
 
-    def _rank(self, entry: _Entry) -> None:
+    def _rank(self, entry: _Scheduled) -> None:
         """Give a new task its index; those of lower priority move up by one, also where they wait."""
         index = sum(one.priority >= entry.priority for one in self._ranked)
         self._ranked.insert(index, entry)
@@ -219,7 +221,7 @@ class Scheduler:
         virtual = self._virtual_clock  # which takes no call to read
         return (self._clock.now_ns() if virtual is None else virtual.ns) - self._origin_ns
 
-    def _prime(self, entry: _Entry) -> None:
+    def _prime(self, entry: _Scheduled) -> None:
         try:
             if entry.send(None) is not NEXT_TICK:
                 self._waited(entry)
@@ -342,14 +344,14 @@ class Scheduler:
         entry.statistics.add_lateness(late_ns)
         entry.ticks.missed = 0  # as it is for a cycle in time
 
-    def _waited(self, entry: _Entry) -> None:
+    def _waited(self, entry: _Scheduled) -> None:
         entry.coroutine.close()
         raise RuntimeError(
             "it awaited something other than its next tick; a step must not wait, "
             "so start what waits as a coroutine of its own"
         )
 
-    def _raised(self, entry: _Entry, error: BaseException) -> None:
+    def _raised(self, entry: _Scheduled, error: BaseException) -> None:
         if isinstance(error, StopIteration):
             error = RuntimeError("its loop over the ticks came to an end")
         if isinstance(error, KeyboardInterrupt | SystemExit):
@@ -358,7 +360,7 @@ class Scheduler:
             raise error
         self._fault(entry, error)
 
-    def _fault(self, entry: _Entry, error: BaseException) -> None:
+    def _fault(self, entry: _Scheduled, error: BaseException) -> None:
         """Make the robot safe, stop every task, and let the error travel."""
         self._running, self._later = False, 0
         if not self.ended.done():
@@ -409,7 +411,7 @@ class Scheduler:
             pass
 
 
-def _task_fault(entry: _Entry, error: BaseException) -> TaskFault:
+def _task_fault(entry: _Scheduled, error: BaseException) -> TaskFault:
     fault = TaskFault(entry.name, error)
     fault.__cause__ = error
     return fault

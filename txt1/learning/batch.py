@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.control.car import Car, car_of, informed_step, true_velocity
+from txt1.control.car import CarParameters, car_of, informed_step, true_velocity
 from txt1.control.parameters import KnownCar, Safety
 from txt1.control.pid import Gains, at_rest, errors, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
@@ -35,7 +35,9 @@ ROWS: Final = 26
 SHARE_MIN: Final = 200  # fewer robots than this are not worth a thread of their own
 BLOCK: Final = 128  # robots that are moved together: their state stays in the processor's nearest cache
 
-UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or Car(*[1.0] * 9)  # stands in where loops know nothing
+UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(
+    *[1.0] * 9
+)  # stands in where loops know nothing
 _GAINS: Final = np.array([[s.v_max, *s.gains] for s in ANGULAR_GAINS])
 _at_rest = compiled(at_rest, forceinline=True)
 _errors = compiled(errors, forceinline=True)
@@ -48,7 +50,7 @@ _lux_at = compiled(lux_at)
 
 @compiled
 def control(
-    robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains, car: Car, known: bool
+    robots: Array, commands: Array, motor_max: float, gains: Array, linear: Gains, car: CarParameters, known: bool
 ) -> None:
     """The controller's tick, on the velocities that the encoders saw a tick before; `known`: by loops that know it."""
     for i in range(robots.shape[1]):
@@ -111,7 +113,8 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
 @partial(compiled, nogil=True)
 def _run(
     robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
-    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains, car: Car,
+    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains,
+    car: CarParameters,
     known: bool, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.config import Config, flatten
-from txt1.control.car import Car, car_of
+from txt1.control.car import CarParameters, car_of
 from txt1.control.pid import Gains
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.lockstep import DECISION_MS, gains_table
@@ -75,7 +75,8 @@ def _between(values: Sequence[float], start: Start) -> float:
 @partial(compiled, nogil=True)
 def _drive(
     robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
-    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains, car: Car,
+    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains,
+    car: CarParameters,
     known: bool,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).

@@ -59,7 +59,7 @@ def _observe(readings: NDArray[np.float64], velocities: NDArray[np.float64]) -> 
     return both
 
 
-class Car:
+class EpisodeCar:
     """A simulated robot with its velocity loops and its odometry, and without its other tasks."""
 
     def __init__(self, hal: Hal, config: Config) -> None:
@@ -106,7 +106,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = Discrete(len(COMMANDS))
         self._config = ready_to_learn(load().config if config is None else config)
         self._task = task_of(self._config)
-        self._car: Car
+        self._car: EpisodeCar
         self._see: See
         self._ms = 0
         self.sector = 0
@@ -120,7 +120,7 @@ class LightSeekingEnv(gymnasium.Env[Observation, np.int64]):
         hal = create_sim(self._config.model_copy(update={"seed": int(self.np_random.integers(2**32))}))
         hal.place(*start.pose(self._task), 0.0)
         skids = self._config.geometry.steering == "skid"
-        self._car = Car(rewired(hal, self._config.channels, skids), self._config)
+        self._car = EpisodeCar(rewired(hal, self._config.channels, skids), self._config)
         self._see = eyes(self._config, self.np_random)
         self._filter = LightFilter(spread=float("inf"))
         self._ms = 0

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from txt1.config import Config
 from txt1.config.sources import with_values
-from txt1.control.car import Car, car_of
+from txt1.control.car import CarParameters, car_of
 from txt1.control.schedule import Schedule
 from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
@@ -44,7 +44,8 @@ _lux_at = compiled(lux_at)
 def _advance(
     robots: Array, odometry: Array, frozen: Array, commands: Array, first: int, drag: Array, noise: Array,
     lux: Array, seen_from: Array, p: Dynamics, light: PointLight, mount: Mount, gains: Array, faults: Array,
-    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any, car: Car, known: bool,
+    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any,
+    car: CarParameters, known: bool,
 ) -> int:  # fmt: skip
     """Move all by len(drag) ticks after tick `first`; the samples of the light are written, and counted.
 
@@ -93,7 +94,7 @@ def _advance(
     return sample
 
 
-class Abreast:
+class Lockstep:
     """Vehicles of one world, each on a start of its own; see the module."""
 
     def __init__(self, config: Config, poses: Array, rng: np.random.Generator) -> None:
@@ -192,7 +193,7 @@ def trials(
 
 def _episode(world: Config, every: Sequence[Trial], rng: np.random.Generator) -> None:
     """Let everyone do an episode."""
-    cars = Abreast(world, np.array([trial.start for trial in every]), rng)
+    cars = Lockstep(world, np.array([trial.start for trial in every]), rng)
     for trial in every:
         trial.placed(0.0)
     ticks = REST_MS // TICK_MS

@@ -42,7 +42,7 @@ SWITCHES: Final = (1, 2, 3, 5, 8, 12, 17)  # decisions after which a plan goes o
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class NeuralSettings:
     """The hyper-parameters, which `learning.neural` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
@@ -62,12 +62,12 @@ class Settings:
     latest: PositiveInt = 600  # those from which half of the samples come
 
 
-SETTINGS: Final = Settings()
+SETTINGS: Final = NeuralSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "NeuralAgent":
     """Return a learner as configured, or one that drives by stored networks; ValueError: they have another shape."""
-    settings = checked(Settings, config.section(LearningConfig).neural, "learning.neural")
+    settings = checked(NeuralSettings, config.section(LearningConfig).neural, "learning.neural")
     agent = NeuralAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.drive_by(table)
@@ -79,7 +79,7 @@ class NeuralAgent(PeriodicAgent):
 
     name = "neural"
 
-    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: NeuralSettings = SETTINGS) -> None:
         super().__init__(settings.period)
         self.settings = settings
         self.actions = actions

@@ -55,7 +55,7 @@ from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class PilotSettings:
     """The hyper-parameters, which `learning.pilot` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
@@ -70,12 +70,12 @@ class Settings:
     delays: PositiveInt = 5  # an action acts at most so many decisions less one after it was taken
 
 
-SETTINGS: Final = Settings()
+SETTINGS: Final = PilotSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "PilotAgent":
     """Return a learner as configured, or one that drives by a stored survey; ValueError: it has another shape."""
-    settings = checked(Settings, config.section(LearningConfig).pilot, "learning.pilot")
+    settings = checked(PilotSettings, config.section(LearningConfig).pilot, "learning.pilot")
     agent = PilotAgent(rng, len(config.section(LearningConfig).actions), settings)
     _compile()
     if table is not None:
@@ -89,7 +89,7 @@ class PilotAgent(PeriodicAgent):
 
     name = "pilot"
 
-    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: PilotSettings = SETTINGS) -> None:
         super().__init__(settings.period)
         self.settings = settings
         self.actions = actions

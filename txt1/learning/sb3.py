@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
-from txt1.learning.lockstep import DECISION_MS, LIGHT_MS, REST_MS, Abreast
+from txt1.learning.lockstep import DECISION_MS, LIGHT_MS, REST_MS, Lockstep
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN
@@ -70,7 +70,7 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         self.render_mode = None
         super().__init__(robots, Box(self._low, self._high), Discrete(len(ones)))
         self._starts = stream(seed, 1, STARTED)
-        self._robots = Abreast(config, np.zeros((robots, 3)), stream(seed, 1, TRAINED))
+        self._robots = Lockstep(config, np.zeros((robots, 3)), stream(seed, 1, TRAINED))
         self.seen = np.zeros((robots, stack * self._frame), np.float32)
         self._bright = np.zeros(robots)
         self._steps = np.zeros(robots, int)

@@ -53,14 +53,14 @@ RANGES: Final = {
 Each = Callable[[Callable[[str], str], Mapping[int, str]], Iterable[tuple[int, str]]]
 
 
-class World(NamedTuple):
+class SuiteWorld(NamedTuple):
     """A world by name."""
 
     name: str
     config: Config
 
 
-def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ()) -> list[World]:
+def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ()) -> list[SuiteWorld]:
     """The worlds of a directory, or some of them; raises ConfigError: there is no such world, or its file is wrong."""
     files = {path.stem: path for path in sorted(directory.glob("*.yaml"))}
     wanted = list(names) or list(files)
@@ -69,10 +69,10 @@ def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ())
     for name in wanted:
         if name not in files:
             raise ConfigError(f"--worlds: no {name}.yaml in {directory}; there are {', '.join(files)}")
-    return [World(name, load(files[name], overrides).config) for name in wanted]
+    return [SuiteWorld(name, load(files[name], overrides).config) for name in wanted]
 
 
-def drawn(config: Config, seed: int) -> list[World]:
+def drawn(config: Config, seed: int) -> list[SuiteWorld]:
     """Worlds drawn at random from `RANGES`."""
     found = []
     for number in range(DRAWN):
@@ -93,7 +93,7 @@ def drawn(config: Config, seed: int) -> list[World]:
             "sim.vehicle.slip": one["slip"],
             "sim.noise.drag": one["drag"],
         }
-        found.append(World(f"drawn-{seed}-{number + 1}", with_values(config, values)))
+        found.append(SuiteWorld(f"drawn-{seed}-{number + 1}", with_values(config, values)))
     return found
 
 
@@ -119,7 +119,7 @@ def _stage(config: Config, episode: int, episodes: int) -> Config:
     )
 
 
-def run(world: World, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
+def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, seed: int) -> dict[str, Any]:
     """The raw result of a learner in a world, of so many trials from number `first` on: JSON values."""
     config = world.config
     refused = None
@@ -153,11 +153,11 @@ def _row(one: Episode, floor: Floor) -> list[float]:
 def run_text(text: str) -> str:
     """As `run`: its arguments and its result as JSON."""
     name, config, *rest = json.loads(text)
-    return json.dumps(run(World(name, Config.model_validate(config)), *rest))
+    return json.dumps(run(SuiteWorld(name, Config.model_validate(config)), *rest))
 
 
 def run_all(
-    some: Sequence[World], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, each: Each,
+    some: Sequence[SuiteWorld], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, each: Each,
     resume: bool, tell: Callable[[dict[str, Any]], None],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done.

@@ -37,7 +37,7 @@ YAW_MAX: Final = 0.6  # rad/s; a little more than the sharpest turn
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class SweepsSettings:
     """The hyper-parameters, which `learning.sweeps` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
@@ -49,12 +49,12 @@ class Settings:
     tolerance: Positive = 1e-3  # sweeping ends when no value changes by more
 
 
-SETTINGS: Final = Settings()
+SETTINGS: Final = SweepsSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> SweepsAgent:
     """Return a learner as configured, or one that drives by a stored table; ValueError: it has another shape."""
-    settings = checked(Settings, config.section(LearningConfig).sweeps, "learning.sweeps")
+    settings = checked(SweepsSettings, config.section(LearningConfig).sweeps, "learning.sweeps")
     return SweepsAgent(
         rng, settings, float(config.sim.light.exponent), table, len(config.section(LearningConfig).actions)
     )
@@ -101,7 +101,7 @@ class SweepsAgent:
     def __init__(
         self,
         rng: np.random.Generator,
-        settings: Settings = SETTINGS,
+        settings: SweepsSettings = SETTINGS,
         exponent: float = 2.0,
         table: StoredTable | None = None,
         actions: int = 3,

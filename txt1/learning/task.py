@@ -22,7 +22,7 @@ from txt1.robot import Robot
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PRIORITY = 0
+LEARNING_PRIORITY = 0
 SIMULATED: Final = "sim_light"  # the driver of simulated light sensors
 TO_START: Final = 0.4  # m/s, the fastest on the way to a start
 EPISODES: Final = 10_000  # more than anybody will watch
@@ -85,7 +85,7 @@ class LearningTask:
         light = self._light
         light.needed = lambda: trial.phase is Phase.REST or trial.phase is Phase.DRIVE
         self._robot.runtime.bus.subscribe(self._see, [light.sensor.topic])
-        self._robot.add_task("learning", TICK, self.learning, PRIORITY)
+        self._robot.add_task("learning", TICK, self.learning, LEARNING_PRIORITY)
 
     def _see(self, topic: Topic[Readings], lux: Readings, time: float) -> None:
         """Show the agent a sample of the light."""

@@ -41,7 +41,7 @@ SENSORS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class TaxisSettings:
     """The hyper-parameters, which `learning.taxis` sets."""
 
     period: Positive = 0.1  # time from one decision to the next, s
@@ -58,12 +58,12 @@ class Settings:
     longer: NotNegative = 0.5  # how much a run is prolonged, by deviations of the brightening
 
 
-SETTINGS: Final = Settings()
+SETTINGS: Final = TaxisSettings()
 
 
 def create(config: Config, rng: np.random.Generator, table: StoredTable | None = None) -> "TaxisAgent":
     """Return a learner as configured, or one that drives by stored synapses; ValueError: they have another shape."""
-    settings = checked(Settings, config.section(LearningConfig).taxis, "learning.taxis")
+    settings = checked(TaxisSettings, config.section(LearningConfig).taxis, "learning.taxis")
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.synapses = table.shaped(*agent.synapses.shape).copy()
@@ -77,7 +77,7 @@ class TaxisAgent(PeriodicAgent):
 
     name = "taxis"
 
-    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: Settings = SETTINGS) -> None:
+    def __init__(self, rng: np.random.Generator, actions: int = 3, settings: TaxisSettings = SETTINGS) -> None:
         super().__init__(settings.period)
         self.settings = settings
         self.actions = actions

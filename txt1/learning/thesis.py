@@ -34,10 +34,10 @@ REACHED: Final = 0.15  # remedy 1: a command is reached when speed and yaw rate 
 SENSED: Final = 0.18  # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
 RATE_DECAY: Final = 0.9  # factor on a fading learning rate, from one episode to the next
 
-Row = NDArray[np.floating[Any]]  # the Q-values of one state's actions
+QRow = NDArray[np.floating[Any]]  # the Q-values of one state's actions
 
 
-def boltzmann(q: Row, temperature: float) -> list[float]:
+def boltzmann(q: QRow, temperature: float) -> list[float]:
     """Probabilities of one state's actions, exp(Q / T) / sum of exp(Q / T) (5.2); q has the shape (actions,).
 
     The largest Q is subtracted first, which changes nothing in the quotient, so that nothing overflows. Towards T = 0
@@ -63,7 +63,7 @@ def choose(probabilities: Sequence[float], rng: np.random.Generator) -> int:
     return max(range(len(probabilities)), key=probabilities.__getitem__)  # the sum was rounded to a little less than 1
 
 
-def greedy_action(q: Row, rng: np.random.Generator) -> int:
+def greedy_action(q: QRow, rng: np.random.Generator) -> int:
     """The action with the largest Q-value; of equal ones one drawn at random, as the lowest would favour the right."""
     values: list[float] = q.tolist()
     largest = max(values)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from txt1.link.base import BACKLOG, End, Link
-from txt1.sim.serial_line import Arrival, Line, LineFault, LineFaults, Pace
+from txt1.sim.serial_line import Arrival, LineFault, LineFaults, Pace, SerialLine
 
-Carrier = Line | Pace  # decides when which bytes arrive
+Carrier = SerialLine | Pace  # decides when which bytes arrive
 
 
 class Way:
@@ -150,11 +150,11 @@ def faulty(
     """The end with a bad line between it and its links, both ways; itself when nothing is wrong with the line.
 
     Each connection is a new line: `cut` counts from its start. The seed repeats what happens over all of them.
-    `on_fault` (see `Line`) is told of both directions.
+    `on_fault` (see `SerialLine`) is told of both directions.
     """
     if faults.harmless:
         return end
     seeds = SeedSequence(seed) if isinstance(seed, int) else seed
     outgoing, incoming = (np.random.default_rng(child) for child in seeds.spawn(2))
-    line = partial(Line, faults, on_fault=on_fault)
+    line = partial(SerialLine, faults, on_fault=on_fault)
     return Through(end, lambda now: (line(rng=outgoing, start=now), line(rng=incoming, start=now)))

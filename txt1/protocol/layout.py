@@ -34,7 +34,7 @@ class BadValue(ValueError):
     """An integer of an intact frame stands for nothing: such as switch 7."""
 
 
-class Kind(NamedTuple):
+class FieldKind(NamedTuple):
     """The meaning of a field's integers: ValueError, TypeError and BadValue say that a value or integer has none."""
 
     to_wire: Callable[[Any], int]
@@ -56,10 +56,10 @@ def _answered(integer: int) -> bool:
     return integer == ACCEPTED
 
 
-SI: Final = Kind(to_thousandths, from_thousandths, float, "a number from {:.3f} to {:.3f}", PER_UNIT)
-COUNT: Final = Kind(index, int, float, "a whole number from {:.0f} to {:.0f}")
-STATE: Final = Kind(_state, _state, round, "a Switch or a bool")
-ANSWER: Final = Kind(lambda value: ACCEPTED if _state(value) else REJECTED, _answered, bool, "a bool")
+SI: Final = FieldKind(to_thousandths, from_thousandths, float, "a number from {:.3f} to {:.3f}", PER_UNIT)
+COUNT: Final = FieldKind(index, int, float, "a whole number from {:.0f} to {:.0f}")
+STATE: Final = FieldKind(_state, _state, round, "a Switch or a bool")
+ANSWER: Final = FieldKind(lambda value: ACCEPTED if _state(value) else REJECTED, _answered, bool, "a bool")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Layout:
     command: int
     code: str  # the letter in `struct` of every integer of the data: "h", "i", "H" or "B"
     counts: Sequence[int]  # how many integers there may be
-    kind: Kind
+    kind: FieldKind
     values: Callable[[Any], Iterable[tuple[str, Any]]]  # in the order of the wire, with the names of their fields
     make: Callable[..., Message]  # of such values
 
@@ -115,7 +115,7 @@ def declare(
     command: int,
     code: str,
     counts: int | Sequence[int],
-    kind: Kind = SI,
+    kind: FieldKind = SI,
     values: Callable[[Any], Iterable[tuple[str, Any]]] | None = None,
     make: Callable[..., Message] | None = None,
 ) -> None:

@@ -12,11 +12,11 @@ from typing import Any, Final, NamedTuple
 
 from txt1.hal.base import LINK
 from txt1.record.encoder import Block
-from txt1.record.reading import Decoding, Item, Reading, flat
+from txt1.record.reading import Decoding, FilePass, Item, flat
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
 from txt1.tasks import diagnostics, fields
-from txt1.tasks.controller import PERIOD
+from txt1.tasks.controller import CONTROL_PERIOD
 from txt1.tasks.inputs import COMMAND, INPUT
 from txt1.telemetry.snapshot import SNAPSHOT
 from txt1.telemetry.topics import Topic
@@ -37,7 +37,7 @@ class Difference(NamedTuple):
     @property
     def cycle(self) -> int:
         """The controller cycle, counted from 0."""
-        return int(self.time / PERIOD + 1e-6)
+        return int(self.time / CONTROL_PERIOD + 1e-6)
 
     def __str__(self) -> str:
         where = f"{self.topic} {self.field}".rstrip()
@@ -69,7 +69,7 @@ class Comparison:
     ) -> None:
         self.robot = robot
         self._runtime, self._exact, self._real, self._sensed, self._ends = runtime, exact, real, sensed, ends
-        self._reading, self._decoding = Reading(path, robot), Decoding()
+        self._reading, self._decoding = FilePass(path, robot), Decoding()
         self._own: frozenset[str] = frozenset()
         self._in_snapshots: frozenset[str] = frozenset()
         self._recorded = self._own_items()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, nanoseconds
-from txt1.record.layout import CODES, HEADER, Layout, encode
+from txt1.record.layout import CODES, HEADER, MessageBuffer, encode
 from txt1.telemetry.messages import fields
 from txt1.telemetry.ready import Ready
 from txt1.telemetry.topics import Topic
@@ -45,7 +45,7 @@ In place of the value there may be the message itself (`Ready`).
 """
 
 
-class Channel(NamedTuple):
+class TopicChannel(NamedTuple):
     """A topic in a file: its full name, with the robot's."""
 
     name: str
@@ -60,14 +60,14 @@ class Block:
     index: dict[int, NDArray[np.uint64]]  # for each channel the log times (ns) and offsets of its records
     first: int
     last: int
-    channels: Sequence[Channel]  # the channels so far, channel number n at place n - 1
+    channels: Sequence[TopicChannel]  # the channels so far, channel number n at place n - 1
 
     @property
     def count(self) -> int:
         """How many messages it holds."""
         return sum(len(entries) for entries in self.index.values())
 
-    def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self) -> Iterator[tuple[TopicChannel, int, bytes]]:
         """Channel, log time in ns, and CDR bytes of every message."""
         data, start = self.data, 0
         while start < len(data):
@@ -87,14 +87,14 @@ class Encoder:
         self,
         epoch: float,
         full_name: Callable[[Topic[Any]], str] = lambda topic: topic.name,
-        channels: list[Channel] | None = None,
+        channels: list[TopicChannel] | None = None,
     ) -> None:
         self._epoch_ns = nanoseconds(epoch)
         self._full_name = full_name
         self.channels = [] if channels is None else channels
         self._numbers: dict[Topic[Any], int] = {}
         self._sequences: dict[int, int] = {}
-        self._rows: dict[tuple[Topic[Any], ...], _Row] = {}
+        self._rows: dict[tuple[Topic[Any], ...], _TopicsRow] = {}
         self._makers: dict[Topic[Any], _Make] = {}
 
     def skip(self, lost: Mapping[Topic[Any], int]) -> None:
@@ -167,7 +167,7 @@ class Encoder:
         """The number of a topic's channel."""
         number = self._numbers.get(topic)
         if number is None:
-            self.channels.append(Channel(self._full_name(topic), topic))
+            self.channels.append(TopicChannel(self._full_name(topic), topic))
             number = self._numbers[topic] = len(self.channels)
             self._sequences[number] = 0
         return number
@@ -179,7 +179,7 @@ class Encoder:
             values = [each if len(each) == len(present) else [v for v in each if v is not None] for _, _, each in group]
             row = self._rows.get(present)
             if row is None:
-                row = self._rows[present] = _Row({self._number(topic): topic for topic in present})
+                row = self._rows[present] = _TopicsRow({self._number(topic): topic for topic in present})
             end = begin + len(values)
             yield _Run(row, row.fill(values, stamps[begin:end], self._sequences), stamps[begin:end])
             begin = end
@@ -216,7 +216,7 @@ def _numbers(values: Sequence[float], code: str) -> NDArray[Any]:
     return np.frombuffer(struct.pack(f"={len(values)}{code}", *values), code)
 
 
-def _template(channel: int, layout: Layout) -> tuple[bytes, list[tuple[int, str]]]:
+def _template(channel: int, layout: MessageBuffer) -> tuple[bytes, list[tuple[int, str]]]:
     """A record without its numbers, and where those of its time stand, offset and struct code."""
     data = RECORD.pack(MESSAGE, _BEHIND_LENGTH + len(layout), channel, 0, 0, 0) + layout
     stamp = next((place for path, (place, _) in layout.places.items() if path.endswith("stamp.sec")), None)
@@ -229,7 +229,7 @@ def _stamp_place(topic: Topic[Any]) -> int | None:
     """Where the time stamp stands in a topic's messages; None where they have none."""
     if not topic.paths:
         return len(HEADER) if fields(topic.message)[0].type in _STAMPED else None
-    places = Layout(topic.message, topic.constants).places.items()
+    places = MessageBuffer(topic.message, topic.constants).places.items()
     return next((place for path, (place, _) in places if path.endswith("stamp.sec")), None)
 
 
@@ -261,7 +261,7 @@ def _packer(template: bytes, places: Iterable[tuple[int, str]]) -> Callable[[Ite
 
 
 def _numbers_maker(topic: Topic[Any], channel: int) -> _Make:
-    layout = Layout(topic.message, topic.constants)
+    layout = MessageBuffer(topic.message, topic.constants)
     template, times = _template(channel, layout)
     numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
     make: Callable[[Any], Any] = topic.make
@@ -289,7 +289,9 @@ def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
     @lru_cache(256)
     def packer(*texts_and_lengths: Any) -> Callable[[Iterable[float]], bytes]:
         given = zip(shaping, texts_and_lengths, strict=True)
-        layout = Layout(topic.message, {rest[at].name: [0] * each if array else each for (at, array), each in given})
+        layout = MessageBuffer(
+            topic.message, {rest[at].name: [0] * each if array else each for (at, array), each in given}
+        )
         template, times = _template(channel, layout)
         names = {rest[at].name for at, _ in counted}
         numbers = [
@@ -325,12 +327,12 @@ def _fields_maker(topic: Topic[Any], channel: int) -> _Make:
 class _Run(NamedTuple):
     """Samples with the same topics as rows, and their log times."""
 
-    row: _Row
+    row: _TopicsRow
     data: memoryview
     times: NDArray[np.uint64]
 
 
-class _Row:
+class _TopicsRow:
     """The records of a cycle's topics behind one another: their `offsets` by channel, the `width` of all in bytes."""
 
     def __init__(self, topics: Mapping[int, Topic[Any]]) -> None:
@@ -341,7 +343,7 @@ class _Row:
         places: list[tuple[int, str]] = []
         for channel, topic in topics.items():
             start = self.offsets[channel] = len(template)
-            layout = Layout(topic.message, topic.constants)
+            layout = MessageBuffer(topic.message, topic.constants)
             record, times = _template(channel, layout)
             numbers = [(RECORD.size + place, code) for place, code in map(layout.places.__getitem__, topic.paths)]
             template += record

@@ -18,7 +18,7 @@ _LENGTH: Final = struct.Struct("<I")
 _PADDING: Final = tuple(map(bytes, range(8)))
 
 
-class Layout(bytearray):
+class MessageBuffer(bytearray):
     """A message in the making, which begins as `HEADER`."""
 
     def __init__(self, message: str, values: Mapping[str, Any] | None = None) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.record.reading import Decoding, Reading
+from txt1.record.reading import Decoding, FilePass
 
 Array = NDArray[np.float64]
 VERSION: Final = "v3.0"
@@ -89,7 +89,7 @@ def taken(path: Path) -> Taken:
     driven: list[tuple[float, float]] = []
     begun: float | None = None  # of the learner's episode
     armed: float | None = None
-    reading, decoding, time = Reading(path), Decoding(), 0.0
+    reading, decoding, time = FilePass(path), Decoding(), 0.0
     for item in reading:
         name, time = item.name, item.time
         if name in SIGNALS:

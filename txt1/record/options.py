@@ -31,7 +31,7 @@ VIEW: Final = {
 }  # fmt: skip
 
 
-class Recording(NamedTuple):
+class RecordingAsked(NamedTuple):
     """What is recorded, and shown live."""
 
     file: Path | None
@@ -57,12 +57,12 @@ def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None
     return view
 
 
-def asked(arguments: Namespace, config: Config) -> Recording | None:
+def asked(arguments: Namespace, config: Config) -> RecordingAsked | None:
     """Return what is to be recorded or shown live, None for nothing; raises ConfigError, MissingExtra."""
     view = live_view(arguments, control=arguments.view_control)
     if arguments.log is None and view is None:
         return None
-    return Recording(arguments.log, view, dict(_given(arguments)), arguments.speed)
+    return RecordingAsked(arguments.log, view, dict(_given(arguments)), arguments.speed)
 
 
 def _given(arguments: Namespace) -> Mapping[str, Any]:

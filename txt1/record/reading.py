@@ -52,7 +52,7 @@ class Item(NamedTuple):
         return self.message.log_time / NS_PER_S
 
 
-class Reading:
+class FilePass:
     """One pass through a file; of a recording of several robots, what that `robot` told, or all of them for None."""
 
     def __init__(self, path: Path, robot: str | None = None) -> None:
@@ -156,7 +156,7 @@ def _ends_well(file: IO[bytes], size: int) -> bool:
 def metadata_of(path: Path, name: str) -> dict[str, str]:
     """The first metadata record of this name; empty when there is none, or the file is no recording."""
     with suppress(RecordingError):
-        for record in Reading(path).records():
+        for record in FilePass(path).records():
             if isinstance(record, Metadata) and record.name == name:
                 return dict(record.metadata)
     return {}

@@ -11,8 +11,8 @@ from txt1.config import Config, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.estimation.settings import EstimationConfig
 from txt1.hal.base import Capabilities, Inputs
-from txt1.record.reading import Decoding, Item, Reading
-from txt1.record.replay import Given, Step
+from txt1.record.reading import Decoding, FilePass, Item
+from txt1.record.replay import Given, TaskStep
 from txt1.record.session import machine
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.inputs import INPUT, REPORT, STEP, Input, Report
@@ -29,7 +29,7 @@ class Recorded:
     config: Config = Config()  # noqa: RUF009 - immutable
     given: list[Given] = field(default_factory=list)
     """Everything from outside."""
-    steps: list[Step] = field(default_factory=list)
+    steps: list[TaskStep] = field(default_factory=list)
     """None where virtual time says when they are due."""
     hardware: tuple[str, Capabilities] | None = None
     """Its name and abilities; None in recordings of older versions."""
@@ -62,17 +62,17 @@ class Recorded:
 
 def read(path: Path, robot: str) -> Recorded:
     """The run of a robot of a recording; RecordingError: it is none, or cannot be repeated."""
-    run = _Run(path, robot)
+    run = _RunRead(path, robot)
     for item in run.reading:
         run.take(item)
     return run.found()
 
 
-class _Run:
+class _RunRead:
     """A run as it is read, message by message."""
 
     def __init__(self, path: Path, robot: str) -> None:
-        self.reading, self._decoding = Reading(path, robot), Decoding()
+        self.reading, self._decoding = FilePass(path, robot), Decoding()
         self._found = Recorded(path, robot)
         self._path = path
         self._cycles, self._whole = 0, True
@@ -93,7 +93,7 @@ class _Run:
             self._take_report(time, Report(said.step, said.source, said.kind, said.text, said.time, bytes(said.data)))
         elif item.name == STEP.name:
             said = self._decoding.message(item)
-            found.steps.append(Step(said.task, said.time, said.missed))
+            found.steps.append(TaskStep(said.task, said.time, said.missed))
             self._in_step = True
         elif item.name == SETPOINT.name:
             self._whole = self._whole and item.message.sequence == self._cycles

@@ -15,9 +15,9 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from txt1.errors import RecordingError
 from txt1.kernel.loop import VirtualTimeLoop
-from txt1.record.encoder import Block, Channel, Encoder, Event, Sample
+from txt1.record.encoder import Block, Encoder, Event, Sample, TopicChannel
 from txt1.runtime import Runtime
-from txt1.tasks.controller import PERIOD
+from txt1.tasks.controller import CONTROL_PERIOD
 from txt1.telemetry.topics import Take, Topic, Unsubscribe
 
 BATCH: Final = 0.5  # s between two batches on the real clock: what a crash may lose, with what the disk needs
@@ -58,7 +58,7 @@ class Recorder:
         batch: float | None = None,
         *,
         writer: ThreadPoolExecutor | None = None,
-        channels: list[Channel] | None = None,
+        channels: list[TopicChannel] | None = None,
     ) -> None:
         self._overflowed = 0  # messages lost because the writer was behind; counted in the loop
         self._not_written = 0  # ... and because the disk did not take them; counted in the writer's thread
@@ -70,7 +70,7 @@ class Recorder:
         self._full_speed = speed is None
         if batch is None:
             batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
-        self._batch_samples = max(1, round(batch / PERIOD))
+        self._batch_samples = max(1, round(batch / CONTROL_PERIOD))
         self._samples: list[Sample] = []
         self._events: list[Event] = []
         self._ready: list[Event] = []  # messages that are made already, before those

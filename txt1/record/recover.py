@@ -8,7 +8,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from txt1.errors import RecordingError
-from txt1.record.reading import Reading
+from txt1.record.reading import FilePass
 
 
 class Recovered(NamedTuple):
@@ -25,7 +25,7 @@ def recover(source: Path, target: Path) -> Recovered:
 
     Raises RecordingError: the source cannot be read or is no MCAP file, or the target exists or cannot be written.
     """
-    reading = Reading(source)
+    reading = FilePass(source)
     try:
         with target.open("xb") as file:
             count = _copy(reading, Writer(file))
@@ -39,7 +39,7 @@ def recover(source: Path, target: Path) -> Recovered:
     return Recovered(count, reading.damaged, reading.unread, reading.complete)
 
 
-def _copy(reading: Reading, writer: Writer) -> int:
+def _copy(reading: FilePass, writer: Writer) -> int:
     """The number of messages copied; schemas and channels get new numbers."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}

@@ -30,7 +30,7 @@ TURNS_MAX: Final = 100
 
 
 @dataclass
-class Step:
+class TaskStep:
     """A step of a task: its number, its time, the cycles missed before it, and what the hardware reported in it."""
 
     task: int

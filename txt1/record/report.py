@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from txt1.config import flatten, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, Item, Reading, robot_in, robots_in
+from txt1.record.reading import Decoding, FilePass, Item, robot_in, robots_in
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
@@ -50,7 +50,7 @@ class Content:
         self.tasks: dict[str, dict[str, str]] = {}
         self.faults: dict[str, str] = {}
         self._decoding = Decoding()
-        reading = Reading(path, robot_in(path, robot))
+        reading = FilePass(path, robot_in(path, robot))
         for item in reading:
             summary = self.topics.setdefault(item.name, TopicSummary(item.schema.name))
             summary.add(item.message.log_time, item.message.sequence)

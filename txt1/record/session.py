@@ -23,7 +23,7 @@ from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 
 if TYPE_CHECKING:
-    from txt1.record.encoder import Channel
+    from txt1.record.encoder import TopicChannel
     from txt1.record.live import LiveView
     from txt1.record.recorder import Recorder, Sink
 
@@ -136,7 +136,7 @@ async def recording_together(
     sinks, make = await asyncio.to_thread(_prepare, file, first, speed, plan, [], {"robots": json.dumps(own)})
     recorders: list[Recorder] = []
     writer = ThreadPoolExecutor(1, "txt1 recorder")
-    channels: list[Channel] = []
+    channels: list[TopicChannel] = []
 
     def attach(runtime: Runtime) -> None:
         recorders.append(make(runtime, sinks, first.section(RecordConfig).epoch, writer=writer, channels=channels))

@@ -11,7 +11,7 @@ from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
 from txt1.kernel.clock import NS_PER_S
 from txt1.model.odometry import Odometry
-from txt1.record.reading import Decoding, Reading, robot_in
+from txt1.record.reading import Decoding, FilePass, robot_in
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import EVENTS, LOG, VEHICLES, Control, Encoders, Event
@@ -42,7 +42,7 @@ class Snapshots:
         self._others: dict[str, list[tuple[float, tuple[float, float, float]]]] = {}
         self._steps: list[tuple[float, Values]] = []
         self._recorded: list[tuple[float, str]] = []
-        reading, decoding = Reading(path), Decoding()
+        reading, decoding = FilePass(path), Decoding()
         events: deque[Event] = deque(maxlen=EVENTS_MAX)
         latest: dict[str, Any] = {}
         due_ns, shown_ns, shown, wanted = 0, 0, 0.0, True

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, Item, Reading, flat
+from txt1.record.reading import Decoding, FilePass, Item, flat
 
 RECOVER: Final = "'txt1 log recover' makes a complete file of it"
 SHOWN: Final = ("txt1", "hal", "seed", "clock", "wall_start")  # of the metadata, what `info` prints
@@ -46,7 +46,7 @@ class TopicSummary:
         return (self.count - 1) * NS_PER_S / (self.last - self.first) if self.last > self.first else 0.0
 
 
-def summarise(reading: Reading) -> dict[str, TopicSummary]:
+def summarise(reading: FilePass) -> dict[str, TopicSummary]:
     """Every topic of a recording, in the order of its channels."""
     found: dict[str, TopicSummary] = {}
     for item in reading:
@@ -57,7 +57,7 @@ def summarise(reading: Reading) -> dict[str, TopicSummary]:
 
 def info(path: Path) -> Iterator[str]:
     """A recording's summary as lines."""
-    reading = Reading(path)
+    reading = FilePass(path)
     summaries = summarise(reading)
     yield f"{path}: {path.stat().st_size / 1e6:.2f} MB, {_state(reading)}"
     about = reading.metadata.get("txt1", {})
@@ -77,7 +77,7 @@ def info(path: Path) -> Iterator[str]:
         yield f"{topic:<16}{each.count:>9}{each.rate:>9.2f}{gap:>15.3f}{each.lost:>6}  {each.schema}"
 
 
-def _state(reading: Reading) -> str:
+def _state(reading: FilePass) -> str:
     if reading.complete and not reading.damaged:
         return "complete"
     damaged = f", {reading.damaged} damaged chunks left out" if reading.damaged else ""

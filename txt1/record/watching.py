@@ -4,14 +4,14 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from txt1.commands import say
-from txt1.record.options import Recording
+from txt1.record.options import RecordingAsked
 from txt1.record.session import recording
 from txt1.robot import Robot
 from txt1.runtime import Runtime
 
 
 @asynccontextmanager
-async def watch(runtime: Runtime, asked: Recording) -> AsyncIterator[None]:
+async def watch(runtime: Runtime, asked: RecordingAsked) -> AsyncIterator[None]:
     """Record, and show live, as long as the block is at work; raises as `txt1.record.session.recording`."""
     async with recording(asked.file, runtime.config, asked.speed, asked.about, say, asked.view) as attach:
         attach(runtime)
@@ -19,7 +19,7 @@ async def watch(runtime: Runtime, asked: Recording) -> AsyncIterator[None]:
 
 
 @asynccontextmanager
-async def beside(robot: Robot, asked: Recording) -> AsyncIterator[None]:
+async def beside(robot: Robot, asked: RecordingAsked) -> AsyncIterator[None]:
     """Let the live view drive, if it may."""
     if asked.view is not None:
         hand = robot.source("view")

@@ -36,12 +36,12 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     if not arguments.ros2:
         return None
     from txt1.ros.node import node_beside
-    from txt1.ros.robot_end import Ros2Desk
+    from txt1.ros.robot_end import Ros2RobotEnd
 
     python = ros2_python()
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
-        desk = Ros2Desk(robot)
+        desk = Ros2RobotEnd(robot)
         options = {
             "namespace": arguments.ros2_namespace or "", "offers": desk.offers, "stamped": arguments.ros2_stamped,
             "stale": desk.stale, "virtual": arguments.speed is not None, "parameters": desk.parameters(),

@@ -11,7 +11,7 @@ from txt1.board.board import Board, BoardEvent
 from txt1.errors import Txt1Error
 from txt1.hal.base import Button
 from txt1.ros.calls import Calls
-from txt1.ros.publisher import Feed
+from txt1.ros.publisher import Publisher
 from txt1.sidecar import Request
 
 
@@ -23,7 +23,7 @@ class BoardDesk:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._feed = Feed(board.runtime, self.say)
+        self._feed = Publisher(board.runtime, self.say)
         self._calls = Calls({
             "arm": board.arm, "disarm": lambda: board.disarm("disarmed by ROS"), "stop": board.stop,
             "manual": self._manual, "power": lambda switch, on: board.happen(BoardEvent(switch, float(on))),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from txt1.sidecar import Connection
 
 CANCELLED: Final = "cancelled"
-PATIENCE: Final = 10.0  # s within which the robot answers
+ANSWER_PATIENCE: Final = 10.0  # s within which the robot answers
 
 
 class Calls:
@@ -73,7 +73,7 @@ class Caller:
 
     def call(self, name: str, **fields: Any) -> tuple[bool, str]:
         """Have the robot do something; whether it did, and if not why, else what it says."""
-        return self._call(name, fields, PATIENCE, None)
+        return self._call(name, fields, ANSWER_PATIENCE, None)
 
     def watched(self, name: str, look: float, ends: Callable[[], bool], **fields: Any) -> tuple[bool, str]:
         """As `call`, for what takes long: every `look` s `ends` is asked whether it is to be cancelled."""

@@ -9,10 +9,10 @@ from typing import Final, Protocol
 
 from txt1.bridges.registry import RESTART, SILENCE, warning
 from txt1.runtime import Runtime
-from txt1.sidecar import PERIOD, Beside, Request
+from txt1.sidecar import TELEMETRY_PERIOD, Request, Sidecar
 
 START: Final = Path(__file__).with_name("start.py")
-PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one
+NODE_PRIORITY: Final = -110  # behind the telemetry's task, so that what a cycle tells is sent in the same one
 
 
 class NodeDesk(Protocol):
@@ -39,12 +39,12 @@ async def node_beside(
     python: Sequence[str],
     environment: Mapping[str, str],
     options: Mapping[str, object],
-) -> AsyncIterator[Beside]:
+) -> AsyncIterator[Sidecar]:
     """A node at work until the block is left.
 
     `target` is its function, ``module:function``; `options` are keyword arguments for it.
     """
-    beside = Beside(
+    beside = Sidecar(
         target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
         tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
         niceness=0, prompt=True,
@@ -53,7 +53,9 @@ async def node_beside(
         node = target.rpartition(":")[0].rpartition(".")[2]
         with warning(runtime, f"bridge '{node}'", beside):
             async with beside:
-                runtime.add_task(f"bridge {node}", PRIORITY, 0.5 * PERIOD, beside.serve)  # an IMU tells 100 a second
+                runtime.add_task(
+                    f"bridge {node}", NODE_PRIORITY, 0.5 * TELEMETRY_PERIOD, beside.serve
+                )  # an IMU tells 100 a second
                 yield beside
     finally:
         desk.lost()

@@ -6,7 +6,7 @@ import asyncio
 import json
 from typing import Any, Final
 
-from txt1.bridges.registry import Desk
+from txt1.bridges.registry import RobotEnd
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet
 from txt1.errors import CommandRefused
@@ -33,7 +33,7 @@ class Ros1Desk:
             "pid_load": self._pid_load, "pwm_change": self._pwm_change, "switched_pwr": self._switched_pwr,
             "shutdown_computer": robot.shutdown_host,
         })  # fmt: skip
-        self._desk = Desk(robot, "ros1", {
+        self._desk = RobotEnd(robot, "ros1", {
             "call": self._calls.call, "combined": robot.combined_odometry, "servos": robot.servos, "begin": self._begin,
         })  # fmt: skip
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)

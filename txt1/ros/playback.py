@@ -14,14 +14,14 @@ from txt1.errors import HalError
 from txt1.kernel.clock import NS_PER_S, RealClock, nanoseconds, seconds
 from txt1.model.vehicle import Geometry
 from txt1.record.encoder import Encoder
-from txt1.record.reading import Decoding, Item, Reading, metadata_of, robot_in
+from txt1.record.reading import Decoding, FilePass, Item, metadata_of, robot_in
 from txt1.ros.definitions import OWNERS
 from txt1.ros.node import START
-from txt1.ros.publisher import JOINTS, Wheels, description, line_of
+from txt1.ros.publisher import JOINTS, WheelJoints, description, line_of
 from txt1.ros.python import RosPython
 from txt1.ros.topics import Publication, Quality, recorded
 from txt1.sensors.readings import FixReading, Image, ImuReading, Scan
-from txt1.sidecar import Beside, Request
+from txt1.sidecar import Request, Sidecar
 from txt1.tasks.controller import PWM
 from txt1.tasks.encoder import ODOMETRY
 from txt1.telemetry.topics import Topic
@@ -64,7 +64,7 @@ class Playback:
             self._say(f"ROS has no type {request.fields['message']} here, so {request.fields['name']} is not told")
 
     def _rewind(self) -> None:
-        self._decoding, self._encoder, self._wheels = Decoding(), Encoder(0.0), Wheels(self._geometry)
+        self._decoding, self._encoder, self._wheels = Decoding(), Encoder(0.0), WheelJoints(self._geometry)
         self._pwm = 0, 0
         self._items = self._due()
         self._next = next(self._items, None)
@@ -73,7 +73,7 @@ class Playback:
 
     def _due(self) -> Iterator[Item]:
         """The messages from the start on, and before them the last of each kind that is kept for late comers."""
-        reading = Reading(self._file, self._robot)
+        reading = FilePass(self._file, self._robot)
         kept: dict[int, Item] = {}
         self._first: int | None = None  # time of the recording at the beginning, ns
         for item in reading:
@@ -144,7 +144,7 @@ class Playback:
 
 async def publish(playback: Playback, python: RosPython, namespace: str) -> None:
     """Publish a recording until it is over; raises HalError when the node fails, RecordingError for a damaged file."""
-    async with Beside(
+    async with Sidecar(
         "txt1.ros.ros2:main", playback.telemetry, playback.request,
         options={"namespace": namespace, "virtual": True}, beat=BEAT, niceness=0,
         program=(*python.program, str(START)), environment=python.environment,

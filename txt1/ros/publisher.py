@@ -52,7 +52,7 @@ def line_of(
     return f"{json.dumps({'now': now, **rest})}\n".encode("ascii")
 
 
-class Wheels:
+class WheelJoints:
     """The joints of the wheels, moved on by the odometry's speed and the steering's PWM counts."""
 
     def __init__(self, geometry: Geometry) -> None:
@@ -82,7 +82,7 @@ def _nothing() -> None:
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 
 
-class Feed:
+class Publisher:
     """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator.
 
     A message that is recorded as it is is made by the recorder, once for both.
@@ -99,7 +99,7 @@ class Feed:
         self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
         self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
         self._refused: set[Topic[Any]] = set()  # topics of which a value was no message
-        self._wheels = Wheels(runtime.config.geometry)
+        self._wheels = WheelJoints(runtime.config.geometry)
         self._told = 0  # channels that the node was told of
         self._forget()
 

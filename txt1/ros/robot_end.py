@@ -9,7 +9,7 @@ from dataclasses import asdict
 from math import hypot
 from typing import Any, Final
 
-from txt1.bridges.registry import Desk
+from txt1.bridges.registry import RobotEnd
 from txt1.config.sources import with_values
 from txt1.control.limits import clip
 from txt1.errors import ConfigError, Txt1Error
@@ -17,7 +17,7 @@ from txt1.navigation import PoseSource, fused_pose, go_to, true_pose, wheel_pose
 from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.ros.publisher import Feed
+from txt1.ros.publisher import Publisher
 from txt1.sidecar import Request
 from txt1.sim.room import Room
 
@@ -26,7 +26,7 @@ SPEED: Final = 0.4  # m/s to a goal that says none
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
-class Ros2Desk:
+class Ros2RobotEnd:
     """Hands out messages, and does what is asked for under the name "ros"."""
 
     offers = (
@@ -36,14 +36,14 @@ class Ros2Desk:
 
     def __init__(self, robot: Robot) -> None:
         self._robot, self._config = robot, robot.config
-        self._feed = Feed(robot.runtime, self.say)
+        self._feed = Publisher(robot.runtime, self.say)
         self._calls = Calls({
             "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
             "load_gains": self._load_gains, "drive_to": self._drive_to, "manual": robot.set_manual,
             "place": robot.place, "set": self._set,
             "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
         })  # fmt: skip
-        self._desk = Desk(robot, "ros", {
+        self._desk = RobotEnd(robot, "ros", {
             "begin": self._feed.begin, "missing": self._feed.missing, "call": self._calls.call,
             "cancel": self._calls.cancel, "drive": self._drive, "combined": robot.combined_odometry,
             "servos": robot.servos,

@@ -24,7 +24,7 @@ from txt1.ros.calls import Caller
 from txt1.ros.txt_driver import MESSAGES, SERVICES
 from txt1.sidecar import Connection
 
-NAME: Final = "txt1_node"
+NODE_NAME: Final = "txt1_node"
 COMBINED: Final = 0.02  # s between two combined odometries that are handed on
 TOGETHER: Final = 1.0  # s within which two programs drive at the same time
 LOOK: Final = 0.5  # s between two looks at the master
@@ -52,7 +52,7 @@ BATTERY: Final = message("Battery", MESSAGES["Battery"])
 PWM: Final = message("Pwm", MESSAGES["Pwm"])
 
 
-class Original:
+class OriginalNode:
     """Everything that the node serves."""
 
     def __init__(self, robot: Connection, virtual: bool, parameters: dict[str, Any]) -> None:
@@ -196,8 +196,8 @@ def main(robot: Connection, *, virtual: bool, parameters: dict[str, Any]) -> Non
     """Serve until the robot's process ends."""
     while not rosgraph.is_master_online():
         robot.receive(LOOK)  # a sign of life
-    rospy.init_node(NAME, disable_signals=True, disable_rosout=False)
-    node = Original(robot, virtual, parameters)
+    rospy.init_node(NODE_NAME, disable_signals=True, disable_rosout=False)
+    node = OriginalNode(robot, virtual, parameters)
 
     def watch() -> None:
         try:

@@ -5,7 +5,7 @@ from typing import Final
 
 from txt1.model.kinematics import wrap_angle
 
-RATE: Final = 75.0  # for which the noises are meant, steps a second
+STEP_RATE: Final = 75.0  # for which the noises are meant, steps a second
 PLACE_NOISE: Final = 0.1  # process variance of x, y and theta, a step
 RATE_NOISE: Final = 5.0  # of their rates
 MEASURED_NOISE: Final = 0.01  # variance of a measurement
@@ -22,7 +22,7 @@ class _Axis:
     def step(self, innovation: float, dt: float) -> None:
         """Take a measurement that lies so far from the prediction, dt s after the last one."""
         a, b, c = self._p
-        share = dt * RATE
+        share = dt * STEP_RATE
         a, b, c = a + dt * (2.0 * b + dt * c) + PLACE_NOISE * share, b + dt * c, c + RATE_NOISE * share
         gain, gain_rate = a / (a + MEASURED_NOISE), b / (a + MEASURED_NOISE)
         self.value += self.rate * dt + gain * innovation

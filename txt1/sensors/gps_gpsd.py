@@ -33,7 +33,7 @@ def seconds_of_day(stamp: str) -> float | None:
         return None
 
 
-class Decoder:
+class GpsdDecoder:
     """The lines of gpsd as fixes; `datum` is latitude and longitude in degrees, None takes the first fix."""
 
     def __init__(self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT) -> None:
@@ -138,11 +138,11 @@ def create(setup: Setup) -> Streamed[FixReading]:
     """The driver ``gps_gpsd``; options: those of `GpsOptions`. Raises MissingExtra without the extra gps."""
     given = checked(GpsOptions, setup.options, f"sensors.{setup.name}.options")
     Grid(*(given.datum or (0.0, 0.0)))  # tells now that the extra is missing or the datum is none
-    last = Decoder(given.datum)
+    last = GpsdDecoder(given.datum)
 
-    def codec() -> Decoder:  # a datum outlives the connection that brought it
+    def codec() -> GpsdDecoder:  # a datum outlives the connection that brought it
         nonlocal last
-        grid, last = last.grid, Decoder(given.datum, Mount(*given.mount))
+        grid, last = last.grid, GpsdDecoder(given.datum, Mount(*given.mount))
         last.grid = last.grid or grid
         return last
 

@@ -75,7 +75,7 @@ def matrix_of(orientation: Quaternion) -> Matrix:
     return r[0], -r[3], -r[6], -r[1], r[4], r[7], -r[2], r[5], r[8]
 
 
-class Decoder:
+class ImuDecoder:
     """The bytes of the device as readings: resynchronises at the next byte that begins a sound reply."""
 
     def __init__(self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT) -> None:
@@ -166,6 +166,6 @@ def create(setup: Setup) -> Streamed[ImuReading]:
     given = checked(ImuOptions, setup.options, f"sensors.{setup.name}.options")
     mount = Mount(*given.mount)
     return Streamed(
-        imu_topic(setup.name), 0.01, given.port, lambda: Decoder(given.model, given.magnetic, mount),
+        imu_topic(setup.name), 0.01, given.port, lambda: ImuDecoder(given.model, given.magnetic, mount),
         given.baud, given.latency, "txt1 sensor fake imu",
     )  # fmt: skip

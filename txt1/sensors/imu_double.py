@@ -20,7 +20,7 @@ from txt1.sensors.imu_3dmgx2 import (
 from txt1.sensors.readings import GRAVITY, ImuReading
 
 STOP: Final = 0xFA
-NAMES: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d/s"}  # by the type that is asked for
+IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d/s"}  # by the type that is asked for
 LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}  # bytes of a command that has more than one
 
 
@@ -70,7 +70,7 @@ class FakeImu:
         elif command == STOP:
             self._repeated = None
         elif command == IDENTIFIER:
-            name = bytes((IDENTIFIER, rest[0])) + NAMES.get(rest[0], "").encode().rjust(16)
+            name = bytes((IDENTIFIER, rest[0])) + IDENTIFIERS.get(rest[0], "").encode().rjust(16)
             self._station.send(name + checksum(name).to_bytes(2))
 
     def _ticks(self) -> int:

@@ -53,7 +53,7 @@ def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], 
     return data + bytes((crc(data),))
 
 
-class Decoder:
+class Ld19Decoder:
     """The packets of the scanner as scans, one a turn from straight ahead clockwise, in beams of 0.8 degrees."""
 
     def __init__(self, mount: Mount = LASER_MOUNT) -> None:
@@ -148,4 +148,4 @@ def create(setup: Setup) -> Streamed[Scan]:
     """The driver ``laser_ld19``; options: those of `Ld19Options`."""
     given = checked(Ld19Options, setup.options, f"sensors.{setup.name}.options")
     mount = Mount(*given.mount)
-    return Streamed(scan_topic(setup.name), 0.1, given.port, lambda: Decoder(mount), given.baud, given.latency)
+    return Streamed(scan_topic(setup.name), 0.1, given.port, lambda: Ld19Decoder(mount), given.baud, given.latency)

@@ -50,7 +50,7 @@ class Parameters(dict[str, int]):
         return fits and 0 <= self["DMIN"] < self["DMAX"] and self["ARES"] > 0 and self["SCAN"] > 0
 
 
-class Decoder:
+class ScipDecoder:
     """The answers of a scanner as scans: asks for its parameters, then for scans without end.
 
     `cluster` steps are one beam. An answer ends with an empty line; one that is damaged is thrown away whole.
@@ -168,6 +168,6 @@ def create(setup: Setup) -> Streamed[Scan]:
     given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
     mount = Mount(*given.mount)
     return Streamed(
-        scan_topic(setup.name), 0.1, given.port, lambda: Decoder(given.cluster, mount), given.baud, given.latency,
+        scan_topic(setup.name), 0.1, given.port, lambda: ScipDecoder(given.cluster, mount), given.baud, given.latency,
         "txt1 sensor fake laser",
     )  # fmt: skip

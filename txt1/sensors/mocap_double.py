@@ -49,11 +49,11 @@ class FakeVicon:
             if self._names.note(message) or self._names.types.get(message.type) != vrpn.PING_TYPE:
                 continue
             if self._names.senders.get(message.sender) == self._subject:
-                self._station.send(vrpn.pack(vrpn.Message(message.time, SENDER, PONG, b"")))
+                self._station.send(vrpn.pack(vrpn.VrpnMessage(message.time, SENDER, PONG, b"")))
 
     def show(self, reading: Reading[TrackerReading]) -> None:
         """Tell a pose."""
         value = reading.value
         place = (each / MILLIMETRE for each in (value.x, value.y, value.z))
         body = vrpn.POSE.pack(0, 0, *place, *value.orientation)
-        self._station.send(vrpn.pack(vrpn.Message(reading.time, SENDER, POSE, body)))
+        self._station.send(vrpn.pack(vrpn.VrpnMessage(reading.time, SENDER, POSE, body)))

@@ -17,7 +17,7 @@ from txt1.units import NotNegative, Positive
 MILLIMETRE: Final = 0.001  # m; Vicon's unit
 
 
-class Decoder:
+class VrpnDecoder:
     """The messages of a VRPN server as poses of one subject; `scale` is its unit of length, m."""
 
     def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
@@ -86,6 +86,6 @@ def create(setup: Setup) -> Streamed[TrackerReading]:
     subject = given.subject or setup.config.name or "txt01"
     mount = Mount(*given.mount)
     return Streamed(
-        tracker_topic(setup.name), 0.01, given.address, lambda: Decoder(subject, given.scale, mount),
+        tracker_topic(setup.name), 0.01, given.address, lambda: VrpnDecoder(subject, given.scale, mount),
         latency=given.latency, fake="txt1 sensor fake vicon",
     )  # fmt: skip

@@ -15,7 +15,7 @@ from txt1.telemetry.bus import Bus
 
 T = TypeVar("T")
 
-PRIORITY: Final = 0  # below the robot's own tasks
+SENSORS_PRIORITY: Final = 0  # below the robot's own tasks
 STALE_PERIODS: Final = 10  # a sensor without a reading for so many periods,
 STALE_MIN: Final = 1.0  # and at least so many seconds, is unhealthy
 CLOSING_MAX: Final = 5.0  # s in which a sensor must have closed
@@ -122,7 +122,7 @@ class Sensors(dict[str, Polled[Any]]):
         self._opened.push_async_callback(settled, who, "closed", sensor.close, CLOSING_MAX)
         await settled(who, "opened", sensor.open)
         poll = partial(polled.poll, bus=self._bus, tell=self._tell, note=note)
-        (add_task or self._add_task)(polled.task, PRIORITY, polled.period, poll)
+        (add_task or self._add_task)(polled.task, SENSORS_PRIORITY, polled.period, poll)
         self[name] = polled
         return polled
 

@@ -23,7 +23,7 @@ PONG_TYPE: Final = "vrpn_Base pong_message"
 BODY_MAX: Final = 65536  # bytes; the longest of a tracker's has 72
 
 
-class Message(NamedTuple):
+class VrpnMessage(NamedTuple):
     """One message; numbers are the sending side's."""
 
     time: float  # s by the sending side's clock
@@ -32,17 +32,17 @@ class Message(NamedTuple):
     body: bytes
 
 
-def pack(message: Message) -> bytes:
+def pack(message: VrpnMessage) -> bytes:
     """A message as bytes; the sequence number is left 0, which nobody reads."""
     us = round(message.time * 1e6)
     head = HEAD.pack(HEAD.size + len(message.body), us // 1_000_000, us % 1_000_000, message.sender, message.type, 0)
     return head + message.body + bytes(-len(message.body) % 8)
 
 
-def name_message(kind: int, number: int, name: str) -> Message:
+def name_message(kind: int, number: int, name: str) -> VrpnMessage:
     """The message that tells a sender's (`SENDER_NAME`) or a type's (`TYPE_NAME`) name."""
     text = name.encode() + b"\0"
-    return Message(0.0, number, kind, struct.pack(">i", len(text)) + text)
+    return VrpnMessage(0.0, number, kind, struct.pack(">i", len(text)) + text)
 
 
 class Splitter:
@@ -52,7 +52,7 @@ class Splitter:
         self._rest = b""
         self._greeted = False
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[VrpnMessage]:
         """The messages that these bytes complete."""
         data, at, found = self._rest + data, 0, []
         if not self._greeted:
@@ -70,7 +70,7 @@ class Splitter:
             end = at + length + -length % 8
             if end > len(data):
                 break
-            found.append(Message(seconds + us * 1e-6, sender, kind, data[at + HEAD.size : at + length]))
+            found.append(VrpnMessage(seconds + us * 1e-6, sender, kind, data[at + HEAD.size : at + length]))
             at = end
         self._rest = data[at:]
         return found
@@ -83,7 +83,7 @@ class Names:
         self.senders: dict[int, str] = {}
         self.types: dict[int, str] = {}
 
-    def note(self, message: Message) -> bool:
+    def note(self, message: VrpnMessage) -> bool:
         """Whether it was a message that tells a name."""
         names = {SENDER_NAME: self.senders, TYPE_NAME: self.types}.get(message.type)
         if names is None:

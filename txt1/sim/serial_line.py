@@ -53,7 +53,7 @@ class LineFaults:
         return not any(astuple(replace(self, stall_every=0.0)))
 
 
-class Line:
+class SerialLine:
     """One direction of a faulty line.
 
     Args:

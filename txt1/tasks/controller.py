@@ -17,7 +17,7 @@ from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PERIOD: Final = 0.02
+CONTROL_PERIOD: Final = 0.02
 
 COMBINED_TIMEOUT: Final = 0.1  # age in seconds at which combined odometry is not used any more
 ODOMETRY_TIMEOUT: Final = 0.5  # age in seconds at which odometry is lost
@@ -74,7 +74,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
     was_manual = False
     board = state.board
     read_at = 0.0
-    dt = PERIOD
+    dt = CONTROL_PERIOD
     async for now in ticks:
         if ticks.missed:
             gate.missed(ticks.missed)

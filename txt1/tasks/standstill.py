@@ -17,12 +17,12 @@ from txt1.tasks.state import State
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PERIOD: Final = 0.05
+STANDSTILL_PERIOD: Final = 0.05
 SEEN: Final = 0.3  # age in s at which a speed is not known any more
 AGAIN: Final = 0.1  # s after which a PWM test of zeros is sent again, as lines lose frames
 SLOWEST: Final = 0.1  # m/s that have to be commanded for a second ...
 UNMOVED: Final = 0.03  # ... and not so many measured: original boards read 0 below 0.045 m/s
-PATIENCE: Final = 1.0  # s of that
+UNMOVED_TIME: Final = 1.0  # s of that
 END: Final = 3.0  # s that the end of a run waits at most
 CAUSES: Final = "ESC off, gains lost, board in manual mode, wheel blocked, or a wall"
 
@@ -101,7 +101,7 @@ class Watch:
         if not (ready and asked and unmoved) or turned or self.gate.epoch != self._epoch:
             self._unmoved_since, self._epoch = now, self.gate.epoch
         self._asked = asked if ready else 0.0
-        if self._asked and now - self._unmoved_since >= PATIENCE - 1e-9:
+        if self._asked and now - self._unmoved_since >= UNMOVED_TIME - 1e-9:
             low = state.battery.state in (BatteryState.WARNING, BatteryState.BAD)
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)

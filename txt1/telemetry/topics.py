@@ -13,7 +13,7 @@ from typing import Any, Final, Generic, TypeVar
 
 T = TypeVar("T")
 
-NAME: Final = re.compile(r"(/[a-z0-9_]+)+")
+TOPIC_NAME: Final = re.compile(r"(/[a-z0-9_]+)+")
 
 
 class Rule(StrEnum):
@@ -69,7 +69,7 @@ TOPICS: Final[dict[str, Topic[Any]]] = {}
 
 def declare(topic: Topic[T]) -> Topic[T]:
     """Enter a topic into the table and return it; ValueError where its name is taken, or no name of a topic."""
-    if not NAME.fullmatch(topic.name):
+    if not TOPIC_NAME.fullmatch(topic.name):
         raise ValueError(f"topic {topic.name!r}: give it a name of /, small letters, digits and _, such as /odom")
     if topic.name in TOPICS:
         raise ValueError(f"topic {topic.name}: declared already ({TOPICS[topic.name].about}); choose another name")

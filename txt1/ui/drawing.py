@@ -68,7 +68,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None) -> None:
 
     Raises EOFError when the robot's process has gone.
     """
-    decoder, painter, viewer = tty.Keys(), Painter(), Viewer(keys or DRIVING)
+    decoder, painter, viewer = tty.KeyDecoder(), Painter(), Viewer(keys or DRIVING)
     line: bytes | None = None
     snapshot: Snapshot | None = None
     waited_for: list[Any] = [tty.IN, connection]

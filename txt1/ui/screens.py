@@ -31,7 +31,7 @@ from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.panel import buzzer
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.status import state_of
-from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME, Column, clean, printable, run_time, styled, table
+from txt1.ui.text import BAD, DASH, DIM, GOOD, NAME_COLUMN, Column, clean, printable, run_time, styled, table
 from txt1.ui.viewer import DRIVING, Viewer
 
 SCREENS: Final = {
@@ -176,4 +176,4 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
     if shown < len(rows):
         shown = sum(until < room for until in accumulate(taken))
         rows = (*rows[:shown], ("…", "and more, in a larger window"))
-    return table("HELP", (NAME, Column(fold=True)), rows, border="cyan")
+    return table("HELP", (NAME_COLUMN, Column(fold=True)), rows, border="cyan")

@@ -18,7 +18,22 @@ from txt1.tasks.mode import MODE, Mode
 from txt1.tasks.standstill import STOP
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui.map import screen as map_screen
-from txt1.ui.text import BAD, DASH, DIM, FIELDS, GOOD, LABEL, NAME, WARNING, Column, Kept, clean, number, styled, table
+from txt1.ui.text import (
+    BAD,
+    DASH,
+    DIM,
+    FIELDS,
+    GOOD,
+    LABEL,
+    NAME_COLUMN,
+    WARNING,
+    Column,
+    Kept,
+    clean,
+    number,
+    styled,
+    table,
+)
 from txt1.ui.viewer import Viewer
 
 LEFT = 43  # columns of the left half in a window of 80
@@ -151,7 +166,7 @@ def _gains(snapshot: Snapshot) -> Kept:
         ("angular", *gain_cells(snapshot.get(SETPOINT, Control()).gains if pwm else None)),
     )
     loaded = "gains in force" if pwm else "gains (acknowledged)"
-    return table(loaded if gains.loaded else "gains (not loaded)", (NAME, _NUMBER, _NUMBER, _NUMBER), rows)
+    return table(loaded if gains.loaded else "gains (not loaded)", (NAME_COLUMN, _NUMBER, _NUMBER, _NUMBER), rows)
 
 
 def gain_cells(gains: Gains | None) -> list[str]:

@@ -24,7 +24,7 @@ from txt1.ui.text import (
     DIM,
     GOOD,
     LABEL,
-    NAME,
+    NAME_COLUMN,
     WARNING,
     Column,
     Kept,
@@ -63,7 +63,7 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
     backlight = (DASH, "") if light is None else (f"{100.0 * light:.0f} %", bar(light, length))
     mode = "manual" if snapshot.get(MODE, Mode()).panel.manual else "controller"
     cells += [("6", "backlight", *backlight), (), ("", "mode", mode if can.pwm else DASH)]
-    columns = (NAME._replace(right=True), NAME, _NUMBER, Column())
+    columns = (NAME_COLUMN._replace(right=True), NAME_COLUMN, _NUMBER, Column())
     return table(f"PWM (counts, ±{COUNTS_MAX})", columns, tuple(cells), padding=(int(spaced), 1))
 
 
@@ -95,7 +95,7 @@ def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
         ("y", number(odometry.y, 3), "m", number(y, 3)),
         ("theta", number(degrees(odometry.theta), 1), "°", number(heading, 1)),
     )
-    columns = (NAME, Column(right=True, least=9), Column(style=DIM), _NUMBER)
+    columns = (NAME_COLUMN, Column(right=True, least=9), Column(style=DIM), _NUMBER)
     padding = (int(rows >= SPACED), 1)
     return Group(
         table("encoders", columns, motion, gap=1, padding=padding),
@@ -168,7 +168,7 @@ def sensors(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Render
     hidden = len(every) - len(cells)
     title = f"SENSORS (and {hidden} more)" if hidden > 0 else "SENSORS"
     if not cells:
-        return table(title, (NAME,), ((styled("none configured", DIM),),), padding=(0, 0))
+        return table(title, (NAME_COLUMN,), ((styled("none configured", DIM),),), padding=(0, 0))
     columns = (
         Column("sensor", fold=True, least=8),
         Column("value", fold=True, least=8),

@@ -14,7 +14,7 @@ from typing import Final, Literal, Protocol, Self
 
 from txt1.errors import CommandRefused, NotCapable, TerminalLost
 from txt1.hal.base import Button
-from txt1.sidecar import BEAT, PERIOD, Beside, Request
+from txt1.sidecar import BEAT, TELEMETRY_PERIOD, Request, Sidecar
 from txt1.telemetry.snapshot import Snapshot
 from txt1.ui import tty
 from txt1.ui.teleop import Teleop
@@ -64,7 +64,7 @@ class Driven(Protocol):
         """Let go."""
 
 
-class Keys(Protocol):
+class DrivingKeys(Protocol):
     """What the driving keys mean."""
 
     def key(self, key: str, now: float, /) -> object:
@@ -91,16 +91,16 @@ class Terminal:
         robot: Operated,
         keys: Driven | None = None,
         beat: float = BEAT,
-        teleop: Keys | None = None,
+        teleop: DrivingKeys | None = None,
         shown: Mapping[str, str] | None = None,
         more: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         self._robot, self._keys = robot, keys
         self._origin = self._sent = -inf  # of the newest command, and of the newest snapshot, s of the run
-        self._teleop: Keys = teleop or Teleop()
+        self._teleop: DrivingKeys = teleop or Teleop()
         self._more = more or {}
         target, options = "txt1.ui.drawing:main", {"keys": shown}
-        self._beside = Beside(
+        self._beside = Sidecar(
             target, self.telemetry, self.request, options=options, beat=beat, lost=self._lost, on_terminal=True
         )
         self._quit = asyncio.Event()
@@ -144,7 +144,7 @@ class Terminal:
     def telemetry(self) -> bytes | None:
         """A snapshot, ten a second."""
         now = self._robot.now
-        if now < self._sent + INTERVAL - 0.5 * PERIOD:  # the nearest of the ticks
+        if now < self._sent + INTERVAL - 0.5 * TELEMETRY_PERIOD:  # the nearest of the ticks
             return None
         self._sent = now
         return self._robot.snapshot.encode()

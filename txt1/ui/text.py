@@ -101,8 +101,8 @@ class Column(NamedTuple):
     least: int | None = None
 
 
-NAME: Final = Column(style=LABEL)
-FIELDS: Final = (NAME, Column())  # names and values
+NAME_COLUMN: Final = Column(style=LABEL)
+FIELDS: Final = (NAME_COLUMN, Column())  # names and values
 
 
 class Kept:

@@ -98,7 +98,7 @@ _TOKEN: Final = re.compile(
 _UNFINISHED: Final = re.compile(rb"\x1b(O|\[\[|\[" + _PARAMETERS + rb")?\Z")
 
 
-class Keys:
+class KeyDecoder:
     """A decoder of key presses."""
 
     def __init__(self) -> None:

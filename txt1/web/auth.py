@@ -34,7 +34,7 @@ def visitors_token(token: str) -> str:
     return digest(token.encode(), b"txt1 visitor", "sha256").hex()[:32]
 
 
-class Door:
+class Auth:
     """Lets pages in; without a token, which is for loopback addresses only, everybody who asks for one of these."""
 
     def __init__(self, token: str | None, scheme: Literal["http", "https"], port: int) -> None:

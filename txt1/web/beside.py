@@ -6,11 +6,11 @@ from contextlib import asynccontextmanager
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import services
 from txt1.robot import Robot
-from txt1.web.options import Asked
+from txt1.web.options import PageAsked
 
 
 @asynccontextmanager
-async def beside(robot: Robot, asked: Asked) -> AsyncIterator[None]:
+async def beside(robot: Robot, asked: PageAsked) -> AsyncIterator[None]:
     """Serve the page as long as the block is at work; what other additions offer stands before what it can itself."""
 
     def stop() -> None:

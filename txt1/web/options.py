@@ -117,7 +117,7 @@ def _free(host: str, port: int) -> int:
         raise ConfigError(f"--web {host}:{port}: cannot listen there: {why}; choose another address") from None
 
 
-class Asked(NamedTuple):
+class PageAsked(NamedTuple):
     """The page beside a robot."""
 
     page: WebPage
@@ -125,10 +125,10 @@ class Asked(NamedTuple):
     """Of the robot's time, for the recordings that the page begins."""
 
 
-def asked(arguments: argparse.Namespace, config: Config) -> Asked | None:
+def asked(arguments: argparse.Namespace, config: Config) -> PageAsked | None:
     """Return the page that was asked for, None for none; raises as `web_page`."""
     page = web_page(arguments)
-    return None if page is None else Asked(page, arguments.speed)
+    return None if page is None else PageAsked(page, arguments.speed)
 
 
 OPTIONS: Final = Options("web page", WEB, asked)

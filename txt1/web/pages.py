@@ -18,13 +18,13 @@ from aiohttp import WSCloseCode, web
 from txt1.errors import CommandRefused
 from txt1.kernel.clock import RealClock, seconds
 from txt1.web.auth import Role
-from txt1.web.player import Player, strict
-from txt1.web.wheel import Budget, PageClock, Sequence, Wheel
+from txt1.web.player import PagePlayer, strict
+from txt1.web.wheel import Budget, PageClock, PageWheel, Sequence
 
 MESSAGES: Final = (80.0, 160.0)  # a second, and at once, of one page; more are dropped
 OVERRUNS: Final = 4000.0  # a second, beyond the budgets, of all pages together; the rest waits in its socket
 SLOW: Final = 10.0  # s in which a page must have taken what it was sent
-RATE: Final = 20.0  # telemetry a second
+PAGE_RATE: Final = 20.0  # telemetry a second
 UNSEEN: Final = 0.1  # the same of a robot that no page shows, of several
 FAST: Final = ("/odom", "/odometry/filtered", "/setpoint", "/pose", "/vehicles", "/mode", "/driver")
 FULL: Final = "/capabilities"  # is told with everything else, once a second
@@ -38,11 +38,11 @@ def now() -> float:
 
 
 @dataclass(eq=False)
-class Car:
+class PageRobot:
     """One robot, as pages see it."""
 
     name: str  # empty where there is only one
-    wheel: Wheel = field(default_factory=Wheel)
+    wheel: PageWheel = field(default_factory=PageWheel)
     full: str = ""  # the newest telemetry with everything in it
     wanted: tuple[frozenset[str], float] | None = None  # topics asked for, and how often a second
 
@@ -55,14 +55,14 @@ class Page:
     role: Role
     address: str
     socket: web.WebSocketResponse
-    car: Car  # the robot that it shows
+    car: PageRobot  # the robot that it shows
     clock: PageClock = field(default_factory=PageClock)
     sequence: Sequence = field(default_factory=Sequence)
     budget: Budget = field(default_factory=lambda: Budget(*MESSAGES))
     counts: Counter[str] = field(default_factory=Counter)  # late, dropped and malformed messages
     round_trip: float | None = None  # s, of the last message there and back
     chosen: frozenset[str] = frozenset()  # topics that it plots
-    player: Player | None = None  # of the recording it sees in place of the robot
+    player: PagePlayer | None = None  # of the recording it sees in place of the robot
     outbox: deque[str] = field(default_factory=lambda: deque(maxlen=50))
     newest: str | None = None  # telemetry that waits to be sent
     news: asyncio.Event = field(default_factory=asyncio.Event)
@@ -108,7 +108,7 @@ class Pages:
         self, robot: Robots, folder: Path, limit: float, others: Mapping[str, str], fleet: list[str], invites: bool
     ) -> None:
         self.folder, self.limit = folder, limit
-        self.cars = {name: Car(name) for name in fleet or [""]}
+        self.cars = {name: PageRobot(name) for name in fleet or [""]}
         self.connected: dict[int, Page] = {}
         self.ended = asyncio.Event()  # the robot's process has gone
         self.loading = asyncio.Lock()  # held while a recording is read
@@ -199,7 +199,7 @@ class Pages:
 
     def begin(self) -> None:
         """Ask for the topics of all robots as if no page showed one, and then for what pages show."""
-        wanted = frozenset(FAST), UNSEEN if self._fleet else RATE
+        wanted = frozenset(FAST), UNSEEN if self._fleet else PAGE_RATE
         for car in self.cars.values():
             car.wanted = wanted
         self.ask(None, "subscribe", topics=sorted(wanted[0]), rate=wanted[1], seldom=None)
@@ -222,7 +222,7 @@ class Pages:
         for car in self.cars.values():
             pages = [page for page in self.connected.values() if page.car is car]
             unseen = bool(self._fleet) and not pages
-            wanted = frozenset(FAST).union(*(page.chosen for page in pages)), UNSEEN if unseen else RATE
+            wanted = frozenset(FAST).union(*(page.chosen for page in pages)), UNSEEN if unseen else PAGE_RATE
             if wanted != car.wanted:
                 car.wanted = wanted
                 if unseen:
@@ -245,11 +245,11 @@ class Pages:
             for each in json.loads(line, parse_constant=lambda _: None):
                 car = self.cars.get(each["name"])
                 if car is None:  # one that has come to a fleet on a network
-                    car = self.cars[each["name"]] = Car(each["name"])
+                    car = self.cars[each["name"]] = PageRobot(each["name"])
                     self._fleet.append(car.name)
                 self._show(car, json.dumps(each, separators=(",", ":")))
 
-    def _show(self, car: Car, text: str) -> None:
+    def _show(self, car: PageRobot, text: str) -> None:
         if f'"{FULL}":' in text:
             car.full = text
         for page in self.connected.values():

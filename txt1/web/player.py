@@ -16,17 +16,21 @@ from txt1.errors import RecordingError
 if TYPE_CHECKING:
     from txt1.record.snapshots import Snapshots
 
-PERIOD: Final = 0.1  # s between two snapshots
+PLAYER_PERIOD: Final = 0.1  # s between two snapshots
 SIZE_MAX: Final = 200 << 20  # bytes of a recording that is shown: it is held in memory
 SPEED_MAX: Final = 16.0
 LISTED_MAX: Final = 200
-NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")  # of a recording
+RECORDING_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")  # of a recording
 
 
 def recordings(folder: Path) -> list[dict[str, object]]:
     """Name, size in bytes and time (s since 1970) of the recordings in a folder, the newest first."""
     try:
-        found = [(each.stat(), each.name) for each in folder.iterdir() if NAME.fullmatch(each.name) and each.is_file()]
+        found = [
+            (each.stat(), each.name)
+            for each in folder.iterdir()
+            if RECORDING_NAME.fullmatch(each.name) and each.is_file()
+        ]
     except OSError:
         return []
     found.sort(key=lambda each: -each[0].st_mtime)
@@ -41,7 +45,7 @@ def strict(line: str) -> str:
 
 
 @dataclass(eq=False)
-class Player:
+class PagePlayer:
     """Plays a recording for one page."""
 
     name: str
@@ -93,4 +97,4 @@ class Player:
                 self.position, self._moved = position, False
                 show(strict(self.recording.at(position).encode().decode()))
             before = present
-            await asyncio.sleep(PERIOD)
+            await asyncio.sleep(PLAYER_PERIOD)

@@ -14,7 +14,7 @@ from math import isfinite
 from typing import Any, Final
 
 from txt1.web.pages import Page, Pages, now
-from txt1.web.player import NAME, Player, recordings
+from txt1.web.player import RECORDING_NAME, PagePlayer, recordings
 from txt1.web.wheel import AGE_MAX
 
 FLOOD: Final = 5000  # messages dropped after which a page is sent away
@@ -214,7 +214,7 @@ def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
     if page.player is not None:
         page.player.stop()
         page.player = None
-    if name is not None and not NAME.fullmatch(str(name)):
+    if name is not None and not RECORDING_NAME.fullmatch(str(name)):
         raise ValueError("name")
     _give(pages, page, message, present)
     if name is not None:
@@ -227,7 +227,7 @@ def _replay(pages: Pages, page: Page, message: Message, present: float) -> None:
 async def _play(pages: Pages, page: Page, name: str) -> None:
     try:
         async with pages.loading:  # one at a time: it takes memory
-            player = await asyncio.to_thread(Player.open, pages.folder / name)
+            player = await asyncio.to_thread(PagePlayer.open, pages.folder / name)
         if page.number in pages.connected:
             page.player = player
             pages.status(page)

@@ -9,10 +9,10 @@ from typing import Final
 from aiohttp import WSMessage, WSMsgType, web
 
 from txt1.kernel.clock import NS_PER_S, wall_ns
-from txt1.web.auth import Door, Role
+from txt1.web.auth import Auth, Role
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
-from txt1.web.player import NAME
+from txt1.web.player import RECORDING_NAME
 from txt1.web.requests import take
 
 PAGES_MAX: Final = 100
@@ -38,7 +38,7 @@ def wall() -> float:
 class Routes:
     """Answers requests of those whom the door lets in."""
 
-    def __init__(self, door: Door, pages: Pages) -> None:
+    def __init__(self, door: Auth, pages: Pages) -> None:
         self._door, self._pages = door, pages
         self.strangers: dict[web.RequestHandler, float] = {}  # connections without a request yet, and since when
 
@@ -143,7 +143,7 @@ class Routes:
         path = self._pages.folder / name
         if self._role(request) is None:
             raise web.HTTPForbidden(text="sign in first\n")
-        if not NAME.fullmatch(name) or path.is_symlink() or not path.is_file():
+        if not RECORDING_NAME.fullmatch(name) or path.is_symlink() or not path.is_file():
             raise web.HTTPNotFound(text="there is no such recording\n")
         return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{name}"'})
 

@@ -16,7 +16,7 @@ from aiohttp import web
 
 from txt1.record.view_proxy import token_in
 from txt1.sidecar import BEAT, Connection
-from txt1.web.auth import Door
+from txt1.web.auth import Auth
 from txt1.web.pages import Pages, Robots, now
 from txt1.web.routes import STRANGER, Routes
 
@@ -62,7 +62,7 @@ async def serve(
         from txt1.web.certificate import tls  # cryptography takes a while to load
 
         context = tls(Path(certificate), None if key is None else Path(key))
-    door = Door(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
+    door = Auth(None if token is None else token_in(Path(token)), "http" if context is None else "https", port)
     pages = Pages(robot, folder, speed, robots, fleet, invites=door.visitors_token is not None)
     routes = Routes(door, pages)
     runner = web.AppRunner(routes.application(), access_log=None, keepalive_timeout=15.0, shutdown_timeout=0.5)

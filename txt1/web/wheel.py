@@ -86,7 +86,7 @@ class Budget:
         return enough
 
 
-class Wheel:
+class PageWheel:
     """Which page has the wheel, by its number; 0 for none."""
 
     def __init__(self) -> None:

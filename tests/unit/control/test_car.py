@@ -12,7 +12,7 @@ from txt1.control.parameters import KnownCar
 from txt1.control.pid import Gains, VelocityLoops
 from txt1.errors import ConfigError
 from txt1.hal.registry import create_sim
-from txt1.learning.env import Car
+from txt1.learning.env import EpisodeCar
 from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 
@@ -31,7 +31,7 @@ def driven(known: bool, omega: float, seconds: float, *settings: str) -> tuple[f
     """After so many seconds at 0.3 m/s from rest: distance along the path, m, true speed, m/s, angle turned, rad."""
     words = [f"car.known={str(known).lower()}", "sim.noise.drag=0", "sim.room.length=.inf", "sim.room.width=.inf"]
     config = load(None, [*words, *settings]).config
-    car = Car(create_sim(config), config)
+    car = EpisodeCar(create_sim(config), config)
     car.command = (0.3, omega)
     path, last, speed, turned = 0.0, car.pose(0.0), 0.0, 0.0
     for tick in range(round(seconds * 50)):

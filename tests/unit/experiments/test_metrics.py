@@ -23,7 +23,7 @@ from txt1.experiments.metrics import (
     steps,
 )
 from txt1.experiments.profile import Profile
-from txt1.experiments.recording import Measurement, Recording, load, mean_of, save
+from txt1.experiments.recording import Instant, Recording, load, mean_of, save
 from txt1.experiments.runner import Leg
 from txt1.model.battery import pack_voltage, remaining_time
 
@@ -42,9 +42,9 @@ def step_response(truth: bool, after: float = 0.5, overshoot: float = 0.0) -> Re
         set_v = after if t >= 0.0 else 0.0
         way += v * DT
         samples.append(
-            Measurement(k * DT, set_v, true_v=v, true_omega=0.0, true_x=0.0)
+            Instant(k * DT, set_v, true_v=v, true_omega=0.0, true_x=0.0)
             if truth
-            else Measurement(k * DT, set_v, v=v, read=k * DT, way=way)
+            else Instant(k * DT, set_v, v=v, read=k * DT, way=way)
         )
     return Recording(samples)
 
@@ -65,7 +65,7 @@ def test_an_overshoot_is_found() -> None:
 
 
 def test_a_response_that_creeps_up_to_its_end_has_not_overshot() -> None:
-    samples = [Measurement(k * DT, 0.5, true_v=0.5 - 0.1 * exp(-k * DT / 3.0), true_x=0.0) for k in range(300)]
+    samples = [Instant(k * DT, 0.5, true_v=0.5 - 0.1 * exp(-k * DT / 3.0), true_x=0.0) for k in range(300)]
     [step] = steps(Recording(samples))
     assert step.overshoot == 0.0
 
@@ -84,7 +84,7 @@ def noisy(seed: int, bump: float, runs: int) -> list[Recording]:
     times = np.arange(0.0, 6.0, DT)
     return [
         Recording(
-            Measurement(t, 0.5, true_v=0.5 * (1.0 + bump * exp(-(((t - 1.0) / 0.3) ** 2)) + noise), true_x=0.0)
+            Instant(t, 0.5, true_v=0.5 * (1.0 + bump * exp(-(((t - 1.0) / 0.3) ** 2)) + noise), true_x=0.0)
             for t, noise in zip(times, 0.02 * rng.standard_normal(len(times)), strict=True)
         )
         for _ in range(runs)
@@ -119,7 +119,7 @@ def behind_a_line(late: float, jitter: float, rounded: float) -> Recording:
         s = max(read - 1.0, 0.0)
         way = 0.5 * (s - TAU * (1.0 - exp(-s / TAU)))
         samples.append(
-            Measurement(k * DT, 0.5 if k * DT >= 1.0 else 0.0, v=0.5 * (1.0 - exp(-s / TAU)), read=arrived,
+            Instant(k * DT, 0.5 if k * DT >= 1.0 else 0.0, v=0.5 * (1.0 - exp(-s / TAU)), read=arrived,
                    way=rounded * round(way / rounded))
         )  # fmt: skip
     return Recording(samples)
@@ -155,7 +155,7 @@ def test_on_hardware_no_band_is_narrower_than_an_encoder_count() -> None:
 
 def test_a_response_that_never_rests_has_no_settling_time() -> None:
     samples = [
-        Measurement(k * DT, 0.5 if k >= 50 else 0.0, true_v=0.5 + 0.2 * np.sin(k * DT * 2.0), true_x=0.0)
+        Instant(k * DT, 0.5 if k >= 50 else 0.0, true_v=0.5 + 0.2 * np.sin(k * DT * 2.0), true_x=0.0)
         for k in range(600)
     ]
     [step] = steps(Recording(samples))
@@ -163,9 +163,7 @@ def test_a_response_that_never_rests_has_no_settling_time() -> None:
 
 
 def test_a_stop_is_told_apart_from_a_step() -> None:
-    samples = [
-        Measurement(k * DT, 0.5 if k < 100 else 0.0, true_v=0.5 if k < 100 else 0.0, true_x=0.0) for k in range(200)
-    ]
+    samples = [Instant(k * DT, 0.5 if k < 100 else 0.0, true_v=0.5 if k < 100 else 0.0, true_x=0.0) for k in range(200)]
     recording = Recording(samples)
     assert [step.after for step in steps(recording)] == [0.5]
     assert len(steps(recording, stops=True)) == 1
@@ -176,7 +174,7 @@ def test_the_droop_is_the_share_of_speed_that_is_lost() -> None:
     for k in range(300):
         turning = k >= 150
         v = 0.45 if 150 <= k < 180 else 0.5
-        samples.append(Measurement(k * DT, 0.5, 0.8 if turning else 0.0, true_v=v, true_x=0.0))
+        samples.append(Instant(k * DT, 0.5, 0.8 if turning else 0.0, true_v=v, true_x=0.0))
     [droop] = droops(Recording(samples))
     assert droop.droop == pytest.approx(0.1, abs=0.005)
 
@@ -187,7 +185,7 @@ def test_a_circle_has_its_radius_and_the_distance_of_its_laps(drift: float) -> N
     for k in range(2000):
         angle = 0.5 * k * DT
         samples.append(
-            Measurement(k * DT, 0.5, 0.5, true_v=0.5, true_omega=0.5,
+            Instant(k * DT, 0.5, 0.5, true_v=0.5, true_omega=0.5,
                    true_x=np.cos(angle) + drift * angle, true_y=np.sin(angle), true_theta=angle + pi / 2.0)
         )  # fmt: skip
     found = circle(Recording(samples))
@@ -198,13 +196,13 @@ def test_a_circle_has_its_radius_and_the_distance_of_its_laps(drift: float) -> N
 
 
 def test_paths_apart_is_the_distance_of_places_from_the_line() -> None:
-    straight = Recording([Measurement(k * DT, 0.5, x=0.01 * k) for k in range(200)])
-    beside = Recording([Measurement(k * DT, 0.5, x=0.013 * k, y=0.02) for k in range(150)])
+    straight = Recording([Instant(k * DT, 0.5, x=0.01 * k) for k in range(200)])
+    beside = Recording([Instant(k * DT, 0.5, x=0.013 * k, y=0.02) for k in range(150)])
     assert paths_apart(straight, beside) == pytest.approx((0.02, 0.02))
 
 
 def test_cross_track_is_left_positive_and_counted_round_the_corner_only() -> None:
-    samples = [Measurement(k * DT, 0.5, true_x=0.01 * k, true_y=0.05) for k in range(400)]
+    samples = [Instant(k * DT, 0.5, true_x=0.01 * k, true_y=0.05) for k in range(400)]
     recording = Recording(samples)
     legs = [Leg(0.0, (-1.0, 0.0), (0.0, 0.0)), Leg(0.0, (0.0, 0.0), (4.0, 0.0))]
     assert cross_track(recording, legs[1]) == pytest.approx(0.05)
@@ -215,7 +213,7 @@ def test_cross_track_is_left_positive_and_counted_round_the_corner_only() -> Non
 
 def test_the_discharge_line_is_recovered() -> None:
     samples = [
-        Measurement(60.0 * m, voltage=pack_voltage(m), remaining=remaining_time(pack_voltage(m)))
+        Instant(60.0 * m, voltage=pack_voltage(m), remaining=remaining_time(pack_voltage(m)))
         for m in np.arange(0, 50, 0.1)
     ]
     found = battery(Recording(samples))

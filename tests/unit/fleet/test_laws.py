@@ -12,7 +12,7 @@ from benchmarks.cooperation import convoy, coverage, rendezvous
 from txt1.errors import ConfigError
 from txt1.fleet.convoy import TRACK_MAX, Follower, amplification
 from txt1.fleet.law import LAWS, make_law
-from txt1.fleet.radio import Air, Said
+from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
 from txt1.fleet.steering import APART, allowed, toward
 
@@ -106,7 +106,7 @@ def test_who_is_silent_for_one_law_is_waited_for() -> None:
 
 
 def test_the_air_has_a_reach() -> None:
-    air = Air(reach=2.0)
+    air = Radio(reach=2.0)
     voices = {name: air.voice(name) for name in "abc"}
     for _ in range(2):
         for at, voice in enumerate(voices.values()):

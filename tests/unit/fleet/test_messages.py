@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
     LARGEST,
-    SIZE,
+    MESSAGE_SIZE,
     TEXT_MAX,
-    Answer,
+    StopAnswer,
     answer_of,
     drive_of,
     message_of,
@@ -97,13 +97,13 @@ def test_a_message_of_a_name_that_is_none_is_no_message(name: object) -> None:
 
 
 def test_a_message_too_long_is_none() -> None:
-    assert message_of(json.dumps({**PROPER, "more": "x" * SIZE}).encode()) is None
+    assert message_of(json.dumps({**PROPER, "more": "x" * MESSAGE_SIZE}).encode()) is None
 
 
 def test_only_true_is_closed() -> None:
-    assert answer_of({"closed": True}) == Answer(True)
+    assert answer_of({"closed": True}) == StopAnswer(True)
     for other in (1, "yes", [1], None):
-        assert answer_of({"closed": other, "why": "armed"}) == Answer(False, "armed")
+        assert answer_of({"closed": other, "why": "armed"}) == StopAnswer(False, "armed")
 
 
 def test_the_list_of_the_others_has_room_in_a_message_to_the_robot() -> None:

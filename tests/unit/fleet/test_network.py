@@ -12,7 +12,7 @@ import pytest
 
 from tests.patience import LIMIT, wait_until
 from txt1.errors import CommandRefused, ConfigError
-from txt1.fleet.messages import SIZE, Answer
+from txt1.fleet.messages import MESSAGE_SIZE, StopAnswer
 from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration
 from txt1.fleet.page import Network
 from txt1.fleet.stopping import Standing
@@ -38,13 +38,13 @@ class Team:
         self.space = f"test{uuid4().hex}"  # other tests run at the same time
 
     def join(self, name: str, loss: float = 0.0, console: bool = False) -> Peer:
-        def stop(who: str, identity: str) -> Answer | None:
+        def stop(who: str, identity: str) -> StopAnswer | None:
             if not identity or (name, identity) not in self._obeyed:
                 self._obeyed.add((name, identity))
                 self.stopped.append((name, who))
             if len(self.stopped) >= self.waits_for:
                 self.all_stopped.set()
-            return None if console else Answer(name not in self.armed, "it was armed again" * (name in self.armed))
+            return None if console else StopAnswer(name not in self.armed, "it was armed again" * (name in self.armed))
 
         hooks = Hooks(stop, lambda who, v, omega: self.driven.append((name, v, omega)))
         peer = Peer(name, hooks=hooks, loss=loss, space=self.space, console=console)
@@ -219,7 +219,7 @@ def test_what_was_learned_is_heard_though_messages_are_lost_unless_it_is_too_lon
 
     assert team.until(heard)
     for _ in range(5):
-        one.teach({"learner": "x" * SIZE})
+        one.teach({"learner": "x" * MESSAGE_SIZE})
     before = two.now
 
     def heard_again() -> bool:

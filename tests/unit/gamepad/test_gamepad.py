@@ -14,7 +14,7 @@ from tests.unit.gamepad.test_pad import by_chance, does_what_the_manual_says
 from tests.unit.gamepad.virtual_pad import VirtualPad
 from txt1.gamepad.bridge import Devices
 from txt1.gamepad.command import described, mapping_line, moved
-from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, Reading
+from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 
 HELD_AND_PRESSED = ("a", "b", "start", "y", "back", "x")
 
@@ -28,7 +28,7 @@ def devices() -> Iterator[Devices]:
     devices.close()
 
 
-def soon(devices: Devices, number: int) -> dict[int, tuple[Reading, float]]:
+def soon(devices: Devices, number: int) -> dict[int, tuple[PadState, float]]:
     """The readings once there are so many pads: SDL tells of one now and of its parts with the next look."""
     for _ in range(5):
         found = devices.look()
@@ -36,7 +36,7 @@ def soon(devices: Devices, number: int) -> dict[int, tuple[Reading, float]]:
     return found
 
 
-def only(devices: Devices) -> Reading:
+def only(devices: Devices) -> PadState:
     devices.look()
     [(reading, _)] = devices.look().values()
     return reading
@@ -63,7 +63,7 @@ def test_a_pad_does_what_the_manual_says_in_a_thousand_random_sequences(devices:
     pad, random = VirtualPad(), Random(1)
     devices.look()
 
-    def held(reading: Reading) -> Reading:
+    def held(reading: PadState) -> PadState:
         """Move the pad's parts, and what SDL makes of it."""
         for name, value in reading.axes.items():
             pad.push(name, 2.0 * value - 1.0 if "trigger" in name else value)
@@ -119,5 +119,5 @@ def test_the_wizard_knows_the_part_that_moves_and_writes_it_down() -> None:
 
 
 def test_a_reading_in_words() -> None:
-    assert described(Reading(frozenset({"b", "a"}), {"leftx": -0.5})) == "leftx -0.50  a b"
-    assert described(Reading()).endswith("no button")
+    assert described(PadState(frozenset({"b", "a"}), {"leftx": -0.5})) == "leftx -0.50  a b"
+    assert described(PadState()).endswith("no button")

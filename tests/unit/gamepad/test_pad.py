@@ -9,14 +9,14 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.gamepad.pad import AXES, BUTTONS, DEAD, HOLD, Pad, PadParameters, Pads, Reading, Wish, velocity
+from txt1.gamepad.pad import AXES, BUTTONS, DEAD, HOLD, Pad, PadParameters, Pads, PadState, Wish, velocity
 
 R = 0.56
 ORIGINAL = PadParameters()
 
 axis = st.floats(-1.0, 1.0) | st.sampled_from([0.0, 1.0, -1.0, DEAD, -DEAD])
 readings = st.builds(
-    Reading,
+    PadState,
     st.frozensets(st.sampled_from(["a", "b", "start", "y", "back", "x"])),
     st.fixed_dictionaries({name: st.floats(0.0, 1.0) if "trigger" in name else axis for name in AXES}),
 )
@@ -30,21 +30,21 @@ def bent(value: float) -> float:
     return (value - DEAD) / (1 - DEAD) if value > 0 else (value + DEAD) / (1 - DEAD)
 
 
-def by_chance(random: Random) -> Reading:
+def by_chance(random: Random) -> PadState:
     """A reading that keeps a button as often as not, and an axis at its ends now and then."""
     down = frozenset(name for name in ("a", "a", "b", "start", "start", "y", "back", "x") if random.random() < 0.4)
     ends = (0.0, 1.0, -1.0, DEAD, -DEAD)
     axes = {name: random.choice(ends) if random.random() < 0.3 else random.uniform(-1.0, 1.0) for name in AXES}
-    return Reading(down, {name: abs(value) if "trigger" in name else value for name, value in axes.items()})
+    return PadState(down, {name: abs(value) if "trigger" in name else value for name, value in axes.items()})
 
 
 @settings(max_examples=30)
 @given(steps)
-def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
+def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
     does_what_the_manual_says(sequence)
 
 
-def does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
+def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
     pad, now = Pad(ORIGINAL, R), 0.0
     before: frozenset[str] = frozenset()
     up = False  # the dead-man has been up since the pad came
@@ -78,7 +78,7 @@ def does_what_the_manual_says(sequence: list[tuple[float, Reading]]) -> None:
 
 @settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.dictionaries(st.integers(0, 2), readings)), max_size=25))
-def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, Reading]]]) -> None:
+def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, PadState]]]) -> None:
     pads, now, driver = Pads(ORIGINAL, R), 0.0, None
     stops: dict[int, bool] = {}
     for pause, there in sequence:
@@ -96,61 +96,61 @@ def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float,
         stops, driver = pressed, pads.driver
 
 
-HELD = Reading(frozenset({"a"}), {"lefty": -1.0})
+HELD = PadState(frozenset({"a"}), {"lefty": -1.0})
 
 
 def test_full_deflection_is_the_original_s_speed_and_left_is_left() -> None:
     assert repr(velocity(HELD, ORIGINAL, R)) == "(1.5, 0.0)"
-    assert velocity(Reading(axes={"lefty": -1.01, "leftx": -1.01}), ORIGINAL, R) == (1.5, 1.5 / R), "a pad that is off"
-    assert velocity(Reading(axes={"lefty": 1.0, "leftx": -1.0}), ORIGINAL, R) == (-1.5, 1.5 / R)
-    assert velocity(Reading(axes={"leftx": -1.0}), ORIGINAL, R) == (0.0, 0.0), "a car does not turn on the spot"
-    assert velocity(Reading(axes={"lefty": nan, "leftx": inf}), ORIGINAL, R) == (0.0, 0.0)
+    assert velocity(PadState(axes={"lefty": -1.01, "leftx": -1.01}), ORIGINAL, R) == (1.5, 1.5 / R), "a pad that is off"
+    assert velocity(PadState(axes={"lefty": 1.0, "leftx": -1.0}), ORIGINAL, R) == (-1.5, 1.5 / R)
+    assert velocity(PadState(axes={"leftx": -1.0}), ORIGINAL, R) == (0.0, 0.0), "a car does not turn on the spot"
+    assert velocity(PadState(axes={"lefty": nan, "leftx": inf}), ORIGINAL, R) == (0.0, 0.0)
 
 
 def test_a_dead_man_that_was_down_from_the_first_does_not_count() -> None:
     pad = Pad(ORIGINAL, R)
     assert pad.take(HELD, 0.0, 0.0) == Wish()
     assert pad.take(HELD, 1.0, 1.0) == Wish()
-    pad.take(Reading(), 1.1, 1.1)
+    pad.take(PadState(), 1.1, 1.1)
     assert pad.take(HELD, 1.2, 1.2).velocity == (1.5, 0.0)
 
 
 def test_a_pad_that_reports_all_the_time_is_gone_when_it_is_silent() -> None:
     pad = Pad(replace(ORIGINAL, silence=0.2), R)
-    pad.take(Reading(), 0.0, 0.0)
+    pad.take(PadState(), 0.0, 0.0)
     assert pad.take(HELD, 0.1, 0.1).velocity is not None
     assert pad.take(HELD, 0.25, 0.1).velocity is not None
     assert pad.take(HELD, 0.35, 0.1).velocity is None
     assert pad.take(HELD, 0.40, 0.4).velocity is None, "not before the dead-man was up"
-    pad.take(Reading(), 0.45, 0.45)
+    pad.take(PadState(), 0.45, 0.45)
     assert pad.take(HELD, 0.50, 0.5).velocity is not None
 
 
 def test_a_pad_is_silent_only_after_its_time() -> None:
     pad = Pad(replace(ORIGINAL, silence=0.25), R)
-    pad.take(Reading(), 0.0, 0.0)
+    pad.take(PadState(), 0.0, 0.0)
     assert pad.take(HELD, 0.25, 0.0).velocity is not None
 
 
 def test_the_arm_button_arms_once_when_it_was_held_for_half_a_second() -> None:
-    pad, start = Pad(ORIGINAL, R), Reading(frozenset({"start"}))
+    pad, start = Pad(ORIGINAL, R), PadState(frozenset({"start"}))
     assert [pad.take(start, now, now).arm for now in (1.0, 1.25, 1.484375, 1.5, 1.75, 3.0)] == [
         *[False] * 3,
         True,
         *[False] * 2,
     ]
-    pad.take(Reading(), 3.0, 3.0)
+    pad.take(PadState(), 3.0, 3.0)
     assert [pad.take(start, now, now).arm for now in (4.0, 4.25, 4.5)] == [False, False, True]
 
 
 def test_a_pad_that_waits_takes_over_only_when_it_is_pressed_anew() -> None:
     pads = Pads(ORIGINAL, R)
-    pads.take({1: (Reading(), 0.0), 2: (Reading(), 0.0)}, 0.0)
-    pads.take({1: (HELD, 0.1), 2: (Reading(), 0.1)}, 0.1)
+    pads.take({1: (PadState(), 0.0), 2: (PadState(), 0.0)}, 0.0)
+    pads.take({1: (HELD, 0.1), 2: (PadState(), 0.1)}, 0.1)
     pads.take({1: (HELD, 0.2), 2: (HELD, 0.2)}, 0.2)
-    assert pads.take({1: (Reading(), 0.3), 2: (HELD, 0.3)}, 0.3).velocity is None
+    assert pads.take({1: (PadState(), 0.3), 2: (HELD, 0.3)}, 0.3).velocity is None
     assert pads.take({2: (HELD, 0.4)}, 0.4).velocity is None
-    pads.take({2: (Reading(), 0.5)}, 0.5)
+    pads.take({2: (PadState(), 0.5)}, 0.5)
     assert pads.take({2: (HELD, 0.6)}, 0.6).velocity == (1.5, 0.0)
     assert pads.take({}, 0.7) == Wish()
 

@@ -24,9 +24,9 @@ from txt1.config import Config, checked, load
 from txt1.control.limits import Outputs
 from txt1.errors import ConfigError, HalError
 from txt1.hal.pi import guard as pi_guard
-from txt1.hal.pi.double import Desk, FakeBus, FileBus, pulse_of
-from txt1.hal.pi.driver import Answer, Options, PiHal, Process, pulses_of, setup_of
-from txt1.hal.pi.guard import Ads1115, Guarded, Pca9685, Quadrature, Setup, guarded, ina219_voltage
+from txt1.hal.pi.double import FakeBus, FileBus, PiDouble, pulse_of
+from txt1.hal.pi.driver import GuardAnswer, PiHal, PiOptions, Process, pulses_of, setup_of
+from txt1.hal.pi.guard import Ads1115, Guarded, GuardSetup, Pca9685, Quadrature, guarded, ina219_voltage
 from txt1.hal.registry import create
 from txt1.kernel.loop import run
 from txt1.model.channels import Channel, Channels
@@ -52,8 +52,8 @@ class Recorder:
     def close(self) -> None: ...
 
 
-def setup(geometry: Geometry = FRONT, **options: Any) -> Setup:
-    return setup_of(checked(Options, options, "hal_options"), geometry)
+def setup(geometry: Geometry = FRONT, **options: Any) -> GuardSetup:
+    return setup_of(checked(PiOptions, options, "hal_options"), geometry)
 
 
 # -- registers, worked out by hand from the data sheets ----------------------------------------------------------------
@@ -104,12 +104,12 @@ def test_golden_voltages() -> None:
     ],
 )
 def test_pulses(outputs: Outputs, options: dict[str, Any], geometry: Geometry, pulses: tuple[float, ...]) -> None:
-    assert pulses_of(outputs, checked(Options, options, "x"), geometry) == pytest.approx(pulses)
+    assert pulses_of(outputs, checked(PiOptions, options, "x"), geometry) == pytest.approx(pulses)
 
 
 def test_neutral_is_where_the_calibration_found_it() -> None:
     channels = Channels(motor=Channel(trim=-480.0), front=Channel(direction=-1, trim=900.0))
-    assert setup_of(Options(), FRONT, channels).neutral == pytest.approx((1490.0, 1480.0))
+    assert setup_of(PiOptions(), FRONT, channels).neutral == pytest.approx((1490.0, 1480.0))
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_gpiozero_counts_the_same_turns_of_an_encoder(gpiozero: Any, steps: list
 @pytest.mark.parametrize("share", [-1.0, -0.25, 0.0, 0.6, 1.0])
 def test_gpiozero_makes_the_same_pulses_of_a_share_of_the_range(gpiozero: Any, header: Header, share: float) -> None:
     guard = guarded(setup(output="gpio", motor=(12,), steering=(13,)))
-    options = checked(Options, {"output": "gpio", "motor": (12,), "steering": (13,)}, "x")
+    options = checked(PiOptions, {"output": "gpio", "motor": (12,), "steering": (13,)}, "x")
     guard.answer(pulses_of(Outputs(motor=round(24000 * share)), options, FRONT))
     mock = import_module("gpiozero.pins.mock")
     servo = gpiozero.Servo(12, initial_value=share, pin_factory=mock.MockFactory(pin_class=mock.MockPWMPin))
@@ -289,8 +289,8 @@ def config(vehicle: str, *words: str) -> Config:
 )
 def test_it_drives_as_asked(vehicle: str, words: tuple[str, ...]) -> None:
     made = config(vehicle, *words)
-    options = checked(Options, made.hal_options, "x")
-    desk = Desk(made, setup_of(options, made.geometry))
+    options = checked(PiOptions, made.hal_options, "x")
+    desk = PiDouble(made, setup_of(options, made.geometry))
     hal = PiHal(desk, options, made.geometry, simulated=True)
 
     async def drive() -> None:
@@ -309,8 +309,8 @@ def test_it_drives_as_asked(vehicle: str, words: tuple[str, ...]) -> None:
 
 def test_a_servo_board_that_loses_its_power_disarms_and_is_set_up_again() -> None:
     made = config("donkeycar")
-    options = checked(Options, made.hal_options, "x")
-    desk = Desk(made, setup_of(options, made.geometry))
+    options = checked(PiOptions, made.hal_options, "x")
+    desk = PiDouble(made, setup_of(options, made.geometry))
     hal = PiHal(desk, options, made.geometry, simulated=True)
 
     async def drive() -> None:
@@ -333,7 +333,7 @@ def test_a_servo_board_that_loses_its_power_disarms_and_is_set_up_again() -> Non
 class Scripted:
     """A guard that answers as told."""
 
-    def __init__(self, *answers: Answer | HalError) -> None:
+    def __init__(self, *answers: GuardAnswer | HalError) -> None:
         self.answers = list(answers)
 
     async def open(self) -> None: ...
@@ -342,7 +342,7 @@ class Scripted:
 
     def put(self, pulses: Sequence[float], now: float) -> None: ...
 
-    def heard(self, now: float) -> Answer | None:
+    def heard(self, now: float) -> GuardAnswer | None:
         answer = self.answers.pop(0)
         if isinstance(answer, HalError):
             raise answer
@@ -352,9 +352,9 @@ class Scripted:
 def test_a_guard_that_has_ended_is_a_loss_however_soon_another_one_answers_and_its_counts_go_on() -> None:
     counts = [(0, 0), (7, 9), None, (0, 0), (2, -1)]
     guard = Scripted(
-        *(HalError("their guard has ended") if each is None else Answer(True, None, each) for each in counts)
+        *(HalError("their guard has ended") if each is None else GuardAnswer(True, None, each) for each in counts)
     )
-    options = checked(Options, {"encoders": ((17, 27), (22, 23)), "motor": (0, 1)}, "x")
+    options = checked(PiOptions, {"encoders": ((17, 27), (22, 23)), "motor": (0, 1)}, "x")
     hal = PiHal(guard, options, SKID)
     seen = [hal.read(time) for time in (0.0, 1.5, 1.52, 1.54, 1.56)]
     assert [each.link.ready for each in seen if each.link] == [False, True, False, False, False]
@@ -429,7 +429,7 @@ def test_each_guard_that_hangs_or_is_killed_is_replaced_behind_neutral_outputs(
     hal = create(config("donkeycar", f"hal_options.bus={registers}"))
     put, seen = pi_guard.neutral_without_guard, []
 
-    def neutral_without_guard(setup: Setup) -> bool:
+    def neutral_without_guard(setup: GuardSetup) -> bool:
         before, living = motor_pulse(registers), processes_of(registers)
         seen.append((before > 1700.0, living, put(setup), motor_pulse(registers)))
         return True

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from txt1.config import Config, load
 from txt1.errors import ConfigError, TaskFault
-from txt1.hal.double import DevicePort
+from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.vesc import driver as vesc
 from txt1.hal.vesc.double import Vesc
-from txt1.hal.vesc.driver import Command, Options, Unpacker, VescHal, packet
+from txt1.hal.vesc.driver import PacketId, Unpacker, VescHal, VescOptions, packet
 from txt1.kernel.loop import run
 from txt1.link.base import Link, connect
 from txt1.robot import Robot
@@ -42,10 +42,10 @@ def crc_bit_by_bit(data: bytes) -> int:
 @pytest.mark.parametrize(
     ("frame", "golden"),
     [
-        (vesc.ask(Command.GET_VALUES), "02 01 04 4084 03"),
-        (vesc.ask(Command.FW_VERSION), "02 01 00 0000 03"),
-        (vesc.ask(Command.ALIVE), "02 01 1e f3ff 03"),
-        (vesc.ask(Command.GET_APPCONF), "02 01 11 0210 03"),
+        (vesc.ask(PacketId.GET_VALUES), "02 01 04 4084 03"),
+        (vesc.ask(PacketId.FW_VERSION), "02 01 00 0000 03"),
+        (vesc.ask(PacketId.ALIVE), "02 01 1e f3ff 03"),
+        (vesc.ask(PacketId.GET_APPCONF), "02 01 11 0210 03"),
         (vesc.set_rpm(1000.0), "02 05 08 000003e8 2b58 03"),
         (vesc.set_duty(0.5), "02 05 05 0000c350 3aa5 03"),
         (vesc.set_current(3.0), "02 05 06 00000bb8 37ac 03"),
@@ -142,7 +142,7 @@ def pyvesc(monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_pyvesc_has_the_same_numbers_for_the_commands(pyvesc: Any) -> None:
     numbers = import_module("pyvesc.VESC.messages").VedderCmd
     theirs = {number.name.removeprefix("COMM_"): int(number) for number in numbers}
-    assert {command.name: theirs[command.name] for command in Command} == {each.name: each.value for each in Command}
+    assert {command.name: theirs[command.name] for command in PacketId} == {each.name: each.value for each in PacketId}
 
 
 @pytest.mark.parametrize(
@@ -164,9 +164,9 @@ def test_we_read_what_pyvesc_writes(pyvesc: Any) -> None:
     setters, getters = (import_module(f"pyvesc.VESC.messages.{name}") for name in ("setters", "getters"))
     assert pyvesc.encode(setters.SetDutyCycle(0.25)) == vesc.set_duty(0.25)
     assert pyvesc.encode(setters.SetServoPosition(0.31)) == vesc.set_servo(0.31)
-    assert pyvesc.encode(setters.Alive()) == vesc.ask(Command.ALIVE)
-    assert pyvesc.encode_request(getters.GetValues()) == vesc.ask(Command.GET_VALUES)
-    assert pyvesc.encode_request(getters.GetVersion()) == vesc.ask(Command.FW_VERSION)
+    assert pyvesc.encode(setters.Alive()) == vesc.ask(PacketId.ALIVE)
+    assert pyvesc.encode_request(getters.GetValues()) == vesc.ask(PacketId.GET_VALUES)
+    assert pyvesc.encode_request(getters.GetVersion()) == vesc.ask(PacketId.FW_VERSION)
 
 
 class Listener:
@@ -206,7 +206,7 @@ def test_pyvesc_drives_the_car_on_the_desk_and_reads_its_values(pyvesc: Any, fir
             await asyncio.sleep(0.1)
         version, values = await asked(getters.GetVersion()), await asked(getters.GetValues())
         assert (version.comm_fw_version, version.fw_version_major) == firmware
-        car, options = device.car, Options()
+        car, options = device.car, VescOptions()
         turns = options.pole_pairs * options.gear / config().geometry.circumference
         assert car.vehicle.state.v > 0.5
         assert values.rpm == pytest.approx(60.0 * turns * car.vehicle.state.v, rel=0.01)
@@ -229,11 +229,11 @@ def config(*words: str) -> Config:
 
 def on_the_desk(
     *words: str, firmware: tuple[int, int] = (6, 5), timeout: float = 1.0
-) -> tuple[VescHal, DevicePort[Vesc]]:
+) -> tuple[VescHal, DoublePort[Vesc]]:
     """The HAL, and the port with a VESC that it drives."""
     made = config(*words)
-    port = DevicePort("vesc", lambda: Vesc(made, firmware, timeout))
-    return VescHal(port, vesc.checked(Options, made.hal_options, "x"), made.geometry, lambda end: end, True), port
+    port = DoublePort("vesc", lambda: Vesc(made, firmware, timeout))
+    return VescHal(port, vesc.checked(VescOptions, made.hal_options, "x"), made.geometry, lambda end: end, True), port
 
 
 @pytest.mark.parametrize("firmware", [(5, 2), (6, 5)])

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from txt1.config import Config, checked, load
 from txt1.errors import ConfigError
 from txt1.hal.base import Inputs
-from txt1.hal.double import DevicePort
+from txt1.hal.double import DoublePort
 from txt1.hal.registry import create
 from txt1.hal.waveshare import driver as waveshare
 from txt1.hal.waveshare.double import Waveshare
-from txt1.hal.waveshare.driver import Lines, Options, Report, WaveshareHal, goes_on, report_of, rolls_on
+from txt1.hal.waveshare.driver import BoardReport, Lines, WaveshareHal, WaveshareOptions, goes_on, report_of, rolls_on
 from txt1.kernel.loop import run
 from txt1.link.base import End, Link, connect
 from txt1.model.odometry import Odometry
@@ -38,10 +38,10 @@ def test_golden_commands() -> None:
 
 
 def test_golden_reports() -> None:
-    assert report_of(json.loads(UGV)) == Report(0.25, -0.5, 0.56, -0.2, 12.16, -89.0)
-    assert report_of(json.loads(EARLIER)) == Report(0.25, -0.5, 0.56, -0.2, 11.0, 0.3)
+    assert report_of(json.loads(UGV)) == BoardReport(0.25, -0.5, 0.56, -0.2, 12.16, -89.0)
+    assert report_of(json.loads(EARLIER)) == BoardReport(0.25, -0.5, 0.56, -0.2, 11.0, 0.3)
     assert report_of({"T": 1005, "L": 1}) is None
-    assert report_of({"T": 1001, "L": "1", "R": True, "v": float("nan")}) == Report(*[None] * 6)
+    assert report_of({"T": 1001, "L": "1", "R": True, "v": float("nan")}) == BoardReport(*[None] * 6)
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,12 @@ def config(*words: str) -> Config:
     return load(None, settings, {}, {"hal": "waveshare"}).config
 
 
-def on_the_desk(made: Config) -> tuple[WaveshareHal, DevicePort[Waveshare]]:
+def on_the_desk(made: Config) -> tuple[WaveshareHal, DoublePort[Waveshare]]:
     """The HAL, and the port with a board that it drives."""
-    port = DevicePort("waveshare", lambda: Waveshare(made))
-    return WaveshareHal(port, checked(Options, made.hal_options, "x"), made.geometry, lambda end: end, True), port
+    port = DoublePort("waveshare", lambda: Waveshare(made))
+    return WaveshareHal(
+        port, checked(WaveshareOptions, made.hal_options, "x"), made.geometry, lambda end: end, True
+    ), port
 
 
 @pytest.mark.parametrize("gyro", ["0.001064", "0"])
@@ -192,7 +194,7 @@ class Script:
 def told_by(script: Script, say: Callable[[], Coroutine[Any, Any, None]]) -> Inputs:
     """What the HAL reports when the board has said that."""
     made = config()
-    hal = WaveshareHal(script, Options(), made.geometry, lambda end: end, True)
+    hal = WaveshareHal(script, WaveshareOptions(), made.geometry, lambda end: end, True)
 
     async def look() -> Inputs:
         await hal.open()
@@ -240,7 +242,8 @@ def test_no_motion_of_a_rover_is_doubted(v: float, acceleration: float, dt: floa
     after = min(max(v + acceleration * dt, -1.5), 1.5)
     path = begin + 0.5 * (v + after) * dt
     one, two = (
-        Report(u, u, int(100.0 * p) / 100.0, int(100.0 * p) / 100.0, 12.0, 0.0) for u, p in ((v, begin), (after, path))
+        BoardReport(u, u, int(100.0 * p) / 100.0, int(100.0 * p) / 100.0, 12.0, 0.0)
+        for u, p in ((v, begin), (after, path))
     )
     assert rolls_on(one, two, dt)
     assert goes_on(one, two, dt, 0.001064)

@@ -14,7 +14,7 @@ from txt1.control.parameters import Safety
 from txt1.hal.registry import create_sim
 from txt1.learning import batch
 from txt1.learning.batch import Batch
-from txt1.learning.env import Car
+from txt1.learning.env import EpisodeCar
 from txt1.learning.trial import COMMANDS
 from txt1.model.vehicle import Geometry
 from txt1.sim.lamp import PointLight, illuminances
@@ -31,7 +31,7 @@ def held_against_the_runtime(ticks: int = 400) -> float:
     """The largest difference in pose and sensed velocities in random driving by the environment's robots."""
     endless = load(overrides=["sim.noise.drag=0", "sim.room={length: .inf, width: .inf}", "sim.start=[1, 0.5, 0.3]"])
     configs = [endless.config.model_copy(update={"seed": seed}) for seed in range(COUNT)]
-    cars = [Car(create_sim(config), config) for config in configs]
+    cars = [EpisodeCar(create_sim(config), config) for config in configs]
     many = robots(COUNT)
     many.place(np.ones(COUNT, bool), np.tile([1.0, 0.5, 0.3], (COUNT, 1)), np.random.default_rng(0))
     many.robots[batch.PHASE : batch.PHASE + 2] = np.transpose(

@@ -70,7 +70,7 @@ def test_the_environments_robot_drives_as_the_running_robot_does() -> None:
             return robot.odometry, robot.pose
 
     running, pose = txt1.run(drive(), speed="max")
-    car = env.Car(create_sim(config), config)
+    car = env.EpisodeCar(create_sim(config), config)
     for tick in range(50 * (1 + len(commands)) + 1):
         k = (20 * tick - 1010) // 1000
         car.command = (0.0, 0.0) if k < 0 else commands[k]

@@ -9,7 +9,7 @@ from txt1.config import load
 from txt1.learning import neural
 from txt1.learning.agents import make
 from txt1.learning.lockstep import trials
-from txt1.learning.neural import NeuralAgent, Settings
+from txt1.learning.neural import NeuralAgent, NeuralSettings
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
@@ -52,7 +52,7 @@ def test_the_slopes_of_the_networks_are_those_of_differences() -> None:
 
 
 def test_it_comes_to_foretell_what_its_actions_do_and_takes_the_one_that_brightens() -> None:
-    agent = NeuralAgent(np.random.default_rng(1), 3, Settings(ahead=8, steps=6, blind=60))
+    agent = NeuralAgent(np.random.default_rng(1), 3, NeuralSettings(ahead=8, steps=6, blind=60))
     for _ in range(3):
         driven(agent, 60)
     agent.begin()
@@ -65,7 +65,7 @@ def test_it_comes_to_foretell_what_its_actions_do_and_takes_the_one_that_brighte
 
 
 def test_it_carries_on_from_what_it_kept_and_a_void_episode_leaves_no_trace() -> None:
-    settings = Settings(ahead=6, hidden=8, latent=4)
+    settings = NeuralSettings(ahead=6, hidden=8, latent=4)
     one, other = (NeuralAgent(np.random.default_rng(k), 3, settings) for k in (1, 2))
     driven(one, 50)
     other.recall(one.memory())
@@ -81,7 +81,7 @@ def test_it_carries_on_from_what_it_kept_and_a_void_episode_leaves_no_trace() ->
 
 
 def test_stored_networks_drive_as_they_did_and_learn_no_more() -> None:
-    settings = Settings(ahead=6, hidden=8, latent=4)
+    settings = NeuralSettings(ahead=6, hidden=8, latent=4)
     one = NeuralAgent(np.random.default_rng(1), 3, settings)
     driven(one, 50)
     config = load(None, ["learning.neural={ahead: 6, hidden: 8, latent: 4}"]).config

@@ -9,7 +9,7 @@ from txt1.config import load
 from txt1.learning import taxis
 from txt1.learning.agents import make
 from txt1.learning.lockstep import trials
-from txt1.learning.taxis import Settings, TaxisAgent
+from txt1.learning.taxis import TaxisAgent, TaxisSettings
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 
@@ -36,7 +36,7 @@ def test_it_comes_to_do_what_brightens(better: int) -> None:
 
 
 def test_without_learning_it_does_not() -> None:
-    agent = TaxisAgent(np.random.default_rng(1), 3, Settings(alpha=1e-12, beta=1e-12, longer=0.0))
+    agent = TaxisAgent(np.random.default_rng(1), 3, TaxisSettings(alpha=1e-12, beta=1e-12, longer=0.0))
     assert 0.2 < driven(agent, 600, 1) < 0.47
 
 

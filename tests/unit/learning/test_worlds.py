@@ -67,7 +67,7 @@ def test_who_does_not_believe_the_sensors_has_no_figures() -> None:
 
 
 def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
-    world, asked = suite.World("w", Config()), list[list[int]]()
+    world, asked = suite.SuiteWorld("w", Config()), list[list[int]]()
 
     def each(work: Callable[[str], str], texts: Mapping[int, str], last: int = 2) -> Iterator[tuple[int, str]]:
         for number, text in list(texts.items())[-last:][::-1]:  # as they come

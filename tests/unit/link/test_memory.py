@@ -15,7 +15,7 @@ from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
 from txt1.link.base import BACKLOG, connect
 from txt1.link.impairments import Way, faulty, paced
-from txt1.sim.serial_line import Line, LineFault, LineFaults
+from txt1.sim.serial_line import LineFault, LineFaults, SerialLine
 
 
 def test_memory_takes_no_time_and_keeps_pieces_as_they_were_written() -> None:
@@ -193,7 +193,7 @@ def test_a_loop_that_is_late_does_not_let_a_piece_overtake_another() -> None:
 def test_pieces_that_merge_are_handed_on_as_one() -> None:
     async def main() -> None:
         got: list[bytes] = []
-        way = Way(Line(LineFaults(merge=0.02), default_rng(1)), got.append)
+        way = Way(SerialLine(LineFaults(merge=0.02), default_rng(1)), got.append)
         for piece in (b"one, ", b"two, ", b"three"):
             await asyncio.sleep(0.004)
             way.send(piece)

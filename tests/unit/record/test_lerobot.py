@@ -10,7 +10,7 @@ import pytest
 from pyarrow import parquet
 
 from txt1.cli import execute
-from txt1.record.reading import Decoding, Reading
+from txt1.record.reading import Decoding, FilePass
 
 
 def test_a_dataset_has_the_learners_episodes_as_they_were_recorded(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_a_dataset_has_the_learners_episodes_as_they_were_recorded(tmp_path: Pat
     assert np.allclose(data["timestamp"], np.array(data["frame_index"]) / 20.0)
     assert parquet.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == ["drive to the light"]
 
-    recorded = [(item.name, item.time, decoding.message(item)) for decoding in [Decoding()] for item in Reading(file)]
+    recorded = [(item.name, item.time, decoding.message(item)) for decoding in [Decoding()] for item in FilePass(file)]
 
     def last(topic: str, until: float) -> Any:
         return next(message for name, time, message in reversed(recorded) if name == topic and time <= until)

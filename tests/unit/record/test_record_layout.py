@@ -16,7 +16,7 @@ import txt1.sensors.light  # noqa: F401  # all of them declare topics
 from txt1.estimation.task import FILTERED
 from txt1.model.estimate import Estimate
 from txt1.record.encoder import Encoder
-from txt1.record.layout import Layout, encode
+from txt1.record.layout import MessageBuffer, encode
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import TOPICS
 
@@ -44,7 +44,7 @@ def test_the_standard_messages_are_defined_as_ros_defines_them(ros: Any) -> None
 
 def test_every_message_can_be_read_by_ros_tools(ros: Any) -> None:
     for topic in TOPICS.values():
-        layout = Layout(topic.message, topic.constants)
+        layout = MessageBuffer(topic.message, topic.constants)
         assert set(topic.paths) <= set(layout.places)
         ros.deserialize_cdr(bytes(layout), schema_name(topic.message))
 
@@ -53,7 +53,7 @@ def test_every_message_can_be_read_by_ros_tools(ros: Any) -> None:
 def test_numbers_and_strings_come_back(
     ros: Any, frame: str, child: str, x: float, omega: float, sec: int, nanosec: int
 ) -> None:
-    message = Layout("nav_msgs/Odometry", {"header": {"frame_id": frame}, "child_frame_id": child})
+    message = MessageBuffer("nav_msgs/Odometry", {"header": {"frame_id": frame}, "child_frame_id": child})
     paths = "header.stamp.sec", "header.stamp.nanosec", "pose.pose.position.x", "twist.twist.angular.z"
     for path, number in zip(paths, (sec, nanosec, x, omega), strict=True):
         place, code = message.places[path]
@@ -85,7 +85,7 @@ def test_nested_sequences_and_bytes_come_back(ros: Any, statuses: list[Any], dat
 
 def test_an_array_takes_as_many_values_as_it_has() -> None:
     with pytest.raises(ValueError, match=r"lux takes 4 values, not 3"):
-        Layout("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
+        MessageBuffer("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
 
 
 def test_a_message_is_the_same_alone_as_in_a_cycle_in_whatever_order_its_topic_names_the_fields() -> None:

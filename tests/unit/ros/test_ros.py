@@ -19,12 +19,12 @@ from urdf_parser_py.urdf import URDF
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.model.vehicle import STEERING_MAX, Geometry
-from txt1.record.layout import Layout
+from txt1.record.layout import MessageBuffer
 from txt1.record.rosbag1 import Converter
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.definitions import ACTIONS, SERVICES, own, write_package
-from txt1.ros.publisher import Feed
+from txt1.ros.publisher import Publisher
 from txt1.ros.python import INSTALLED, ros2
 from txt1.ros.stamps import Publishers, Stamps
 from txt1.ros.topics import JOINTS, TO_OPTICAL, recorded, turned
@@ -101,7 +101,7 @@ def test_every_message_is_read_by_another_library_on_both_generations(
         if name in store.fielddefs:
             assert store.fielddefs[name][1] == fields[1], f"{name} is ROS's own, and has ROS's fields"
     store.register({name: fields for name, fields in found.items() if name not in store.fielddefs})
-    data = bytes(Layout(message))
+    data = bytes(MessageBuffer(message))
     read = store.deserialize_cdr(data, kind)
     assert bytes(store.serialize_cdr(read, kind)) == data
     converter.add(kind, text)
@@ -164,7 +164,7 @@ def test_a_value_that_is_no_message_is_told_once_and_costs_no_other_topic_its_me
 
     async def listen() -> None:
         async with Robot.open("sim", seed=1) as robot:
-            feed = Feed(robot.runtime, said.append)
+            feed = Publisher(robot.runtime, said.append)
             feed.begin()
             for _ in range(3):
                 await asyncio.sleep(0.1)

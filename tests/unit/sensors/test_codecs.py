@@ -46,7 +46,7 @@ class Wire(Link):
 
 
 def test_an_imu_at_rest_that_turns_left() -> None:
-    ((reading, time, _),) = imu_3dmgx2.Decoder().feed(AT_REST)
+    ((reading, time, _),) = imu_3dmgx2.ImuDecoder().feed(AT_REST)
     assert reading.acceleration == pytest.approx((0.0, 0.0, 9.80665))
     assert reading.rates == (0.0, 0.0, 0.5)
     assert reading.orientation == pytest.approx((0.0, 0.0, 0.0, 1.0))
@@ -54,7 +54,7 @@ def test_an_imu_at_rest_that_turns_left() -> None:
 
 
 def test_a_gx3_counts_slower_and_has_a_longer_stop_command() -> None:
-    decoder = imu_3dmgx2.Decoder("gx3", magnetic=True)
+    decoder = imu_3dmgx2.ImuDecoder("gx3", magnetic=True)
     assert decoder.to_send() == bytes.fromhex("FA 75 B4  C4 C1 29 CC")
     numbers = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.2, 0.3, 0.4, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     ((reading, time, _),) = decoder.feed(imu_3dmgx2.pack(0xCC, numbers, 62500))
@@ -76,7 +76,7 @@ def test_an_orientation_survives_the_matrix(given: tuple[float, float, float, fl
 
 
 def test_the_timer_goes_on_where_it_wraps() -> None:
-    decoder = imu_3dmgx2.Decoder()
+    decoder = imu_3dmgx2.ImuDecoder()
     numbers = (0.0,) * 6 + (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     times = [decoder.feed(imu_3dmgx2.pack(0xC8, numbers, ticks))[0].time for ticks in (2**32 - 196608, 0, 196608)]
     assert np.diff([time or 0.0 for time in times]) == pytest.approx([0.01, 0.01])
@@ -92,7 +92,7 @@ def test_the_numbers_of_a_scan() -> None:
     assert laser_scip.decode(b"CB") == 1234
     assert laser_scip.decode(b"1Dh") == 5432
     assert laser_scip.encode(5432, 3) == b"1Dh"
-    decoder = laser_scip.Decoder()
+    decoder = laser_scip.ScipDecoder()
     assert decoder.to_send() == b"QT\nPP\n"
     assert decoder.feed(PARAMETERS) == []
     assert decoder.to_send() == b"MD0000000201000\n"
@@ -105,7 +105,7 @@ def test_the_numbers_of_a_scan() -> None:
 
 
 def test_what_a_scanner_cannot_range_is_no_distance() -> None:
-    decoder = laser_scip.Decoder()
+    decoder = laser_scip.ScipDecoder()
     decoder.feed(PARAMETERS)
     ((scan, _, _),) = decoder.feed(b"MD0000000201000\n99b\n00112\n0000061I4D\n\n")  # nothing near; an error; 5700 mm
     assert scan.ranges[0] == inf
@@ -114,7 +114,7 @@ def test_what_a_scanner_cannot_range_is_no_distance() -> None:
 
 
 def test_a_scanner_in_trouble_is_told() -> None:
-    decoder = laser_scip.Decoder()
+    decoder = laser_scip.ScipDecoder()
     decoder.feed(PARAMETERS)
     with pytest.raises(HalError, match="hardware trouble"):
         decoder.feed(b"MD0000000201000\n50U\n\n")
@@ -130,7 +130,7 @@ PACKET = bytes.fromhex(  # the example in the maker's manual
 
 def test_the_makers_example_has_the_right_check_sum() -> None:
     assert laser_ld19.crc(PACKET[:-1]) == PACKET[-1]
-    decoder = laser_ld19.Decoder()
+    decoder = laser_ld19.Ld19Decoder()
     decoder.feed(PACKET)
     assert decoder.faults == 0
 
@@ -139,7 +139,7 @@ def test_a_turn_of_an_ld19_keeps_directions_and_times() -> None:
     ranges = np.full(450, 2.0, np.float32)
     ranges[225 + 100] = 0.5  # 80 degrees to the left
     sent = [Reading(time, Scan(-pi, tau / 450, 0.1 / 450, ranges.copy(), 0.02, 12.0)) for time in (1.0, 1.1, 1.2, 1.3)]
-    decoder = laser_ld19.Decoder()
+    decoder = laser_ld19.Ld19Decoder()
     found = [each for reading in sent for each in decoder.feed(turn(reading))]
     assert len(found) >= 2
     for scan, _, age in found:
@@ -166,16 +166,16 @@ POSE = bytes.fromhex(
 
 
 def test_a_pose_of_a_named_subject() -> None:
-    decoder = mocap_vrpn.Decoder("txt01")
+    decoder = mocap_vrpn.VrpnDecoder("txt01")
     ((pose, time, _),) = decoder.feed(COOKIE + NAMES + POSE)
     assert (pose.x, pose.y, pose.z, pose.theta) == (1.0, 0.002, 0.0, 0.0)
     assert time == 1.5
-    assert mocap_vrpn.Decoder("txt02").feed(COOKIE + NAMES + POSE) == []
+    assert mocap_vrpn.VrpnDecoder("txt02").feed(COOKIE + NAMES + POSE) == []
 
 
 def test_a_server_of_something_else_is_told() -> None:
     with pytest.raises(HalError, match="no VRPN server"):
-        mocap_vrpn.Decoder("txt01").feed(b"HTTP/1.1 400 Bad Request\r\n")
+        mocap_vrpn.VrpnDecoder("txt01").feed(b"HTTP/1.1 400 Bad Request\r\n")
 
 
 def test_the_original_differentiator_finds_speed_and_yaw_rate() -> None:
@@ -198,7 +198,7 @@ def test_the_original_differentiator_finds_speed_and_yaw_rate() -> None:
 
 def test_a_report_of_gpsd_in_metres_on_the_grid() -> None:
     pytest.importorskip("utm")
-    decoder = gps_gpsd.Decoder((35.0, -105.0))  # 35 N on the middle meridian of zone 13: grid north is north
+    decoder = gps_gpsd.GpsdDecoder((35.0, -105.0))  # 35 N on the middle meridian of zone 13: grid north is north
     line = (
         b'{"class":"TPV","mode":3,"time":"2026-05-04T00:00:01.500Z","lat":35.001,"lon":-105.0,"altMSL":1600.0,'
         b'"track":90.0,"speed":1.0,"epx":1.96,"epy":3.92,"eps":0.98}\r\n'
@@ -213,7 +213,7 @@ def test_a_report_of_gpsd_in_metres_on_the_grid() -> None:
 
 def test_grid_north_turns_away_from_the_middle_meridian() -> None:
     pytest.importorskip("utm")
-    decoder = gps_gpsd.Decoder((35.0, -103.0))
+    decoder = gps_gpsd.GpsdDecoder((35.0, -103.0))
     line = b'{"class":"TPV","mode":2,"lat":35.0,"lon":-103.0,"track":0.0,"speed":1.0}\n'
     ((fix, _, _),) = decoder.feed(line)
     east = decoder.grid.place(35.001, -103.0)  # type: ignore[union-attr]
@@ -226,7 +226,7 @@ def test_without_a_fix_there_is_no_reading(mode: object) -> None:
     import json
 
     line = json.dumps({"class": "TPV", "mode": mode, "lat": 35.0, "lon": -106.0}).encode() + b"\n"
-    assert gps_gpsd.Decoder().feed(line) == []
+    assert gps_gpsd.GpsdDecoder().feed(line) == []
 
 
 def test_sentences_of_a_receiver() -> None:
@@ -264,11 +264,11 @@ def gpsd_stream() -> bytes:
 
 
 CODECS: dict[str, tuple[Callable[[], Any], Callable[[], bytes]]] = {
-    "imu": (imu_3dmgx2.Decoder, imu_stream),
-    "scip": (laser_scip.Decoder, scip_stream),
-    "ld19": (laser_ld19.Decoder, ld19_stream),
-    "vrpn": (lambda: mocap_vrpn.Decoder("txt01"), vrpn_stream),
-    "gpsd": (lambda: gps_gpsd.Decoder((35.0, -106.0)), gpsd_stream),
+    "imu": (imu_3dmgx2.ImuDecoder, imu_stream),
+    "scip": (laser_scip.ScipDecoder, scip_stream),
+    "ld19": (laser_ld19.Ld19Decoder, ld19_stream),
+    "vrpn": (lambda: mocap_vrpn.VrpnDecoder("txt01"), vrpn_stream),
+    "gpsd": (lambda: gps_gpsd.GpsdDecoder((35.0, -106.0)), gpsd_stream),
 }
 each = pytest.mark.parametrize("name", CODECS)
 
@@ -353,7 +353,7 @@ def through(device: Any, decoder: Any, readings: list[Reading[Any]]) -> list[Any
 
 def test_an_imu_on_the_desk_says_what_it_is_shown() -> None:
     shown = ImuReading((0.1, -0.2, 9.8), (0.01, 0.02, -0.3), (0.0, 0.0, 0.6, 0.8))
-    ((reading, time, _),) = through(FakeImu(), imu_3dmgx2.Decoder(), [Reading(2.0, shown)])
+    ((reading, time, _),) = through(FakeImu(), imu_3dmgx2.ImuDecoder(), [Reading(2.0, shown)])
     assert time == 2.0
     for before, after in zip(shown[:3], reading[:3], strict=True):
         assert after == pytest.approx(before, abs=1e-6)
@@ -361,7 +361,7 @@ def test_an_imu_on_the_desk_says_what_it_is_shown() -> None:
 
 def test_a_tracker_on_the_desk_says_what_it_is_shown() -> None:
     shown = TrackerReading(1.0, -2.0, 0.1, (0.0, 0.0, 0.6, 0.8))
-    ((reading, time, _),) = through(FakeVicon(), mocap_vrpn.Decoder("txt01"), [Reading(2.0, shown)])
+    ((reading, time, _),) = through(FakeVicon(), mocap_vrpn.VrpnDecoder("txt01"), [Reading(2.0, shown)])
     assert time == 2.0
     assert reading[:4] == (pytest.approx(1.0), -2.0, pytest.approx(0.1), pytest.approx((0.0, 0.0, 0.6, 0.8)))
     assert vrpn.PORT == 3883
@@ -370,7 +370,7 @@ def test_a_tracker_on_the_desk_says_what_it_is_shown() -> None:
 def test_a_scanner_on_the_desk_says_what_it_is_shown() -> None:
     ranges = np.linspace(0.1, 5.0, 682).astype(np.float32)
     shown = Scan(-341 * tau / 1024, tau / 1024, 0.1 / 1024, ranges, 0.02, 5.6)
-    found = through(FakeScip(), laser_scip.Decoder(), [Reading(0.1 * k, shown) for k in range(1, 4)])
+    found = through(FakeScip(), laser_scip.ScipDecoder(), [Reading(0.1 * k, shown) for k in range(1, 4)])
     assert len(found) == 2  # the first one was over when it was asked for
     for scan, _, _ in found:
         assert scan.angles[0] == pytest.approx(-340 * tau / 1024)

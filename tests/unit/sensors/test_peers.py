@@ -19,7 +19,7 @@ from tests.patience import LIMIT, until
 from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading
 from txt1.sensors.gps_double import nmea
-from txt1.sensors.gps_gpsd import Decoder
+from txt1.sensors.gps_gpsd import GpsdDecoder
 from txt1.sensors.mocap_double import FakeVicon
 from txt1.sensors.readings import FixReading, TrackerReading, fix_topic
 from txt1.sensors.stream import Streamed
@@ -66,7 +66,7 @@ async def test_gpsd_reads_our_receiver_and_we_read_gpsd(tmp_path: Path) -> None:
         port = free.getsockname()[1]
     assert GPSFAKE is not None
     fed = [GPSFAKE, "-1", "-q", "-c", "0.01", "-P", str(port), str(log)]
-    sensor = Streamed(fix_topic("peer_gps"), 0.1, f"socket://127.0.0.1:{port}", lambda: Decoder(DATUM))
+    sensor = Streamed(fix_topic("peer_gps"), 0.1, f"socket://127.0.0.1:{port}", lambda: GpsdDecoder(DATUM))
     async with process(*fed):
         await until(lambda: listens(port))
         await sensor.open()

@@ -14,19 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.patience import LIMIT, S, until
-from txt1.sidecar import HELD, MESSAGES, PERIOD, Beside, Request, Restart, stop_in
+from txt1.sidecar import HELD, MESSAGES, TELEMETRY_PERIOD, Request, Restart, Sidecar, stop_in
 
 
 @pytest.fixture(autouse=True)
 def time_to_begin_and_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of low priority may be slow to do so."""
     monkeypatch.setattr("txt1.sidecar.START", LIMIT)
-    monkeypatch.setattr("txt1.sidecar.PATIENCE", LIMIT)
+    monkeypatch.setattr("txt1.sidecar.END_PATIENCE", LIMIT)
 
 
 @pytest.fixture
 def no_time_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.sidecar.PATIENCE", 0.1)
+    monkeypatch.setattr("txt1.sidecar.END_PATIENCE", 0.1)
 
 
 class Owner:
@@ -51,9 +51,9 @@ class Owner:
     def gone(self) -> None:
         self.lost += 1
 
-    def beside(self, target: str, **more: Any) -> Beside:
+    def beside(self, target: str, **more: Any) -> Sidecar:
         where = f"beside_targets:{target}"
-        return Beside(where, self.telemetry, self.request, tell=self.told.append, lost=self.gone, **more)
+        return Sidecar(where, self.telemetry, self.request, tell=self.told.append, lost=self.gone, **more)
 
 
 async def test_telemetry_goes_in_requests_come_out_and_the_process_ends_by_itself() -> None:
@@ -132,7 +132,7 @@ async def test_an_error_of_the_owner_is_a_failure_of_one_that_is_started_again()
         raise ZeroDivisionError("bug")
 
     forever = Restart(limit=math.inf, pause=0.01)
-    async with Beside("beside_targets:echo", lambda: None, bug, restart=forever, tell=told.append):
+    async with Sidecar("beside_targets:echo", lambda: None, bug, restart=forever, tell=told.append):
         await until(lambda: len(told) > 1)
     assert told[0] == "is at fault here: ZeroDivisionError: bug and is started again in 0.01 s"
 
@@ -165,11 +165,11 @@ class RealTicks:
         return self
 
     async def __anext__(self) -> float:
-        await asyncio.sleep(PERIOD)
+        await asyncio.sleep(TELEMETRY_PERIOD)
         return 0.0
 
 
-async def serve(beside: Beside) -> None:
+async def serve(beside: Sidecar) -> None:
     await beside.serve(RealTicks())  # type: ignore[arg-type]
 
 
@@ -187,7 +187,7 @@ class Given:
 
 
 async def test_a_prompt_one_is_read_as_it_writes_but_not_just_before_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("txt1.sidecar.PERIOD", 10.0)
+    monkeypatch.setattr("txt1.sidecar.TELEMETRY_PERIOD", 10.0)
     owner, ticks = Owner(), Given()
     async with owner.beside("drive", prompt=True) as beside:
         serving = asyncio.ensure_future(beside.serve(ticks))  # type: ignore[arg-type]
@@ -212,7 +212,7 @@ async def test_a_flood_is_read_a_few_messages_at_a_time_and_the_rest_is_counted(
         await until(lambda: beside.counts["dropped"])
         taken, began = beside.counts["taken"], asyncio.get_running_loop().time()
         await asyncio.sleep(0.3)
-        turns = (asyncio.get_running_loop().time() - began) / PERIOD + 2
+        turns = (asyncio.get_running_loop().time() - began) / TELEMETRY_PERIOD + 2
         assert beside.counts["taken"] - taken <= turns * MESSAGES
         await until(lambda: beside.counts["dropped"] > 1000)
         serving.cancel()
@@ -293,7 +293,7 @@ async def test_never_more_than_one_piece_of_telemetry_is_under_way() -> None:
     async with owner.beside("hang") as beside:
         await until(lambda: owner.requests)
         serving = asyncio.ensure_future(serve(beside))
-        await asyncio.sleep(5 * PERIOD)
+        await asyncio.sleep(5 * TELEMETRY_PERIOD)
         serving.cancel()
     assert len(owner.lines) == 99
 
@@ -302,14 +302,14 @@ async def test_an_error_of_the_owner_is_handed_on() -> None:
     def bug(request: Request) -> None:
         raise ZeroDivisionError("bug")
 
-    async with Beside("beside_targets:echo", lambda: None, bug) as beside:
+    async with Sidecar("beside_targets:echo", lambda: None, bug) as beside:
         with pytest.raises(ZeroDivisionError, match="bug"):
             await asyncio.wait_for(beside.ended(), LIMIT)
 
 
 async def test_a_loop_that_cancels_everything_leaves_no_process_behind() -> None:
     owner = Owner()
-    made: list[Beside] = []
+    made: list[Sidecar] = []
 
     async def work() -> None:
         async with owner.beside("echo") as beside:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from txt1.board import command as board
 from txt1.fleet import console, selection
 from txt1.record import player as replay
-from txt1.ui.tty import Keys
+from txt1.ui.tty import KeyDecoder
 from txt1.ui.viewer import DRIVING
 
 
@@ -32,21 +32,21 @@ from txt1.ui.viewer import DRIVING
     ],
 )
 def test_names(data: bytes, names: list[str]) -> None:
-    assert Keys().feed(data) == names
+    assert KeyDecoder().feed(data) == names
 
 
 @pytest.mark.parametrize("before", [b"\x1b", b"\x1b[", b"\x1b[1;", b"\x1bO", b"\xe2\x82", b"\x1b\x1b", b"\x1b[[A"])
 def test_nothing_swallows_the_emergency_stop(before: bytes) -> None:
-    together, apart = Keys(), Keys()
+    together, apart = KeyDecoder(), KeyDecoder()
     assert together.feed(before + b" ") == ["space"]
     assert apart.feed(before) + apart.feed(b" ") == ["space"]
 
 
 @given(st.binary(max_size=200), st.data())
 def test_how_the_bytes_are_cut_does_not_matter(data: bytes, draw: st.DataObject) -> None:
-    whole = Keys().feed(data + b"q")
+    whole = KeyDecoder().feed(data + b"q")
     cut = draw.draw(st.integers(0, len(data)))
-    keys = Keys()
+    keys = KeyDecoder()
     assert keys.feed(data[:cut]) + keys.feed(data[cut:] + b"q") == whole
 
 
@@ -54,4 +54,4 @@ def test_how_the_bytes_are_cut_does_not_matter(data: bytes, draw: st.DataObject)
 def test_every_key_that_a_footer_names_is_understood(shown: Mapping[str, str]) -> None:
     for key in shown:
         typed = [each for each in key.replace(" ", "") if each.isascii()]
-        assert key.lower() == "space" or Keys().feed("".join(typed).encode()) == typed
+        assert key.lower() == "space" or KeyDecoder().feed("".join(typed).encode()) == typed

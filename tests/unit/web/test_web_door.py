@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.web.auth import SESSION, Door, is_loopback, visitors_token
+from txt1.web.auth import SESSION, Auth, is_loopback, visitors_token
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 
 
 def test_the_right_token_makes_a_cookie_that_lasts_twelve_hours() -> None:
-    door = Door(TOKEN, "https", 8443)
+    door = Auth(TOKEN, "https", 8443)
     signed = door.sign_in(TOKEN, 1e9)
     assert signed is not None and signed[0] == "operator"
     assert door.role(signed[1], 1e9 + SESSION - 1.0) == "operator"
@@ -22,7 +22,7 @@ def test_the_right_token_makes_a_cookie_that_lasts_twelve_hours() -> None:
 
 
 def test_visitors_have_a_token_of_their_own() -> None:
-    door = Door(TOKEN, "https", 8443)
+    door = Auth(TOKEN, "https", 8443)
     signed = door.sign_in(visitors_token(TOKEN), 1e9)
     assert signed is not None and signed[0] == "visitor"
     assert door.role(signed[1], 1e9) == "visitor"
@@ -30,20 +30,20 @@ def test_visitors_have_a_token_of_their_own() -> None:
 
 
 def test_another_token_signs_everybody_out() -> None:
-    signed = Door(TOKEN, "https", 8443).sign_in(TOKEN, 1e9)
+    signed = Auth(TOKEN, "https", 8443).sign_in(TOKEN, 1e9)
     assert signed is not None
-    assert Door(TOKEN + "x", "https", 8443).role(signed[1], 1e9) is None
+    assert Auth(TOKEN + "x", "https", 8443).role(signed[1], 1e9) is None
 
 
 @given(st.text(max_size=200))
 def test_no_other_word_is_a_token_or_a_cookie(text: str) -> None:
-    door = Door(TOKEN, "https", 8443)
+    door = Auth(TOKEN, "https", 8443)
     assert door.role(text, 1e9) is None
     assert text in (TOKEN, visitors_token(TOKEN)) or door.sign_in(text, 1e9) is None
 
 
 def test_an_address_has_five_wrong_tokens_and_then_one_in_five_seconds() -> None:
-    door = Door(TOKEN, "https", 8443)
+    door = Auth(TOKEN, "https", 8443)
 
     def tries(address: str, now: float) -> bool:
         may = door.may_try(address, now)
@@ -61,15 +61,15 @@ def test_an_address_has_five_wrong_tokens_and_then_one_in_five_seconds() -> None
     [("127.0.0.1:80", True), ("localhost:80", True), ("[::1]:80", True), ("evil.example:80", False), ("", False)],
 )  # fmt: skip
 def test_without_a_token_only_loopback_names_are_answered(host: str, known: bool) -> None:
-    assert Door(None, "http", 80).knows_host(host) is known
-    assert Door(TOKEN, "https", 80).knows_host(host), "with one a name is no secret"
+    assert Auth(None, "http", 80).knows_host(host) is known
+    assert Auth(TOKEN, "https", 80).knows_host(host), "with one a name is no secret"
 
 
 @pytest.mark.parametrize(
     "origin", [None, "null", "http://127.0.0.1:81", "https://127.0.0.1:80", "http://evil.example", "http://127.0.0.1:80.evil.example"]
 )  # fmt: skip
 def test_other_origins_are_not_ours(origin: str | None) -> None:
-    door = Door(None, "http", 80)
+    door = Auth(None, "http", 80)
     assert not door.knows_origin(origin, "127.0.0.1:80")
     assert door.knows_origin("http://127.0.0.1:80", "127.0.0.1:80")
 

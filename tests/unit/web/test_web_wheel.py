@@ -7,7 +7,7 @@ from math import inf, isinf, nan
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.web.wheel import AGE_MAX, IDLE, Budget, PageClock, Sequence, Wheel
+from txt1.web.wheel import AGE_MAX, IDLE, Budget, PageClock, PageWheel, Sequence
 
 seconds = st.floats(0.0, 1e6)
 delays = st.floats(0.0, 5.0)
@@ -80,7 +80,7 @@ moves = st.lists(st.tuples(st.sampled_from(["take", "drive", "give"]), st.intege
 
 @given(moves)
 def test_the_wheel_changes_hands_only_when_it_is_given_or_idle(steps: list[tuple[str, int, float]]) -> None:
-    wheel, now, last = Wheel(), 0.0, -inf
+    wheel, now, last = PageWheel(), 0.0, -inf
     for what, page, pause in steps:
         now += pause
         before = wheel.holder

@@ -13,11 +13,11 @@ from txt1.hal.channels import Rewired
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
-PERIOD: Final = 0.05  # s between two PWM commands by hand
+HAND_PERIOD: Final = 0.05  # s between two PWM commands by hand
 STAND: Final = 2.5  # s after which a vehicle whose motor is in neutral stands
 SETTLE: Final = 0.6  # s that the steering gets to arrive
 CRUISE: Final = 1200  # counts beyond the dead band at which distances are driven
-PATIENCE: Final = 60.0  # s after which a drive ends whatever the operator sees
+DRIVE_PATIENCE: Final = 60.0  # s after which a drive ends whatever the operator sees
 
 
 class Operator(Protocol):
@@ -63,7 +63,7 @@ class Hands:
         if not self.robot.armed:
             raise NotArmed(self.robot.reason)
 
-    async def until(self, seen: Coroutine[Any, Any, None], limit: float = PATIENCE) -> bool:
+    async def until(self, seen: Coroutine[Any, Any, None], limit: float = DRIVE_PATIENCE) -> bool:
         """Go on until the operator sees it, or for `limit` s; whether he did. Raises NotArmed as `wait`."""
         seeing, ends = asyncio.ensure_future(seen), self.robot.now + limit
         try:
@@ -146,7 +146,7 @@ class Bench:
         async with self.robot(changes, unseen) as robot:
             hands = Hands(robot)
             await robot.set_manual(True)
-            robot.add_task("hands", PERIOD, hands.hold)
+            robot.add_task("hands", HAND_PERIOD, hands.hold)
             yield hands
             hands.steer(0.0)
             await hands.wait(STAND)

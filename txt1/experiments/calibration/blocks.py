@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
+from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
 from txt1.model.channels import SIDES
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 
@@ -75,9 +75,9 @@ async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, sid
         seeing = asyncio.ensure_future(ask.seen("turning", f"Press Enter as soon as the {side} turn."))
     try:
         while counts < limit:
-            counts += PERIOD * (SLOW_RAMP if before is None else RAMP)
+            counts += HAND_PERIOD * (SLOW_RAMP if before is None else RAMP)
             _give(hands, name, sign * counts)
-            await hands.wait(PERIOD)
+            await hands.wait(HAND_PERIOD)
             now = hands.counts
             if before is not None and now is not None:
                 if max(abs(now[0] - before[0]), abs(now[1] - before[1])) >= TURNED:
@@ -138,9 +138,9 @@ async def steering(bench: Bench) -> None:
                 )
                 wire = SWEEP_FROM
                 while wire < PWM_MAX and not seeing.done():
-                    wire += SWEEP * PERIOD
+                    wire += SWEEP * HAND_PERIOD
                     turn(hands, sign * wire)
-                    await hands.wait(PERIOD)
+                    await hands.wait(HAND_PERIOD)
                 stops.append(sign * (wire - SWEEP * REACTION if seeing.done() else float(PWM_MAX)))
                 seeing.cancel()
         bench.found({

@@ -6,7 +6,7 @@ from typing import Final
 
 from txt1.control.limits import clip
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import PATIENCE, SETTLE, STAND, Bench, Operator, own_settings
+from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Bench, Operator, own_settings
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
@@ -186,7 +186,7 @@ async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
     if bench.own_loops:
         async with bench.robot() as robot:
             v = bench.speed
-            driving = asyncio.ensure_future(robot.drive(v, sign * v / bench.config.geometry.radius_min, PATIENCE))
+            driving = asyncio.ensure_future(robot.drive(v, sign * v / bench.config.geometry.radius_min, DRIVE_PATIENCE))
             seeing = asyncio.ensure_future(bench.operator.seen("round", about))
             try:
                 await asyncio.wait((driving, seeing), return_when=asyncio.FIRST_COMPLETED)

@@ -75,7 +75,7 @@ def unknown_car(config: Config, seed: int) -> Config:
     return with_values(config, values)
 
 
-class Onlooker:
+class SimulatedOperator:
     """An operator for a simulated car: sees it as it truly is, with a tape's errors and a person's reaction.
 
     Args:
@@ -152,7 +152,7 @@ class Onlooker:
         return rear if key.startswith("rear") else front
 
 
-class Verdict(NamedTuple):
+class DrivingVerdict(NamedTuple):
     """How a calibrated car drives, by its true motion; None for figures that a car of its kind does not have."""
 
     speed: float  # largest error of the speed at the set-points tried, as a share of it
@@ -161,7 +161,7 @@ class Verdict(NamedTuple):
     turn: float | None  # error of the yaw rate of a turn in place, as a share of it
 
 
-def passes(verdict: Verdict, driving: float) -> bool:
+def passes(verdict: DrivingVerdict, driving: float) -> bool:
     """Whether a car drives as a calibrated one should, found out in so many seconds of driving."""
     shares = verdict.speed, verdict.radius or 0.0, verdict.turn or 0.0
     return max(shares) <= 0.05 and verdict.drift <= 1.0 and driving <= 600.0
@@ -171,7 +171,7 @@ class Practised(NamedTuple):
     """A car that was calibrated for practice."""
 
     seed: int
-    verdict: Verdict
+    verdict: DrivingVerdict
     driving: float  # s of driving that it took
 
     @property
@@ -194,7 +194,7 @@ def worst(cars: Sequence[Practised]) -> Iterator[str]:
     yield f"{max(car.driving for car in cars) / 60.0:.1f} minutes of driving"
 
 
-COLUMNS: Final = ("vehicle", "seed", *Verdict._fields, "driving")
+COLUMNS: Final = ("vehicle", "seed", *DrivingVerdict._fields, "driving")
 
 
 def read_practised(file: Path, vehicle: str) -> list[Practised]:
@@ -209,7 +209,7 @@ def read_practised(file: Path, vehicle: str) -> list[Practised]:
     if tuple(head) != COLUMNS or any(row[0] != vehicle for row in rows):
         raise ConfigError(f"{file} is no table of cars of the kind '{vehicle}': choose another file")
     return [
-        Practised(int(row[1]), Verdict(*(float(cell) if cell else None for cell in row[2:-1])), float(row[-1]))  # type: ignore[arg-type]
+        Practised(int(row[1]), DrivingVerdict(*(float(cell) if cell else None for cell in row[2:-1])), float(row[-1]))  # type: ignore[arg-type]
         for row in rows
     ]
 
@@ -226,7 +226,7 @@ def write_practised(file: Path, vehicle: str, car: Practised) -> None:
 
 async def judge(
     hal: SimHal, config: Config, opened: Callable[[Config, bool], AbstractAsyncContextManager[Robot]]
-) -> Verdict:
+) -> DrivingVerdict:
     """Drive a calibrated car at half and all of its largest speed forward, at a third backward, and turn in place.
 
     Raises NotArmed: the safety gate has stopped it.
@@ -249,7 +249,7 @@ async def judge(
             await driving
             drifts.append(abs(degrees(wrap_angle(last - first))) / path if path else inf)
     if body.steering != "skid":
-        return Verdict(max(speeds), max(drifts), abs(body.radius_min / vehicle.body.radius_min - 1.0), None)
+        return DrivingVerdict(max(speeds), max(drifts), abs(body.radius_min / vehicle.body.radius_min - 1.0), None)
     async with opened(config, False) as robot:
         driving = asyncio.ensure_future(robot.drive(0.0, 1.0, UP_TO_SPEED + JUDGED))
         await asyncio.sleep(UP_TO_SPEED)
@@ -257,7 +257,7 @@ async def judge(
         await asyncio.sleep(JUDGED)
         turned = wrap_angle(vehicle.pose[2] - first) / JUDGED
         await driving
-    return Verdict(max(speeds), max(drifts), None, abs(turned - 1.0))
+    return DrivingVerdict(max(speeds), max(drifts), None, abs(turned - 1.0))
 
 
 def _reach(hal: SimHal, config: Config) -> float:

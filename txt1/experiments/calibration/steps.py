@@ -15,7 +15,7 @@ from txt1.experiments.calibration.model import speeds, tune
 from txt1.hal.base import Hal
 
 
-class Step(NamedTuple):
+class CalibrationStep(NamedTuple):
     """A step of the calibration."""
 
     does: Callable[[Bench], Awaitable[None]]
@@ -39,16 +39,16 @@ def _counts(config: Config, hal: Hal) -> bool:
     return hal.capabilities.pwm and hal.capabilities.ticks
 
 
-STEPS: Final[dict[str, Step]] = {
-    "motor": Step(motor, _by_pwm),
-    "steering": Step(steering, _steers),
-    "servo": Step(servo, lambda config, hal: own_settings(hal) is not None),
-    "straight": Step(straight, _by_pwm),
-    "scale": Step(scale, lambda config, hal: not hal.capabilities.pwm),
-    "circle": Step(circle, lambda config, hal: _steers(config, hal) or own_settings(hal) is not None),
-    "speeds": Step(speeds, lambda config, hal: hal.capabilities.blind),
-    "turn": Step(turn, lambda config, hal: hal.capabilities.pwm and config.geometry.steering == "skid"),
-    "tune": Step(tune, lambda config, hal: _counts(config, hal) and config.geometry.steering != "skid"),
+STEPS: Final[dict[str, CalibrationStep]] = {
+    "motor": CalibrationStep(motor, _by_pwm),
+    "steering": CalibrationStep(steering, _steers),
+    "servo": CalibrationStep(servo, lambda config, hal: own_settings(hal) is not None),
+    "straight": CalibrationStep(straight, _by_pwm),
+    "scale": CalibrationStep(scale, lambda config, hal: not hal.capabilities.pwm),
+    "circle": CalibrationStep(circle, lambda config, hal: _steers(config, hal) or own_settings(hal) is not None),
+    "speeds": CalibrationStep(speeds, lambda config, hal: hal.capabilities.blind),
+    "turn": CalibrationStep(turn, lambda config, hal: hal.capabilities.pwm and config.geometry.steering == "skid"),
+    "tune": CalibrationStep(tune, lambda config, hal: _counts(config, hal) and config.geometry.steering != "skid"),
 }
 """The steps by name, in order."""
 

@@ -102,7 +102,7 @@ def _at_the_vehicle(arguments: argparse.Namespace, base: str, config: Config) ->
         unknown = create(simulated_operator.unknown_car(kind, config.seed))
         assert isinstance(unknown, SimHal)
         told = partial(print, flush=True)
-        return unknown, Person() if arguments.ask else simulated_operator.Onlooker(unknown, config.seed, told)
+        return unknown, Person() if arguments.ask else simulated_operator.SimulatedOperator(unknown, config.seed, told)
     if not sys.stdin.isatty():
         raise ConfigError("calibrate asks questions: it needs a terminal, or --hal sim to practise")
     return hal, Person()
@@ -125,8 +125,10 @@ def _practise(arguments: argparse.Namespace) -> int:
         if not isinstance(hal, SimHal):
             raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
         app = App(arguments.speed or "max")
-        bench = Bench(seeded, simulated_operator.Onlooker(hal, seed), opener := _opener(app, hal), lambda values: None)
-        verdicts: list[simulated_operator.Verdict] = []
+        bench = Bench(
+            seeded, simulated_operator.SimulatedOperator(hal, seed), opener := _opener(app, hal), lambda values: None
+        )
+        verdicts: list[simulated_operator.DrivingVerdict] = []
 
         async def all_of_it(
             bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, verdicts: Any = verdicts

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
-from txt1.cli.workers import OPTIONS, Machines, machines_of
+from txt1.cli.workers import OPTIONS, Workers, workers_of
 from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
@@ -30,7 +30,7 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
-    known = ", ".join([*names(), sensor_failure.NAME])
+    known = ", ".join([*names(), sensor_failure.EXPERIMENT])
     kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
     add(parser, {
         "what": takes("NAME|FILE.yaml|compare", kinds),
@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Drive an experiment, or compare runs; the exit code."""
     if arguments.what == "compare":
         return _compare(arguments)
-    if arguments.what == sensor_failure.NAME:
+    if arguments.what == sensor_failure.EXPERIMENT:
         return _sensor_failure(arguments)
     if arguments.runs:
         raise ConfigError(f"{arguments.runs[0]}: only 'compare' takes folders; --out says where the results go")
@@ -67,7 +67,7 @@ def main(arguments: argparse.Namespace) -> int:
     name = Path(arguments.what).stem
     folder = run_folder.make(arguments.out or unused(Path("out") / name))
     say(f"driving {name}; Ctrl-C stops it and keeps what was measured")
-    safe_end, machines = not arguments.no_safe_end, machines_of(arguments, alone=config.hal != "sim" or speed != "max")
+    safe_end, machines = not arguments.no_safe_end, workers_of(arguments, alone=config.hal != "sim" or speed != "max")
     if arguments.repeats > 1 or machines.cluster is not None:
         if arguments.log is not None:
             raise ConfigError("--log: records one run in this process; leave out --repeats and --dask")
@@ -101,13 +101,13 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
     if not arguments.no_figure:
         figures.available()
     config, speed = configure(arguments)
-    folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.NAME))
+    folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.EXPERIMENT))
     runs = dict(enumerate(sensor_failure.plan(config)))
-    done: dict[int, sensor_failure.Outcome] = {}
+    done: dict[int, sensor_failure.FailureOutcome] = {}
     came: list[int] = []
-    machines = machines_of(arguments, alone=speed != "max" and not arguments.jobs)
-    with signals_to(lambda number, _: came.append(number)), progress_bar(sensor_failure.NAME) as progress:
-        bar = progress.add_task(sensor_failure.NAME, total=len(runs))
+    machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
+    with signals_to(lambda number, _: came.append(number)), progress_bar(sensor_failure.EXPERIMENT) as progress:
+        bar = progress.add_task(sensor_failure.EXPERIMENT, total=len(runs))
         told = config.model_dump(mode="json")
         texts = {number: json.dumps([told, speed, *which]) for number, which in runs.items()}
         for number, text in machines.each(failed, texts, lambda: bool(came)):
@@ -126,7 +126,7 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
 def failed(text: str) -> str:
     """Drive one run with a sensor that fails, and return its outcome; JSON both."""
     config, speed, *which = json.loads(text)
-    outcomes: list[sensor_failure.Outcome] = []
+    outcomes: list[sensor_failure.FailureOutcome] = []
 
     async def work() -> None:
         outcomes.append(await sensor_failure.drive(Config.model_validate(config), *which))
@@ -196,7 +196,7 @@ def drive(
 
 
 def drive_all(
-    config: Config, profile: Profile, speed: Speed, seeds: Sequence[int], machines: Machines, *, safe_end: bool = True,
+    config: Config, profile: Profile, speed: Speed, seeds: Sequence[int], machines: Workers, *, safe_end: bool = True,
     arm: bool | None = None, bar: str = "",
 ) -> tuple[list[Outcome], int]:  # fmt: skip
     """Drive an experiment with each of these seeds and return the outcomes, up to the first bad exit code, and that.

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from txt1 import commands
 from txt1.cli import execute, parsed
-from txt1.cli.workers import OPTIONS, machines_of, progress
+from txt1.cli.workers import OPTIONS, progress, workers_of
 from txt1.commands import FAULT, OK, flag, path, say, signals_to, takes
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
@@ -67,7 +67,7 @@ def main(arguments: argparse.Namespace) -> int:
         (arguments.out / ROWS).open("a", encoding="utf-8") as rows,
     ):
         rows.write("\n")  # behind a line that was being written when all ended
-        for number, text in machines_of(arguments).each(trial, texts, lambda: bool(came)):
+        for number, text in workers_of(arguments).each(trial, texts, lambda: bool(came)):
             done[number] = json.loads(text)
             rows.write(json.dumps({"trial": number, **done[number]}) + "\n")
             rows.flush()

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.options import ARM, ROBOT
-from txt1.cli.workers import OPTIONS, Machines, machines_of
+from txt1.cli.workers import OPTIONS, Workers, workers_of
 from txt1.commands import OK, add, count, flag, path, say, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Identify the vehicle, propose gains, compare them with the old ones; the exit code."""
     config, speed = configure(arguments)
-    machines = machines_of(arguments, alone=config.hal != "sim" or speed != "max")
+    machines = workers_of(arguments, alone=config.hal != "sim" or speed != "max")
     if arguments.out is not None:
         figures.available()
         run_folder.make(arguments.out)
@@ -91,7 +91,7 @@ def _proposed(plant: Plant, config: Config) -> ControlConfig:
 
 
 def _compared(
-    config: Config, new: ControlConfig, test: str, speed: Speed, arguments: argparse.Namespace, machines: Machines
+    config: Config, new: ControlConfig, test: str, speed: Speed, arguments: argparse.Namespace, machines: Workers
 ) -> int | None:
     """Drive a test with the configured gains and with new ones, and show both; the exit code when interrupted."""
     runs = []
@@ -110,7 +110,7 @@ def _compared(
 
 
 def _repeated(
-    config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace, machines: Machines
+    config: Config, test: str, speed: Speed, label: str, arguments: argparse.Namespace, machines: Workers
 ) -> Run | int:
     """Several runs of a test as one, their seeds differing as the floor does; an exit code when interrupted."""
     profile, seeds = load_profile(test), range(config.seed, config.seed + arguments.repeats)

@@ -17,8 +17,8 @@ from numpy.random import Generator
 from txt1.config import Config, checked
 from txt1.control.limits import Outputs
 from txt1.control.open_loop import TRACK_COUNTS
-from txt1.hal.pi.driver import Answer, Options, answer_of
-from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, Pca9685, Quadrature, Setup
+from txt1.hal.pi.driver import GuardAnswer, PiOptions, answer_of
+from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, GuardSetup, Pca9685, Quadrature
 from txt1.hal.registry import create_sim
 from txt1.model.vehicle import PWM_MAX, STEERING_MAX
 from txt1.sim.serial_line import LineFaults
@@ -173,11 +173,11 @@ class FileBus(FakeBus):
         super().__init__({0x40: Pca9685Chip(registers)})
 
 
-class Desk:
+class PiDouble:
     """A servo board on the desk with a simulated car behind it, in the same process and the same time."""
 
-    def __init__(self, config: Config, setup: Setup) -> None:
-        options = checked(Options, config.hal_options, "hal_options")
+    def __init__(self, config: Config, setup: GuardSetup) -> None:
+        options = checked(PiOptions, config.hal_options, "hal_options")
         self.hal = create_sim(config.model_copy(update={"hal": "sim"}))
         self.vehicle = self.hal.vehicle
         self.board, self.ina219, self.ads1115 = Pca9685Chip(), Ina219Chip(), Ads1115Chip()
@@ -222,7 +222,7 @@ class Desk:
         self._answer = self._guard.answer(pulses)
         self._move(now)
 
-    def heard(self, now: float) -> Answer | None:
+    def heard(self, now: float) -> GuardAnswer | None:
         """The guard's answer."""
         answer, self._answer = self._answer, None
         return None if answer is None else answer_of(answer)
@@ -252,6 +252,6 @@ class Desk:
         self.hal.write(Outputs(round(motors[0]), round(front), round(rear)), now)
 
 
-def desk(config: Config, setup: Setup) -> Desk:
+def desk(config: Config, setup: GuardSetup) -> PiDouble:
     """A servo board on the desk: `hal_options.bus: desk`."""
-    return Desk(config, setup)
+    return PiDouble(config, setup)

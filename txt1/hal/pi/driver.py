@@ -23,7 +23,7 @@ from txt1.control.open_loop import TRACK_COUNTS
 from txt1.errors import ConfigError, HalError, MissingExtra, installs
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.pi import guard
-from txt1.hal.pi.guard import ANSWER, Setup, pulses_in
+from txt1.hal.pi.guard import ANSWER, GuardSetup, pulses_in
 from txt1.hal.plain import PlainHal
 from txt1.hal.registry import BUSES, DESK
 from txt1.model.channels import STRAIGHT, Channels
@@ -48,7 +48,7 @@ Pin = Annotated[int, Ge(0), Le(27)]
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class PiOptions:
     """Settings of the HAL, under `hal_options`."""
 
     output: Literal["pca9685", "gpio"] = "pca9685"
@@ -89,7 +89,7 @@ class Options:
     """Battery's voltage over the one that is measured."""
 
 
-class Answer(NamedTuple):
+class GuardAnswer(NamedTuple):
     """An answer of the guard."""
 
     done: bool  # the pulses were put out
@@ -109,17 +109,17 @@ class Keeper(Protocol):
     def put(self, pulses: Sequence[float], now: float) -> None:
         """Put out pulses, us; never waits."""
 
-    def heard(self, now: float) -> Answer | None:
+    def heard(self, now: float) -> GuardAnswer | None:
         """The newest answer since the last time.
 
         A HalError says, once, that the guard has ended or hangs: the next one counts its encoders from 0.
         """
 
 
-def answer_of(data: bytes) -> Answer:
+def answer_of(data: bytes) -> GuardAnswer:
     """The answer in its bytes."""
     done, voltage, one, two = ANSWER.unpack(data)
-    return Answer(done, None if voltage < 0.0 else voltage, (one, two))
+    return GuardAnswer(done, None if voltage < 0.0 else voltage, (one, two))
 
 
 class Process:
@@ -129,7 +129,7 @@ class Process:
     this process puts out neutral itself, and only then starts another guard: two never write at the same time.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: GuardSetup) -> None:
         self._setup = setup
         self._process: subprocess.Popen[bytes] | None = None
         self._starting: asyncio.Task[None] | None = None
@@ -162,7 +162,7 @@ class Process:
             with suppress(OSError):
                 os.write(self._process.stdin.fileno(), pulses_in(self._setup, pulses))
 
-    def heard(self, now: float) -> Answer | None:
+    def heard(self, now: float) -> GuardAnswer | None:
         """Its newest answer; when it has ended or hangs, another one is started."""
         process = self._process
         if process is None or process.stdout is None:
@@ -197,7 +197,7 @@ class Process:
             await self.open()
 
 
-def _start(setup: Setup) -> subprocess.Popen[bytes]:
+def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     """Start a guard; called in a thread."""
     process = subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())], start_new_session=True,
@@ -218,7 +218,7 @@ def _start(setup: Setup) -> subprocess.Popen[bytes]:
     return process
 
 
-def _end(process: subprocess.Popen[bytes], setup: Setup) -> bool:
+def _end(process: subprocess.Popen[bytes], setup: GuardSetup) -> bool:
     """Hang up on a guard, which ends it, and wait; whether the outputs are neutral then. Called in a thread."""
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:
@@ -232,7 +232,7 @@ def _end(process: subprocess.Popen[bytes], setup: Setup) -> bool:
     return process.returncode == 0 or guard.neutral_without_guard(setup)
 
 
-def explain(setup: Setup, error: str) -> str:
+def explain(setup: GuardSetup, error: str) -> str:
     """Why a guard cannot begin, and what to do, by its own last words."""
     where = f"I2C bus {setup.bus}" if setup.output == "pca9685" else "GPIO"
     remedy = "see txt1 doctor --hal pi"
@@ -257,7 +257,7 @@ class PiHal(PlainHal):
     def __init__(
         self,
         keeper: Keeper,
-        options: Options,
+        options: PiOptions,
         geometry: Geometry,
         channels: Channels = STRAIGHT,
         simulated: bool = False,
@@ -325,7 +325,7 @@ class PiHal(PlainHal):
             self._text = self._reason = reason
             self._heard_since = inf
 
-    def _take(self, answer: Answer, now: float) -> None:
+    def _take(self, answer: GuardAnswer, now: float) -> None:
         if self._heard_since == inf:
             self._heard_since = now
             self._counts = None if not self.capabilities.ticks else self._counts
@@ -352,7 +352,7 @@ class PiHal(PlainHal):
         self._keeper.put(pulses_of(outputs, self._options, self._geometry) if ready else self._neutral, now)
 
 
-def pulses_of(outputs: Outputs, options: Options, geometry: Geometry) -> tuple[float, ...]:
+def pulses_of(outputs: Outputs, options: PiOptions, geometry: Geometry) -> tuple[float, ...]:
     """The pulses of the motors and the servos, us, in the order of their channels."""
     turn = outputs.rear / TRACK_COUNTS
     counts = (outputs.motor + turn, outputs.motor - turn) if geometry.steering == "skid" else (outputs.motor,)
@@ -365,13 +365,13 @@ def pulses_of(outputs: Outputs, options: Options, geometry: Geometry) -> tuple[f
     return tuple(min(max(pulse, PULSES[0]), PULSES[1]) for pulse in (*motors, *servos))
 
 
-def neutral(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> tuple[float, ...]:
+def neutral(options: PiOptions, geometry: Geometry, channels: Channels = STRAIGHT) -> tuple[float, ...]:
     """The pulses at which it stands, its wheels straight, us: with the trims that `txt1 calibrate` found."""
     held = Outputs(*channels.wired(0.0, 0.0, 0.0, geometry.steering == "skid"))
     return pulses_of(held, options, geometry)
 
 
-def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT) -> Setup:
+def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIGHT) -> GuardSetup:
     """The guard's setup; raises ConfigError when the channels are not those that such a vehicle has."""
     wanted = {"skid": (2, 0), "front": (1, 1), "both": (1, 2)}[geometry.steering]
     motors, servos = wanted
@@ -391,7 +391,7 @@ def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT
         raise ConfigError("hal_options.encoders: two of them have two pins each, as one tells no direction")
     address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]
     pins = (*options.motor, *options.steering[:servos])
-    return Setup(
+    return GuardSetup(
         options.bus, options.output, options.address, options.frequency, options.oscillator, pins,
         neutral(options, geometry, channels), options.encoders, options.battery, address, options.battery_channel,
         options.divider,
@@ -400,7 +400,7 @@ def setup_of(options: Options, geometry: Geometry, channels: Channels = STRAIGHT
 
 def create(config: Config) -> PiHal:
     """The car as configured."""
-    options = checked(Options, config.hal_options, "hal_options")
+    options = checked(PiOptions, config.hal_options, "hal_options")
     setup = setup_of(options, config.geometry, config.channels)
     if options.bus == DESK:
         keeper: Keeper = BUSES.make("hal", "pi", config, setup)

@@ -35,7 +35,7 @@ TOTEM_POLE: Final = 0x04
 STEPS: Final = 4096  # of a period
 
 
-class Bus(Protocol):
+class I2cBus(Protocol):
     """An I2C bus, as smbus2 has it; raises OSError when a chip does not answer."""
 
     def write_i2c_block_data(self, address: int, register: int, data: Sequence[int], /) -> None:
@@ -48,7 +48,7 @@ class Bus(Protocol):
         """Let go of it."""
 
 
-class Setup(NamedTuple):
+class GuardSetup(NamedTuple):
     """The guard's setup, as the host sends it."""
 
     bus: int | str  # number of the I2C bus, or the file of a bus on the desk
@@ -73,7 +73,7 @@ class Setup(NamedTuple):
 class Pca9685:
     """A servo board; its chip keeps on putting out what it was told last."""
 
-    def __init__(self, bus: Bus, setup: Setup) -> None:
+    def __init__(self, bus: I2cBus, setup: GuardSetup) -> None:
         self._bus, self._setup = bus, setup
         divisor = round(setup.oscillator / (STEPS * setup.frequency))
         self._steps_per_us = setup.oscillator / divisor / 1e6
@@ -108,7 +108,7 @@ class Pca9685:
 class GpioPulses:
     """Pulses straight from GPIO pins, made by lgpio: they end with this process."""
 
-    def __init__(self, lgpio: Any, chip: int, setup: Setup) -> None:
+    def __init__(self, lgpio: Any, chip: int, setup: GuardSetup) -> None:
         self._lgpio, self._chip, self._setup = lgpio, chip, setup
         for pin in setup.channels:
             lgpio.gpio_claim_output(chip, pin, 0)
@@ -126,7 +126,7 @@ class Output(Protocol):
         """Put out a pulse on every channel, us; an OSError when it could not."""
 
 
-def ina219_voltage(bus: Bus, setup: Setup) -> float:
+def ina219_voltage(bus: I2cBus, setup: GuardSetup) -> float:
     """The bus voltage of an INA219, V: 4 mV in the upper 13 bits."""
     high, low = bus.read_i2c_block_data(setup.battery_address, 0x02, 2)
     return ((high << 8 | low) >> 3) * 0.004 * setup.divider
@@ -138,7 +138,7 @@ class Ads1115:
     def __init__(self) -> None:
         self._asked = False
 
-    def voltage(self, bus: Bus, setup: Setup) -> float:
+    def voltage(self, bus: I2cBus, setup: GuardSetup) -> float:
         """The last value, V; -1 when there is none yet. 125 uV a count at +-4.096 V, single shots at 128 a second."""
         value = -1.0
         if self._asked:
@@ -174,10 +174,12 @@ class Quadrature:
 class Guarded:
     """Outputs and sensors of a set-up."""
 
-    def __init__(self, setup: Setup, bus: Bus | None, output: Output, encoders: Sequence[Quadrature] = ()) -> None:
+    def __init__(
+        self, setup: GuardSetup, bus: I2cBus | None, output: Output, encoders: Sequence[Quadrature] = ()
+    ) -> None:
         self.setup, self.output, self.encoders = setup, output, encoders
         self._bus = bus
-        self._read: Callable[[Bus, Setup], float] | None = {
+        self._read: Callable[[I2cBus, GuardSetup], float] | None = {
             "ina219": ina219_voltage, "ads1115": Ads1115().voltage,
         }.get(setup.battery)  # fmt: skip
         self._answers, self._voltage = 0, -1.0
@@ -204,14 +206,14 @@ class Guarded:
         return False
 
 
-def open_bus(setup: Setup) -> Bus | None:
+def open_bus(setup: GuardSetup) -> I2cBus | None:
     """The I2C bus of a set-up; None where it needs none."""
     if isinstance(setup.bus, str):
-        bus: Bus = import_module("txt1.hal.pi.double").FileBus(setup.bus)
+        bus: I2cBus = import_module("txt1.hal.pi.double").FileBus(setup.bus)
         return bus
     if setup.output != "pca9685" and setup.battery == "none":
         return None
-    made: Bus = import_module("smbus2").SMBus(setup.bus)
+    made: I2cBus = import_module("smbus2").SMBus(setup.bus)
     return made
 
 
@@ -226,7 +228,7 @@ def open_chip(lgpio: Any) -> int:
     raise OSError("there is no GPIO header: is this a Raspberry Pi?")
 
 
-def guarded(setup: Setup) -> Guarded:
+def guarded(setup: GuardSetup) -> Guarded:
     """Outputs and sensors, opened; OSError or ImportError when that fails."""
     bus = open_bus(setup)
     encoders = [Quadrature(pins) for pins in setup.encoders]
@@ -247,7 +249,7 @@ def guarded(setup: Setup) -> Guarded:
     return Guarded(setup, bus, Pca9685(bus, setup), encoders)
 
 
-def neutral_without_guard(setup: Setup) -> bool:
+def neutral_without_guard(setup: GuardSetup) -> bool:
     """Put out neutral in place of a guard that was killed; whether the outputs are neutral then.
 
     No guard may live meanwhile. Pulses from pins ended with the guard, and a servo board keeps the last one.
@@ -264,7 +266,7 @@ def neutral_without_guard(setup: Setup) -> bool:
     return False
 
 
-def pulses_in(setup: Setup, pulses: Sequence[float]) -> bytes:
+def pulses_in(setup: GuardSetup, pulses: Sequence[float]) -> bytes:
     """The message with these pulses, us."""
     return setup.pulses.pack(*(round(pulse / PULSE) for pulse in pulses))
 
@@ -273,7 +275,7 @@ def main(words: Sequence[str]) -> int:
     """Guard until the host has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)  # it ends with its host
-    setup = Setup(**json.loads(words[0]))
+    setup = GuardSetup(**json.loads(words[0]))
     try:
         guard = guarded(setup)
         guard.output.put(setup.neutral)

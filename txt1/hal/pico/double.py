@@ -26,13 +26,13 @@ from txt1.link.base import End, Link, connect
 from txt1.link.impairments import paced
 from txt1.protocol.messages import Switch
 
-PERIOD: Final = 0.02
+CYCLE_PERIOD: Final = 0.02
 REQUEST: Final = Struct("<BBhhHHH")
 REPLY: Final = Struct("<iiiiiBBBBH")
 CHUNK: Final = 1000
 
 
-class State(NamedTuple):
+class CycleReport(NamedTuple):
     """The firmware's report after a cycle.
 
     Attributes:
@@ -85,7 +85,7 @@ class Pico:
         self.hal: Hal = create(config.model_copy(update={"hal": "sim"}))
         self.line = paced(far_end(self, config), config.serial.baud)
         """Its end of the line, as quick and as bad as is configured."""
-        self.state = State()
+        self.state = CycleReport()
         self.buttons = Button.NONE
         """The joystick's buttons that are held down."""
         self._link: Link | None = None
@@ -126,7 +126,7 @@ class Pico:
         assert self._cycles is not None
         self._cycles.cancel()
         await self._end_process()
-        self._put(State())
+        self._put(CycleReport())
         await asyncio.sleep(off)
         self._process = await asyncio.to_thread(_start)
         self._cycles = asyncio.create_task(self._run())
@@ -143,10 +143,10 @@ class Pico:
 
     async def _run(self) -> None:
         """Run the firmware's cycles at their times; what is late is made up as missed periods."""
-        cycle = round(self.now / PERIOD)
+        cycle = round(self.now / CYCLE_PERIOD)
         while True:
-            await asyncio.sleep(cycle * PERIOD - self.now)
-            due = max(cycle, int(self.now / PERIOD))
+            await asyncio.sleep(cycle * CYCLE_PERIOD - self.now)
+            due = max(cycle, int(self.now / CYCLE_PERIOD))
             self._cycle(min(due - cycle + 1, 250))
             cycle = due + 1
 
@@ -175,7 +175,7 @@ class Pico:
         motor, front, rear, pwm4, pwm5 = outputs
         armed, link, manual, buzzer = (bool(bits >> bit & 1) for bit in range(4))
         self._put(
-            State(
+            CycleReport(
                 (motor, front, rear, pwm4, pwm5),
                 bool(switches & 1),
                 bool(switches & 2),
@@ -191,7 +191,7 @@ class Pico:
             with suppress(LinkLost):  # `lost` is on its way
                 self._link.write(sent)
 
-    def _put(self, state: State) -> None:
+    def _put(self, state: CycleReport) -> None:
         """Put out what the firmware says."""
         now, before = self.now, self.state
         if state.atx is not before.atx:

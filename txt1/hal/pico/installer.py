@@ -30,7 +30,7 @@ IDENTITY: Final = 0x7F
 RELEASE: Final = b"REPL"
 """The frame by which our boards tell their name, and the data with which they end their program."""
 
-PATIENCE: Final = 1.5
+BOARD_PATIENCE: Final = 1.5
 """s within which a board answers."""
 MPREMOTE_PATIENCE: Final = 60.0
 NEW: Final = ".new"
@@ -230,7 +230,7 @@ def identities(data: bytes) -> Iterator[str]:
         start = data.find(HEADER, start + 1)
 
 
-async def listen(port: str, baud: int, data: bytes = b"", patience: float = PATIENCE) -> Heard:
+async def listen(port: str, baud: int, data: bytes = b"", patience: float = BOARD_PATIENCE) -> Heard:
     """Ask what is at a port for its identity, and return what came within `patience` s.
 
     Raises:

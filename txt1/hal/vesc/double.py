@@ -11,26 +11,26 @@ from typing import Final
 
 from txt1.board.far_end import far_end
 from txt1.config import Config, checked
-from txt1.hal.double import Controller, DevicePort
-from txt1.hal.vesc.driver import STEPS, Command, Options, Unpacker, packet
+from txt1.hal.double import Controller, DoublePort
+from txt1.hal.vesc.driver import STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
-TIMEOUT: Final = 1.0  # s; the firmware's own
+VESC_TIMEOUT: Final = 1.0  # s; the firmware's own
 ERPM_MIN: Final = 900.0  # electrical turns a minute below which the speed loop lets the motor roll; the firmware's own
 APPCONF: Final = 470  # bytes of its settings, about
 SIGNATURE: Final = 0x0B5C8F1D  # of their layout; differs with every firmware
 _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
 _COMMANDS: Final = {
-    Command.SET_DUTY: 1e5, Command.SET_CURRENT: 1e3, Command.SET_CURRENT_BRAKE: 1e3, Command.SET_RPM: 1.0,
+    PacketId.SET_DUTY: 1e5, PacketId.SET_CURRENT: 1e3, PacketId.SET_CURRENT_BRAKE: 1e3, PacketId.SET_RPM: 1.0,
 }  # fmt: skip
 
 
 class Vesc(Controller):
     """The controller's end of the line. Its firmware is (major, minor); `fault` may be set, a code."""
 
-    def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = TIMEOUT) -> None:
-        options = checked(Options, config.hal_options if config.hal == "vesc" else {}, "hal_options")
+    def __init__(self, config: Config, firmware: tuple[int, int] = (6, 5), timeout: float = VESC_TIMEOUT) -> None:
+        options = checked(VescOptions, config.hal_options if config.hal == "vesc" else {}, "hal_options")
         super().__init__(config)
         self.line = far_end(self, config)
         self.firmware, self.timeout, self.fault = firmware, timeout, 0
@@ -39,7 +39,7 @@ class Vesc(Controller):
         turns = options.pole_pairs * options.gear / config.geometry.circumference
         self._erpm_per_speed, self._steps_per_m = 60.0 * sign * turns, STEPS * sign * turns
         self._unpacker = Unpacker()
-        self._command, self._value = Command.SET_CURRENT, 0.0
+        self._command, self._value = PacketId.SET_CURRENT, 0.0
         self._servo = options.servo_centre
         self._heard = -inf  # loop time of the last command
         self._distance = self._last = self._duty = 0.0
@@ -47,7 +47,7 @@ class Vesc(Controller):
     @property
     def drives(self) -> bool:
         """Whether the motor is under power."""
-        return self._value != 0.0 and self._command is not Command.SET_CURRENT_BRAKE and not self.timed_out
+        return self._value != 0.0 and self._command is not PacketId.SET_CURRENT_BRAKE and not self.timed_out
 
     @property
     def timed_out(self) -> bool:
@@ -64,12 +64,12 @@ class Vesc(Controller):
         motor = 0.0
         sign = 1.0 if self._erpm_per_speed > 0.0 else -1.0
         match self._command:
-            case Command.SET_RPM:
+            case PacketId.SET_RPM:
                 wanted = None if abs(value) < ERPM_MIN else value / self._erpm_per_speed
                 motor = self.car.counts(now, wanted)[0]
-            case Command.SET_DUTY:
+            case PacketId.SET_DUTY:
                 motor = sign * min(max(value, -1.0), 1.0) * PWM_MAX
-            case Command.SET_CURRENT:  # the simulated vehicle knows no torque: 60 A are full throttle
+            case PacketId.SET_CURRENT:  # the simulated vehicle knows no torque: 60 A are full throttle
                 motor = sign * min(max(value / 60.0, -1.0), 1.0) * PWM_MAX
         self._duty = sign * motor / PWM_MAX
         share = (self._servo - self._options.servo_centre) / self._options.servo_range
@@ -91,17 +91,17 @@ class Vesc(Controller):
         command, body = payload[0], payload[1:]
         if command in _COMMANDS and len(body) >= 4:
             self._heard = self.steps.now
-            self._command = Command(command)
+            self._command = PacketId(command)
             self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
-        elif command == Command.SET_SERVO_POS and len(body) >= 2:
+        elif command == PacketId.SET_SERVO_POS and len(body) >= 2:
             self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
-        elif command == Command.ALIVE:
+        elif command == PacketId.ALIVE:
             self._heard = self.steps.now
-        elif command == Command.GET_VALUES:
+        elif command == PacketId.GET_VALUES:
             self._send(self._values())
-        elif command == Command.FW_VERSION:
+        elif command == PacketId.FW_VERSION:
             self._send(bytes((command, *self.firmware)) + b"410\0" + bytes(12) + bytes(3))
-        elif command == Command.GET_APPCONF:
+        elif command == PacketId.GET_APPCONF:
             settings = pack(">IBI", SIGNATURE, 0, round(1000.0 * self.timeout))
             self._send(bytes((command,)) + settings.ljust(APPCONF, b"\0"))
 
@@ -109,7 +109,7 @@ class Vesc(Controller):
         self.step(self.steps.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
-            Command.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
+            PacketId.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
             round(10.0 * self.car.voltage), 0, 0, 0, 0, int(self._last * self._steps_per_m),
             int(self._distance * abs(self._steps_per_m)), self.fault,
             0, 0, 250, 250, 250, 0, 0,
@@ -120,6 +120,6 @@ class Vesc(Controller):
         self.station.send(packet(payload))
 
 
-def port(config: Config) -> DevicePort[Vesc]:
+def port(config: Config) -> DoublePort[Vesc]:
     """A port with a VESC behind it: `serial.port: vesc`."""
-    return DevicePort("vesc", lambda: Vesc(config))
+    return DoublePort("vesc", lambda: Vesc(config))

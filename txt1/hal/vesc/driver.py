@@ -30,7 +30,7 @@ ASK_AGAIN: Final = 1.0  # s after which firmware and settings are asked for agai
 RESTARTED: Final = 2.0  # m between two reports that are no motion
 
 
-class Command(IntEnum):
+class PacketId(IntEnum):
     """The first byte of a payload."""
 
     FW_VERSION = 0
@@ -65,30 +65,30 @@ def packet(payload: bytes) -> bytes:
 
 def set_rpm(erpm: float) -> bytes:
     """Ask for a speed, electrical turns a minute."""
-    return packet(pack(">Bi", Command.SET_RPM, round(erpm)))
+    return packet(pack(">Bi", PacketId.SET_RPM, round(erpm)))
 
 
 def set_duty(duty: float) -> bytes:
     """Ask for a duty cycle, -1 to 1; 0 brakes with the motor's own current."""
-    return packet(pack(">Bi", Command.SET_DUTY, round(1e5 * duty)))
+    return packet(pack(">Bi", PacketId.SET_DUTY, round(1e5 * duty)))
 
 
 def set_current(current: float) -> bytes:
     """Ask for a motor current, A; 0 lets it roll."""
-    return packet(pack(">Bi", Command.SET_CURRENT, round(1e3 * current)))
+    return packet(pack(">Bi", PacketId.SET_CURRENT, round(1e3 * current)))
 
 
 def set_brake(current: float) -> bytes:
     """Ask for braking with a motor current, A."""
-    return packet(pack(">Bi", Command.SET_CURRENT_BRAKE, round(1e3 * current)))
+    return packet(pack(">Bi", PacketId.SET_CURRENT_BRAKE, round(1e3 * current)))
 
 
 def set_servo(position: float) -> bytes:
     """Ask for a position of the servo, 0 to 1."""
-    return packet(pack(">Bh", Command.SET_SERVO_POS, round(1e3 * position)))
+    return packet(pack(">Bh", PacketId.SET_SERVO_POS, round(1e3 * position)))
 
 
-def ask(command: Command) -> bytes:
+def ask(command: PacketId) -> bytes:
     """Ask for what such a command answers; ALIVE has no answer."""
     return packet(bytes((command,)))
 
@@ -185,7 +185,7 @@ def timeout_of(payload: bytes) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class VescOptions:
     """Settings of the HAL, under `hal_options`; the port is `serial.port`."""
 
     baud: PositiveInt = 115200
@@ -210,7 +210,7 @@ class VescHal(PlainHal):
     name = "vesc"
 
     def __init__(
-        self, port: Port, options: Options, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
+        self, port: Port, options: VescOptions, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
         self._line = Line(port, wrap, "the VESC", self._greet, self._take)
@@ -272,10 +272,10 @@ class VescHal(PlainHal):
         else:
             self._share = 0.0
             drive = self._at_rest()
-        questions = ask(Command.GET_VALUES)
+        questions = ask(PacketId.GET_VALUES)
         if time >= self._asked + ASK_AGAIN - 1e-9 and (self._firmware is None or self._timeout is None):
             self._asked = time
-            questions += ask(Command.FW_VERSION) + ask(Command.GET_APPCONF)
+            questions += ask(PacketId.FW_VERSION) + ask(PacketId.GET_APPCONF)
         self._line.send(drive + self._steered() + questions)
 
     def halt(self, outputs: Outputs, now: float) -> None:
@@ -297,13 +297,13 @@ class VescHal(PlainHal):
     def _take(self, data: bytes) -> None:
         for payload in self._unpacker.feed(data):
             match payload[0]:
-                case Command.GET_VALUES:
+                case PacketId.GET_VALUES:
                     values = values_of(payload)
                     if values is not None:
                         self._take_values(values)
-                case Command.FW_VERSION if len(payload) >= 3:
+                case PacketId.FW_VERSION if len(payload) >= 3:
                     self._take_firmware(payload[1], payload[2])
-                case Command.GET_APPCONF:
+                case PacketId.GET_APPCONF:
                     self._timeout = timeout_of(payload)
                     self._tell()
 
@@ -354,7 +354,7 @@ def create(config: Config) -> VescHal:
     from txt1.hal.registry import HOST_LINE, PORTS, port_of
     from txt1.link.impairments import faulty
 
-    options = checked(Options, config.hal_options, "hal_options")
+    options = checked(VescOptions, config.hal_options, "hal_options")
     if config.geometry.steering == "skid":
         raise ConfigError("geometry.steering: a VESC drives one motor and steers with a servo; choose both or front")
     seed = SeedSequence([config.own_seed, HOST_LINE])

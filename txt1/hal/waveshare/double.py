@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from txt1.board.far_end import far_end
 from txt1.config import Config, checked
-from txt1.hal.double import Controller, DevicePort
+from txt1.hal.double import Controller, DoublePort
 from txt1.hal.waveshare.driver import (
     ECHO,
     FEEDBACK,
@@ -22,7 +22,7 @@ from txt1.hal.waveshare.driver import (
     PWM_FULL,
     REPORT,
     SPEED,
-    Options,
+    WaveshareOptions,
     number,
 )
 from txt1.model.vehicle import PWM_MAX
@@ -38,7 +38,7 @@ class Waveshare(Controller):
     """The board's end of the line."""
 
     def __init__(self, config: Config) -> None:
-        options = checked(Options, config.hal_options if config.hal == "waveshare" else {}, "hal_options")
+        options = checked(WaveshareOptions, config.hal_options if config.hal == "waveshare" else {}, "hal_options")
         super().__init__(config)
         self.line = far_end(self, config)
         self.heartbeat = HEARTBEAT_MS
@@ -136,6 +136,6 @@ class Waveshare(Controller):
         self.station.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
 
 
-def port(config: Config) -> DevicePort[Waveshare]:
+def port(config: Config) -> DoublePort[Waveshare]:
     """A port with such a board behind it: `serial.port: waveshare`."""
-    return DevicePort("waveshare", lambda: Waveshare(config))
+    return DoublePort("waveshare", lambda: Waveshare(config))

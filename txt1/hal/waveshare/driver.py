@@ -43,7 +43,7 @@ KICK: Final = 1.0, 10.0  # by which a side's speed changes from report to report
 SWING: Final = 2.0, 100.0  # likewise a yaw rate: rad/s, and rad/s^2
 GAP: Final = 0.2  # s: a yaw rate holds no longer
 CALM: Final = 25  # reports at rest that make the gyroscope's bias known
-LIMIT: Final = 1e9  # numbers beyond this are none
+LARGEST_NUMBER: Final = 1e9  # numbers beyond this are none
 
 
 def line(command: int, **values: float) -> bytes:
@@ -87,12 +87,12 @@ class Lines:
 
 def number(value: Any) -> float | None:
     """A finite number of the board's; None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -LIMIT < value < LIMIT:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST_NUMBER < value < LARGEST_NUMBER:
         return None
     return float(value)
 
 
-class Report(NamedTuple):
+class BoardReport(NamedTuple):
     """The board's report; None where it has no such value."""
 
     left: float | None  # speed of that side, m/s
@@ -103,7 +103,7 @@ class Report(NamedTuple):
     gyro: float | None  # about the vertical axis, as it comes
 
 
-def report_of(found: dict[str, Any]) -> Report | None:
+def report_of(found: dict[str, Any]) -> BoardReport | None:
     """The report in an object; None where it is another one."""
     if found.get("T") != REPORT:
         return None
@@ -114,10 +114,10 @@ def report_of(found: dict[str, Any]) -> Report | None:
         voltage /= 100.0
         path_left = None if path_left is None else path_left / 100.0
         path_right = None if path_right is None else path_right / 100.0
-    return Report(left, right, path_left, path_right, voltage, gyro)
+    return BoardReport(left, right, path_left, path_right, voltage, gyro)
 
 
-def rolls_on(before: Report, after: Report, dt: float) -> bool:
+def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
     """Whether the sides' paths, `dt` s later, are as far as their speeds can have brought them."""
     for was, now, u, v in (
         (before.path_left, after.path_left, before.left, after.left),
@@ -130,7 +130,7 @@ def rolls_on(before: Report, after: Report, dt: float) -> bool:
     return True
 
 
-def goes_on(before: Report, after: Report, dt: float, gyro: float) -> bool:
+def goes_on(before: BoardReport, after: BoardReport, dt: float, gyro: float) -> bool:
     """Whether a report may follow another `dt` s later: lines have no check sum, and a wrong digit is one as well."""
     kicks = [abs((now or 0.0) - (was or 0.0)) for was, now in zip(before[:2], after[:2], strict=True)]
     swing = abs(gyro * ((after.gyro or 0.0) - (before.gyro or 0.0)))
@@ -140,7 +140,7 @@ def goes_on(before: Report, after: Report, dt: float, gyro: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class WaveshareOptions:
     """Settings of the HAL, under `hal_options`; the port is `serial.port`."""
 
     baud: PositiveInt = 115200
@@ -159,7 +159,12 @@ class WaveshareHal(PlainHal):
     name = "waveshare"
 
     def __init__(
-        self, port: Port, options: Options, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
+        self,
+        port: Port,
+        options: WaveshareOptions,
+        geometry: Geometry,
+        wrap: Callable[[End], End],
+        simulated: bool = False,
     ) -> None:
         closed = options.encoders
         self.capabilities = Capabilities(
@@ -173,8 +178,8 @@ class WaveshareHal(PlainHal):
 
     def _forget(self) -> None:
         self._odometry: Odometry | None = None
-        self._report: Report | None = None
-        self._doubted: Report | None = None  # one that does not follow from it
+        self._report: BoardReport | None = None
+        self._doubted: BoardReport | None = None  # one that does not follow from it
         self._doubts = 0
         self._taken = 0.0  # loop time of the report
         self._batteries: tuple[float, float] | None = None
@@ -244,7 +249,7 @@ class WaveshareHal(PlainHal):
             if report is not None:
                 self._take_report(report)
 
-    def _take_report(self, report: Report) -> None:
+    def _take_report(self, report: BoardReport) -> None:
         time = self._line.time()
         since = time - self._taken
         if self._report is not None and not goes_on(self._report, report, since, self._options.gyro):
@@ -304,7 +309,7 @@ def create(config: Config) -> WaveshareHal:
     from txt1.hal.registry import HOST_LINE, PORTS, port_of
     from txt1.link.impairments import faulty
 
-    options = checked(Options, config.hal_options, "hal_options")
+    options = checked(WaveshareOptions, config.hal_options, "hal_options")
     if config.geometry.steering != "skid":
         raise ConfigError("geometry.steering: a Waveshare rover has sides that run at two speeds; choose skid")
     seed = SeedSequence([config.own_seed, HOST_LINE])

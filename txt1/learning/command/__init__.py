@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
-from txt1.cli.workers import OPTIONS, machines_of
+from txt1.cli.workers import OPTIONS, workers_of
 from txt1.commands import DISARMED, OK, add, busy, count, flag, path, say, signals_to, takes, unused
 from txt1.config import Config
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
@@ -63,7 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
         name, arguments.trials, arguments.episodes, config.seed, config, speed,
         bool(arguments.arm), arguments.log,
     )  # fmt: skip
-    machines = machines_of(arguments, alone=speed != "max" and not arguments.jobs)
+    machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
 
     out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))
     console = Console(stderr=True)
@@ -184,6 +184,6 @@ def _compare(arguments: argparse.Namespace, config: Config) -> int:
 def _elsewhere(arguments: argparse.Namespace) -> Iterator[tuple[Each, list[int]]]:
     """Do work where it was asked for, until it is done or a signal has come, which then is in the list."""
     came: list[int] = []
-    machines = machines_of(arguments)
+    machines = workers_of(arguments)
     with signals_to(lambda number, _: came.append(number)):
         yield lambda work, texts: machines.each(work, texts, lambda: bool(came)), came

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.workers import HERE, Machines, stopped
+from txt1.cli.workers import HERE, Workers, stopped
 from txt1.commands import signals_to
 from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
@@ -48,7 +48,7 @@ Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None:
 
 
 def conduct(
-    plan: Plan, out: Path, resume: bool, watch: Watch, machines: Machines = HERE
+    plan: Plan, out: Path, resume: bool, watch: Watch, machines: Workers = HERE
 ) -> tuple[list[TrialResult], Ended]:
     """Return what came of the trials, in their order, and why there are no more; a signal ends it, nothing is lost.
 
@@ -86,7 +86,7 @@ def conduct(
 
 
 def _side_by_side(
-    plan: Plan, logs: dict[int, Path], out: Path, watch: Watch, machines: Machines, missing: Sequence[int],
+    plan: Plan, logs: dict[int, Path], out: Path, watch: Watch, machines: Workers, missing: Sequence[int],
     ended: Callable[[], bool],
 ) -> None:  # fmt: skip
     told = plan._replace(log=None)._asdict() | {"config": plan.config.model_dump(mode="json")}

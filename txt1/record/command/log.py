@@ -86,9 +86,9 @@ def export_csv(arguments: argparse.Namespace) -> int:
 def _chosen(arguments: argparse.Namespace) -> Iterator[Item]:
     """Return the messages that were asked for; raises ConfigError for a topic that the recording does not have."""
     from txt1.record import summary
-    from txt1.record.reading import Reading
+    from txt1.record.reading import FilePass
 
-    reading, topics = Reading(arguments.file), frozenset(arguments.topic)
+    reading, topics = FilePass(arguments.file), frozenset(arguments.topic)
     yield from summary.chosen(reading, topics, arguments.start, arguments.end)
     there = [channel.topic for channel in reading.channels.values()]
     for topic in sorted(topics.difference(there)):
