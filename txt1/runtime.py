@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack, suppress
 from functools import partial
 from typing import Any, TypeVar
@@ -14,10 +14,11 @@ from txt1.control.car import loops_for
 from txt1.control.limits import Fault, Gate, Guard
 from txt1.control.open_loop import OpenLoop
 from txt1.control.parameters import Limits
-from txt1.errors import ConfigError, HalError, NotArmed
+from txt1.errors import ConfigError, NotArmed
 from txt1.hal.base import Button, Hal, Inputs
 from txt1.hal.channels import rewired
 from txt1.hal.witness import witnessed
+from txt1.journal import Journal
 from txt1.kernel import garbage
 from txt1.kernel.loop import VirtualTimeLoop
 from txt1.kernel.scheduler import PeriodicTask, Scheduler, TaskRow
@@ -28,7 +29,7 @@ from txt1.offers import Offers
 from txt1.plugins import settled
 from txt1.protocol.layout import numbers
 from txt1.protocol.messages import BoardMessage, Message, PidResponse, Switch, Velocity
-from txt1.sensors.base import SENSORS, Reading, Sensor, Setup
+from txt1.sensors.base import SENSORS, Sensor, Setup
 from txt1.sensors.polling import Sensors
 from txt1.sensors.registry import create
 from txt1.tasks import battery, controller, encoder, fields, inputs, mode, panel, serial, standstill
@@ -110,18 +111,20 @@ class Runtime:
     ) -> None:
         self.config = config
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
-        self._stepwise = sensing and not self._virtual  # a replay takes the very steps of this run
-        self._witnessed = self._stepwise and not hal.capabilities.repeats
-        self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
-        hal = self.io = witnessed(self.hal, partial(self._report, "hal")) if self._witnessed else self.hal
-        """The hardware layer as the tasks have it; on the real clock its reports are recorded there."""
-        self.name = config.name or hal.name if name is None else name
         self.bus = Bus(config.name, begin=self._begin_sampling)
         """What the robot tells."""
-        self.state = State(self.bus, hal.capabilities)
-        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.scheduler = scheduler(self._task_failed)
         self.scheduler.on_sleep = self.slept
+        stepwise = sensing and not self._virtual  # a replay takes the very steps of this run
+        self.journal = Journal(self.bus, self.scheduler, stepwise)
+        self._begin = self.journal.begin
+        self._witnessed = stepwise and not hal.capabilities.repeats
+        self.hal = rewired(hal, config.channels, config.geometry.steering == "skid")
+        hal = self.io = witnessed(self.hal, partial(self.journal.report, "hal")) if self._witnessed else self.hal
+        """The hardware layer as the tasks have it; on the real clock its reports are recorded there."""
+        self.name = config.name or hal.name if name is None else name
+        self.state = State(self.bus, hal.capabilities)
+        self.gate = Gate(config.limits() if limits is None else limits, on_close=self._gate_closed)
         self.sensors = Sensors(self.bus, self.add_task, self.state.tell)
         """The sensors beside those of the hardware layer, by name."""
         self.bus.offer(SENSORS, lambda: self.sensors.states() or None)
@@ -134,7 +137,6 @@ class Runtime:
         """Returns pose and velocities by all sensors together, where an addition makes them."""
         self.on_place: list[Callable[[], None]] = []
         """Called when the robot was put down elsewhere."""
-        self._source = ""  # the task of the user's, of the driver's or of a sensor that is at work
         self._sensing = sensing
         self._through = through
         self.send = send
@@ -183,10 +185,11 @@ class Runtime:
                 await self._watching.enter_async_context(context)
         await settled(f"the HAL '{self.hal.name}'", "opened", self.hal.open)
         if self._sensing:
-            self._report("hal", "hardware", self.hal.name, self.hal.capabilities)
+            self.journal.report("hal", "hardware", self.hal.name, self.hal.capabilities)
         for name, priority, period, task in self._make_tasks(self):
             if period is None:
-                self._notify_serial = self.scheduler.add_sporadic(name, priority, self._watched(name, task))
+                watched = self.journal.watched(name, task, len(self._reports), False)
+                self._notify_serial = self.scheduler.add_sporadic(name, priority, watched)
                 self._reports.add(name, priority, None)
             else:
                 self._add(name, priority, period, task)
@@ -211,21 +214,11 @@ class Runtime:
             stack.push_async_callback(self.sensors.close)
             stack.callback(garbage.end)
             stack.callback(lambda: self.bus.flush(ended if self.watch is None else self.now))
-            stack.push_async_callback(self._settle)
+            if self.watch is not None:
+                stack.push_async_callback(standstill.settle, self.watch, self.io, lambda: self.now)
             stack.callback(self.scheduler.stop)
             if not self._failed:  # else it was made safe then, as far as that was possible
                 self.make_safe(self.now)
-
-    async def _settle(self) -> None:
-        """Wait until the robot stands, where that has to be verified: 3 s at most, and by stronger means if need be."""
-        watch, ends = self.watch, self.now + standstill.END
-        with suppress(HalError):  # then nobody sees it stand
-            while watch is not None and not watch.settled and self.now < ends:
-                await asyncio.sleep(standstill.STANDSTILL_PERIOD)
-                now, neutral = self.now, self.gate.neutral(self.state.servos)
-                encoder.take_odometry(self.state, self.io.read(now), now)
-                self.io.write(neutral, now)
-                watch.step(now, neutral)
 
     def make_sensor(self, name: str, options: SensorConfig | None = None) -> Sensor[Any]:
         """A sensor, not opened yet, as ``sensors.NAME`` of the configuration or as given here.
@@ -243,7 +236,7 @@ class Runtime:
     async def _open_sensor(self, name: str, sensor: Sensor[Any], period: float | None) -> None:
         own = partial(self._add, named=self.bus.wanted(inputs.INPUT))
         given = sensor if self._through is None else self._through(name, sensor)
-        await self.sensors.add(name, given, period, own, self._note_reading)
+        await self.sensors.add(name, given, period, own, self.journal.reading)
 
     def guard(self, name: str, guard: Guard) -> None:
         """Let a guard lower every set-point in the safety gate; one that fails is told once, and 0 from then on."""
@@ -344,25 +337,6 @@ class Runtime:
         """Add a line to the event log."""
         self.state.tell(self._begin("tell", text), text)
 
-    def _begin(self, kind: str, text: str = "", values: tuple[float, ...] = (), given: float | None = None) -> float:
-        """The time at which something is done from outside; listeners are told of it before it takes effect."""
-        now = self.now
-        if self.bus.wanted(inputs.INPUT):
-            given = now if given is None else given
-            event = inputs.Input(self.scheduler.steps, self._source, kind, text, given, values)
-            self.bus.publish(inputs.INPUT, event, now)
-        return now
-
-    def _report(self, source: str, kind: str, text: str = "", value: Any = None, time: float = 0.0) -> None:
-        """Tell what was read; a replay gives it again."""
-        if self.bus.wanted(inputs.REPORT):
-            report = inputs.Report(self.scheduler.steps, source, kind, text, time, value)
-            self.bus.publish(inputs.REPORT, report, self.now)
-
-    def _note_reading(self, task: str, kind: str, text: str, reading: Reading[Any] | None) -> None:
-        time, value = (0.0, None) if reading is None else reading
-        self._report(task, kind, text, value, time)
-
     def make_safe(self, now: float) -> None:
         """Put neutral outputs on the hardware at `now`, without waiting for a tick."""
         self.io.write(self.gate.neutral(self.state.servos), now)
@@ -377,32 +351,8 @@ class Runtime:
         self._add(name, priority, period, task)
 
     def _add(self, name: str, priority: int, period: float, task: PeriodicTask, named: bool = False) -> None:
-        self.scheduler.add(name, priority, period, self._watched(name, task, named))
+        self.scheduler.add(name, priority, period, self.journal.watched(name, task, len(self._reports), named))
         self._reports.add(name, priority, period)
-
-    def _watched(self, name: str, task: PeriodicTask, named: bool = False) -> PeriodicTask:
-        """The task, its steps told where somebody wants to know; `named`: what comes in meanwhile comes from it."""
-        told = self._stepwise and self.bus.wanted(inputs.STEP)
-        if not told and not named:
-            return task
-        number = len(self._reports)
-
-        def watched(ticks: Ticks) -> Coroutine[Any, Any, None]:
-            def begins(now: float) -> None:
-                if told:
-                    self.bus.publish(inputs.STEP, (number, now, ticks.missed), now)
-                if named:
-                    self._source = name
-
-            def ends() -> None:
-                self._source = ""
-
-            ticks.begins = begins
-            if named:
-                ticks.ends = ends
-            return task(ticks)
-
-        return watched
 
     def faults(self) -> dict[str, int]:
         """Everything that was refused, clipped or lost so far, by name."""
@@ -429,9 +379,9 @@ class Runtime:
         self.state.tell(self.now, f"disarmed: {reason}{way_back}")
 
     def _task_failed(self, name: str, error: BaseException) -> None:
-        if self._source:
+        if self.journal.source:
             self._begin("failure", str(error))
-            self._source = ""
+            self.journal.source = ""
         self._failed = True
         self.gate.disarm(f"task '{name}' failed: {error}", Fault.TASK)
         with suppress(Exception):  # it may be the hardware itself that failed; the first error is the one that counts

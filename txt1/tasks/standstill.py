@@ -3,15 +3,19 @@
 It also notices a vehicle that is commanded and does not move.
 """
 
+import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
 from txt1.control.standstill import STANDS, UNOBEYED, Standstill, Stop
+from txt1.errors import HalError
 from txt1.hal.base import Capabilities, Hal, Outputs
 from txt1.kernel.ticks import Ticks
 from txt1.protocol.messages import Switch
+from txt1.tasks import encoder
 from txt1.tasks.fields import BatteryState
 from txt1.tasks.state import State
 from txt1.telemetry.messages import define
@@ -163,3 +167,18 @@ async def standstill(ticks: Ticks, watch: Watch) -> None:
     """Verify every stop."""
     async for now in ticks:
         watch.step(now, watch.state.control.outputs)
+
+
+async def settle(watch: Watch, io: Hal, clock: Callable[[], float]) -> None:
+    """Wait until the robot stands: `END` s at most, and by stronger means if need be.
+
+    `io` is the hardware layer as the tasks have it, `clock` returns s of the run.
+    """
+    ends = clock() + END
+    with suppress(HalError):  # then nobody sees it stand
+        while not watch.settled and clock() < ends:
+            await asyncio.sleep(STANDSTILL_PERIOD)
+            now, neutral = clock(), watch.gate.neutral(watch.state.servos)
+            encoder.take_odometry(watch.state, io.read(now), now)
+            io.write(neutral, now)
+            watch.step(now, neutral)
