@@ -21,7 +21,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from docs import parts
+from rigs import page_parts
 from txt1.config import load
 from txt1.hal.pi.double import pulse_of
 from txt1.hal.vesc.double import Vesc
@@ -144,7 +144,7 @@ def main() -> None:
         )
         print(page, told[page][-1], flush=True)
     for page, lines in told.items():
-        parts.write(DOCS / page, "dead_hosts", "\n".join(lines), "benchmarks.dead_hosts")
+        page_parts.write(DOCS / page, "dead_hosts", "\n".join(lines), "benchmarks.dead_hosts")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from docs import parts
+from rigs import page_parts
 from txt1.record.reading import Decoding, FilePass
 from txt1.ros.python import RosPython, ros2
 
@@ -213,8 +213,8 @@ def main() -> None:
     )
     print(f"{where}\n\n{latency}\n\n{rates}")
     if arguments.page:
-        parts.write(PAGE, "latency", f"{where}\n\n{latency}", "benchmarks.ros")
-        parts.write(PAGE, "rates", rates, "benchmarks.ros")
+        page_parts.write(PAGE, "latency", f"{where}\n\n{latency}", "benchmarks.ros")
+        page_parts.write(PAGE, "rates", rates, "benchmarks.ros")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 from typing import TypeVar
 
-from docs import parts
+from rigs import page_parts
 
 T = TypeVar("T")
 
@@ -48,4 +48,4 @@ def write(page: Path, name: str, header: Sequence[str], rows: Sequence[Sequence[
     """Put a table and a text into a page, between the marks that it has for this benchmark."""
     lines = [header, ["---", *("--:" for _ in header[1:])], *rows]
     drawn = "\n".join(f"| {' | '.join(each)} |" for each in lines)
-    parts.write(page, name, f"{drawn}\n\n{text}", f"benchmarks.{name}")
+    page_parts.write(page, name, f"{drawn}\n\n{text}", f"benchmarks.{name}")

@@ -21,7 +21,7 @@ from unittest import mock
 
 import numpy as np
 
-from docs import parts
+from rigs import page_parts
 from txt1 import run
 from txt1.board.board import Board, BoardEvent
 from txt1.config import load
@@ -607,7 +607,7 @@ def write(known: dict[str, dict[str, Any]]) -> None:
     for part, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
         rows = [known[case.key]["row"] for case in cases if case.key in known]
         table = "\n".join((_line(*titles), "|---" * len(titles) + "|", *rows))
-        parts.write(page, part, table, "benchmarks.stops")
+        page_parts.write(page, part, table, "benchmarks.stops")
     safety = ROOT / "docs" / "safety.md"
     lines = safety.read_text().splitlines()
     measured = of_processes()

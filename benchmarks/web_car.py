@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Final, NamedTuple
 
-from tests.browser.live import Live, Sample, live
+from rigs.live_browser import Live, Sample, live
 from txt1.robot import Robot
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")

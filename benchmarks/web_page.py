@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 
 from benchmarks.rounds import spread, table, verdict, write
 from benchmarks.web_car import car
-from tests.browser.live import CHROMIUM, FLAGS
+from rigs.live_browser import CHROMIUM, FLAGS
 
 SIZES: Final = {"1280 x 800": (1280, 800), "390 x 844, a phone's": (390, 844)}
 PAINT: Final = 1000.0  # ms, at most

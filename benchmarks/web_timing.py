@@ -28,7 +28,7 @@ from playwright.sync_api import Error, sync_playwright
 
 from benchmarks.rounds import spread, table, verdict, write
 from benchmarks.web_car import Car, car
-from tests.browser.live import CHROMIUM, FLAGS, Sample
+from rigs.live_browser import CHROMIUM, FLAGS, Sample
 
 LIMIT: Final = 0.25 + 0.02 + 0.04  # s: the age at which a command is late, a tick, and the step in which pages renew it
 FAULTS: Final = ("network cut", "page frozen", "browser killed", "page reloaded", "server killed")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from docs import parts
+from rigs import page_parts
 from txt1.cli import execute
 from txt1.config import Config
 from txt1.config.sources import vehicles
@@ -68,7 +68,7 @@ def main() -> None:
             "calibrate", "--vehicle", vehicle, *settings, "--practice", str(count), "--seed", "1", "--write", str(file)
         ])  # fmt: skip
         done[kind] = [car for car in read_practised(file, vehicle) if car.seed <= count]
-    parts.write(HERE / "calibrate.md", "calibrated_cars", table(done), "docs.calibrated_cars")
+    page_parts.write(HERE / "calibrate.md", "calibrated_cars", table(done), "docs.calibrated_cars")
 
 
 if __name__ == "__main__":

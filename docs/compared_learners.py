@@ -13,7 +13,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any, Final
 
-from docs import parts
+from rigs import page_parts
 from txt1.cli import execute
 from txt1.learning import compare, suite
 
@@ -56,13 +56,13 @@ def main() -> None:
         copyfile(OUT, RAW)
         execute(["learn", "--worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
                  "--trials", given.worlds, "--episodes", "12", "--out", str(WORLDS), "--resume"])  # fmt: skip
-    parts.write(PAGE, "contenders", compare.table(*compare.read(RAW)), "docs.compared_learners")
+    page_parts.write(PAGE, "contenders", compare.table(*compare.read(RAW)), "docs.compared_learners")
     compare.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]
     if files:
         results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
-        parts.write(PAGE, "losses", losses(results), "docs.compared_learners")
-        parts.write(PAGE, "worlds", suite.table(results), "docs.compared_learners")
+        page_parts.write(PAGE, "losses", losses(results), "docs.compared_learners")
+        page_parts.write(PAGE, "worlds", suite.table(results), "docs.compared_learners")
 
 
 if __name__ == "__main__":

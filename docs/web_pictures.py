@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from playwright.sync_api import sync_playwright
 
-from tests.browser.live import CHROMIUM, FLAGS, Live, arrive, command, live
+from rigs.live_browser import CHROMIUM, FLAGS, Live, arrive, command, live
 
 FOLDER: Final = Path(__file__).parent / "web"
 BOX: Final = "{kind: box, x: 1.6, y: 1.5, length: 0.6, width: 0.4, theta: 0.4}"

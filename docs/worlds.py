@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from docs import parts
+from rigs import page_parts
 from txt1.cli import execute
 from txt1.learning import suite
 
@@ -126,7 +126,7 @@ def main() -> None:
         "thesis": "".join(map(thesis, read(THESIS))),
     }  # fmt: skip
     for name, text in texts.items():
-        parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
+        page_parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
 
 
 if __name__ == "__main__":

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Final
 
-from docs import parts
+from rigs import page_parts
 
 PAGE: Final = Path("docs/reliability.md")
 
 
 def write(part: str, text: str) -> None:
     """Put a text in the place of a command's part."""
-    parts.write(PAGE, part, text, f"torture.{part}")
+    page_parts.write(PAGE, part, text, f"torture.{part}")

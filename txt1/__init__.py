@@ -15,9 +15,10 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+from txt1.version import __version__
 
 if TYPE_CHECKING:
     from txt1.errors import Txt1Error
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from txt1.sim.parameters import Box, Post
     from txt1.sim.room import Room
     from txt1.sim.world import World
-
-__version__ = "0.2.0"
 
 __all__ = [
     "Box", "Button", "Fleet", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
@@ -62,7 +61,3 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """Return the public names, for ``dir`` and ``help``."""
     return [*__all__, "__doc__", "__name__", "__path__"]
-
-
-if "gymnasium" in sys.modules:  # its users import it first; the others need not wait for it
-    import_module("txt1.learning.env")

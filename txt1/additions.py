@@ -28,19 +28,29 @@ from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from txt1.errors import AdditionFault, ConfigError, Txt1Error
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Collection
     from types import TracebackType
-
-    from txt1.config import Config
 
 GROUP: Final = "txt1.additions"
 FOLDERS: Final = ("*", "guards/*", "hal/*")
 """Where ours are, below the package."""
+
+
+class Configuration(Protocol):
+    """The part of `txt1.config.Config` that is needed here: the configuration knows additions, not the reverse."""
+
+    @property
+    def given(self) -> Collection[str]:
+        """The names of the sections that are given."""
+
+    def section(self, kind: type[Any], /) -> Any:
+        """Return the section of this class."""
 
 
 class Addition(NamedTuple):
@@ -52,8 +62,8 @@ class Addition(NamedTuple):
     """Those of a lower one come first; of equal ones, by name."""
     settings: str = ""
     """Class of its section: a `txt1.config.schema.Section`, or a dataclass, which processes read without pydantic."""
-    wanted: Callable[[Config], bool] | None = None
-    """Whether a configuration asks for it; None: where its section is given."""
+    wanted: Callable[[Any], bool] | None = None
+    """Whether a configuration (`txt1.config.Config`) asks for it; None: where its section is given."""
     watch: str = ""
     """(Runtime, settings) -> async context."""
     prepare: str = ""
@@ -75,8 +85,11 @@ class Options(NamedTuple):
     """Of their group in the help."""
     arguments: Mapping[str, Mapping[str, Any]]
     """What argparse is told of each, by its names."""
-    asked: Callable[[Namespace, Config], object | None]
-    """Returns the addition's settings, None where it is not asked for; refuses (ConfigError) before a robot starts."""
+    asked: Callable[[Namespace, Any], object | None]
+    """(arguments, `txt1.config.Config`) -> the addition's settings, None where it is not asked for.
+
+    It refuses (ConfigError) before a robot starts.
+    """
 
 
 class Active(NamedTuple):
@@ -219,15 +232,7 @@ def sections() -> list[str]:
     return [each.name for each in known().values() if each.settings]
 
 
-def with_sections(config: Config, asked: Mapping[str, object]) -> Config:
-    """Return the configuration with the settings that are sections, so that a recording has them."""
-    kinds = {name: each.settings for name in asked if (each := named(name)) is not None and each.settings}
-    return config.model_copy(
-        update={name: asked[name] for name, kind in kinds.items() if type(asked[name]) is load(kind)}
-    )
-
-
-def active(config: Config, asked: Mapping[str, object] | None = None) -> tuple[Active, ...]:
+def active(config: Configuration, asked: Mapping[str, object] | None = None) -> tuple[Active, ...]:
     """Return the additions that take part, in their order: those that are wanted, and those asked for with settings.
 
     Raises ConfigError: one that is asked for is not installed.
@@ -245,7 +250,7 @@ def active(config: Config, asked: Mapping[str, object] | None = None) -> tuple[A
     return tuple(sorted(found, key=lambda one: (one.addition.order, one.addition.name)))
 
 
-def _wanted(addition: Addition, config: Config) -> bool:
+def _wanted(addition: Addition, config: Configuration) -> bool:
     if addition.wanted is None:
         return addition.name in config.given
     with blamed(addition.name, "wanted"):

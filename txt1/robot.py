@@ -10,8 +10,8 @@ from functools import partial
 from math import inf, nan
 from typing import Any, Final, NamedTuple, TypeVar
 
-from txt1.additions import Contained, blamed, with_sections
-from txt1.config import Config, load
+from txt1.additions import Contained, blamed
+from txt1.config import Config, load, with_sections
 from txt1.control.commander import Driver
 from txt1.control.limits import Fault
 from txt1.control.pid import Gains

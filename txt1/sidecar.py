@@ -505,4 +505,6 @@ def main(fd: str, target: str, beat: str, options: str) -> None:
 
 
 if __name__ == "__main__":
-    import_module("txt1.sidecar").main(*sys.argv[1:])  # under its own name, which is how the target knows it
+    from txt1.sidecar import main as begin  # under the module's own name, which is how the target knows it
+
+    begin(*sys.argv[1:])

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.browser.live import CHROMIUM, FLAGS, Live, live
+from rigs.live_browser import CHROMIUM, FLAGS, Live, live
 from tests.patience import LIMIT
 
 

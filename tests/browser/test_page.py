@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigs.live_browser import Live, arrive, command, live
 from tests.browser.conftest import fresh, opened
-from tests.browser.live import Live, arrive, command, live
 from tests.patience import LIMIT, TXT1, S
 from txt1.web.certificate import own_certificate
 

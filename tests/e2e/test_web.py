@@ -16,7 +16,7 @@ from typing import Any
 import aiohttp
 import pytest
 
-from tests.browser.live import Live, live
+from rigs.live_browser import Live, live
 from tests.patience import LIMIT, S, until
 from txt1.web.auth import Auth, visitors_token
 from txt1.web.routes import MESSAGE_MAX, STRANGER

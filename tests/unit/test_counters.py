@@ -1,5 +1,7 @@
 """The two counters of the repository's structure: sizes in statements, and arrows between folders."""
 
+import ast
+
 import pytest
 
 from tests import arrows, size
@@ -83,3 +85,12 @@ def test_an_opened_robot_is_a_part_of_the_whole(capsys: pytest.CaptureFixture[st
     size.main()
     whole, opened = (int(word) for word in capsys.readouterr().out.splitlines()[-1].split()[:2])
     assert 1000 < opened < whole
+
+
+def test_no_class_name_stands_for_two_things() -> None:
+    where: dict[str, list[str]] = {}
+    for file in sorted((size.ROOT / "txt1").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                where.setdefault(node.name, []).append(str(file.relative_to(size.ROOT)))
+    assert {name: files for name, files in where.items() if len(files) > 1} == {}

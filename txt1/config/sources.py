@@ -153,6 +153,14 @@ def completed(config: Config) -> Config:
     return config.model_copy(update={name: additions.settings_of(name)() for name in absent})
 
 
+def with_sections(config: Config, asked: Mapping[str, object]) -> Config:
+    """Return the configuration with those settings of additions that are sections, so that a recording has them."""
+    kinds = {name: each.settings for name in asked if (each := additions.named(name)) is not None and each.settings}
+    return config.model_copy(
+        update={name: asked[name] for name, kind in kinds.items() if type(asked[name]) is additions.load(kind)}
+    )
+
+
 def origin_of(key: str, origins: Mapping[str, str]) -> str:
     """Return the origin of a dotted key's value; a section set as a whole is the origin of all that is in it."""
     while key and key not in origins:

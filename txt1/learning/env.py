@@ -1,7 +1,6 @@
 """The learning task as Gymnasium environments (extra `gym`).
 
-    import gymnasium, txt1                            # in this order; or import txt1.learning.env, in any
-    gymnasium.make("txt1/LightSeeking-v0")
+    gymnasium.make("txt1.learning.env:txt1/LightSeeking-v0")      # Gymnasium imports the module before the colon
 
 One step is one decision of the thesis's learner, 0.5 s.
 

@@ -22,10 +22,10 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from txt1 import __version__
 from txt1.errors import ConfigError
 from txt1.record.encoder import Block
 from txt1.telemetry.messages import schema_name, schema_text
+from txt1.version import __version__
 
 FORMAT: Final = 2  # counts up when a reader has to treat files otherwise than before; a new topic or field is no reason
 FOOTER_UP_TO_CRC: Final = 25  # bytes of the footer record that its own checksum covers

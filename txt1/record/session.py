@@ -14,13 +14,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from txt1 import __version__
 from txt1.commands import need
 from txt1.config import Config, flatten
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
 from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
+from txt1.version import __version__
 
 if TYPE_CHECKING:
     from txt1.record.encoder import TopicChannel

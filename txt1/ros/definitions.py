@@ -6,8 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final
 
-from txt1 import __version__
 from txt1.telemetry.messages import DEFINITIONS
+from txt1.version import __version__
 
 OWNERS: Final = ("txt1.robot", "txt1.sensors.readings", "txt1.learning.task")
 """Modules that define messages of their own."""

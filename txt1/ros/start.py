@@ -4,11 +4,12 @@ The package is found behind everything that the other Python has of its own.
 """
 
 import sys
-from importlib import import_module
 from pathlib import Path
 
 if __name__ == "__main__":
     here = Path(__file__).resolve().parent
     sys.path[:] = [place for place in sys.path if Path(place).resolve() != here]
     sys.path.append(str(here.parents[1]))
-    import_module("txt1.sidecar").main(*sys.argv[1:])
+    from txt1.sidecar import main
+
+    main(*sys.argv[1:])

@@ -31,8 +31,10 @@ def test_the_environment_passes_gymnasiums_own_check() -> None:
         check_env(made.unwrapped, skip_render_check=True)
 
 
-def test_who_imports_gymnasium_and_txt1_has_the_environments() -> None:
-    program = "import gymnasium, txt1; print(gymnasium.make('txt1/LightSeeking-v0').reset(seed=1)[0].shape)"
+@pytest.mark.parametrize("imports", ["gymnasium, txt1", "txt1, gymnasium", "gymnasium"])
+def test_the_environment_is_found_whatever_was_imported_first(imports: str) -> None:
+    made = "gymnasium.make('txt1.learning.env:txt1/LightSeeking-v0')"
+    program = f"import {imports}; print({made}.reset(seed=1)[0].shape)"
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=LIMIT)
     assert shown.stdout == "(6,)\n"
 

@@ -13,8 +13,8 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib import import_module
 from struct import Struct
+from tempfile import mkdtemp
 from typing import Any, Final, NamedTuple, Protocol
 
 SILENCE_MS: Final = 250  # without pulses, after which the outputs are neutral
@@ -209,12 +209,24 @@ class Guarded:
 def open_bus(setup: GuardSetup) -> I2cBus | None:
     """The I2C bus of a set-up; None where it needs none."""
     if isinstance(setup.bus, str):
-        bus: I2cBus = import_module("txt1.hal.pi.double").FileBus(setup.bus)
-        return bus
+        from txt1.hal.pi.double import FileBus  # on the desk only
+
+        return FileBus(setup.bus)
     if setup.output != "pca9685" and setup.battery == "none":
         return None
-    made: I2cBus = import_module("smbus2").SMBus(setup.bus)
-    return made
+    from smbus2 import SMBus  # not on every host
+
+    bus: I2cBus = SMBus(setup.bus)
+    return bus
+
+
+def pins_library() -> Any:
+    """Return lgpio, which makes a pipe in LG_WD, or else where it was started, which may be read-only."""
+    if "LG_WD" not in os.environ:
+        os.environ["LG_WD"] = mkdtemp(prefix="txt1-")
+    import lgpio  # type: ignore[import-untyped]  # where pins are used only
+
+    return lgpio
 
 
 def open_chip(lgpio: Any) -> int:
@@ -234,9 +246,7 @@ def guarded(setup: GuardSetup) -> Guarded:
     encoders = [Quadrature(pins) for pins in setup.encoders]
     chip, lgpio = 0, None
     if setup.output == "gpio" or encoders:
-        if "LG_WD" not in os.environ:  # it makes a pipe there, or else where it was started, which may be read-only
-            os.environ["LG_WD"] = import_module("tempfile").mkdtemp(prefix="txt1-")
-        lgpio = import_module("lgpio")
+        lgpio = pins_library()
         chip = open_chip(lgpio)
     for encoder, pins in zip(encoders, setup.encoders, strict=True):
         assert lgpio is not None

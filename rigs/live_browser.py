@@ -16,7 +16,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
-from tests.patience import LIMIT, TXT1, surviving, wait_until
+from rigs.patience import LIMIT, TXT1, surviving, wait_until
 from txt1.bridges.registry import bridge
 from txt1.bridges.services import Services
 from txt1.cli.app import real_time

@@ -1,0 +1,1 @@
+"""What tests, benchmarks, long tests and the scripts of the docs share."""

@@ -1,0 +1,111 @@
+"""How long tests wait in real time, in one unit, so that none fails because the machine is slow.
+
+Whatever waits for something to come true has `LIMIT`, and ends as soon as it is true: patience costs nothing. Pauses in
+which nothing may happen are so many `S`. A machine that is too slow even so is given more time by `TXT_PATIENCE=5`.
+
+A robot in real time takes a stall of the machine for a fault, as it should. The fixture `patient` (tests/conftest.py)
+lets the robots of a test live through stalls, and `TXT1` starts such a robot as a process of its own. Tests of the
+rules on stalls are in virtual time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from math import inf
+from typing import Final
+
+S: Final = float(os.environ.get("TXT_PATIENCE", "1"))
+"""A second of the tests' patience."""
+LIMIT: Final = 120.0 * S
+"""s for something to come true."""
+LOOK: Final = 0.005
+"""s between two looks at whether it has."""
+
+MISSED: Final = ("TXT1_SAFETY__MISSED_TICKS_MAX", "1000000")
+"""The setting of a robot that goes on after the machine let its controller miss cycles, for it and its children."""
+PATIENT: Final = ("safety.missed_ticks_max=1000000",)
+"""The same for a configuration that is made without the environment."""
+TXT1: Final = (sys.executable, "-P", __file__)
+"""The command `txt1` with a robot that lives through stalls of the machine."""
+
+STALLED: Final = (
+    ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
+    ("txt1.tasks.mode", "VELOCITY_MIN", -1),
+    ("txt1.hal.serial", "LOST", LIMIT),
+    ("txt1.hal.serial", "PAUSE", LIMIT),
+    ("txt1.sidecar", "START", LIMIT),
+    ("txt1.ui.terminal", "BACKLOG", LIMIT),
+)
+"""After a stall odometry, host, board or bridge seem to be lost, and a key is too old: the numbers that decide it."""
+
+
+async def until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
+    """Wait for something to come true, in the event loop's time; TimeoutError when it does not."""
+    async with asyncio.timeout(limit):
+        while not condition():
+            await asyncio.sleep(look)
+
+
+def wait_until(condition: Callable[[], object], limit: float = LIMIT, look: float = LOOK) -> None:
+    """Wait for something to come true, in real time, without an event loop; TimeoutError when it does not."""
+    ends = time.monotonic() + limit
+    while not condition():
+        if time.monotonic() > ends:
+            raise TimeoutError(f"not within {limit:g} s")
+        time.sleep(look)
+
+
+@contextmanager
+def lateness() -> Iterator[Callable[[], float]]:
+    """How much too late a thread of this process woke up at worst meanwhile, s: so late may all else be."""
+    done, worst = threading.Event(), 0.0
+
+    def look() -> None:
+        nonlocal worst
+        before = time.monotonic()
+        while not done.wait(LOOK):
+            worst, before = max(worst, time.monotonic() - before - LOOK), time.monotonic()
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        yield lambda: worst
+    finally:
+        done.set()
+        thread.join()
+
+
+@contextmanager
+def surviving() -> Iterator[None]:
+    """Let robots live through stalls of the machine, here and in processes that are started meanwhile."""
+    import pytest  # not when it is the command
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(*MISSED)
+        for module, name, value in STALLED:
+            patch.setattr(import_module(module), name, value)
+        yield
+
+
+def main() -> None:
+    """Do what the command `txt1` does, with a robot that lives through stalls of the machine."""
+    from txt1 import __main__ as command
+
+    for each in command.SIGNALS:
+        signal.signal(each, command.leave)  # before the imports, as the command does
+    os.environ.setdefault(*MISSED)
+    for module, name, value in STALLED:
+        setattr(import_module(module), name, value)
+    command.main()
+
+
+if __name__ == "__main__":
+    main()
