@@ -74,6 +74,10 @@ class Addition(NamedTuple):
     """Its `Options` of ``txt1 run``."""
     parts: Mapping[str, Mapping[str, str]] = {}
     """What it brings to the tables of parts, by their groups, such as ``txt1.hal``: names and "module:function"."""
+    sources: Mapping[str, int] = {}
+    """Its sources of commands, and the priority of each (`txt1.control.commander`)."""
+    renamed: Mapping[str, str] = {}
+    """The present name of a setting or a section, by the name that it had, both dotted."""
     commands: Mapping[str, tuple[str, str]] = {}
     """Its commands: by name, the module with `add_arguments(parser)` and `main(arguments)`, and a line of help."""
 
@@ -218,6 +222,11 @@ def named(name: str) -> Addition | None:
     if name in strangers().wrong:
         raise ConfigError(strangers().wrong[name])
     return strangers().found.get(name)
+
+
+def priority_of(source: str) -> int | None:
+    """Return the priority of a source of commands that an addition brings, None of any other source."""
+    return next((each.sources[source] for each in known().values() if source in each.sources), None)
 
 
 def settings_of(name: str) -> Any:

@@ -10,7 +10,7 @@ from functools import partial
 from math import inf, nan
 from typing import Any, Final, NamedTuple, TypeVar
 
-from txt1.additions import Contained, blamed
+from txt1.additions import Contained, blamed, priority_of
 from txt1.config import Config, load, with_sections
 from txt1.control.commander import Driver
 from txt1.control.limits import Fault
@@ -360,7 +360,8 @@ class Robot:
         """
         commander = self.config.commander
         timeout = commander.timeouts.get(name) if timeout is None else timeout
-        priority = commander.priorities.get(name) if priority is None else priority
+        if priority is None:
+            priority = commander.priorities.get(name, priority_of(name))
         try:
             self._wheel.commander.add(name, priority, timeout)
         except ValueError as error:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from txt1.config import Config, checked, completed, flatten, load, origin_of, recorded
-from txt1.config.renamed import RENAMED, translated
+from txt1.config.renamed import names_now, translated
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import ConfigError
@@ -467,7 +467,7 @@ def test_a_recordings_settings_get_their_present_names() -> None:
 
 
 def test_every_present_name_is_a_setting_and_no_former_one_is() -> None:
-    for former, now in RENAMED.items():
+    for former, now in names_now().items():
         assert now in KEYS
         assert former not in KEYS
 

@@ -4,17 +4,20 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import Any, Final
 
-_OF_THE_THESIS: Final = (
-    "period", "remedy", "policy", "alpha", "rate", "gamma", "temperature", "temperature_decay", "temperature_floor",
-    "filtered", "direction", "training", "learn_on",
-)  # fmt: skip
+from txt1 import additions
 
-RENAMED: Final = {f"learning.{name}": f"learning.thesis.{name}" for name in _OF_THE_THESIS}
-"""The present name of a setting or a section, by the name that it had."""
+RENAMED: Final[Mapping[str, str]] = {}
+"""The present name of a setting or a section of the spine, by the name that it had; additions have theirs."""
 
 
-def name_now(key: str, renamed: Mapping[str, str] = RENAMED) -> str | None:
+def names_now() -> dict[str, str]:
+    """Return the present names of all settings that were renamed, by the names that they had."""
+    return {**RENAMED, **{old: now for each in additions.known().values() for old, now in each.renamed.items()}}
+
+
+def name_now(key: str, renamed: Mapping[str, str] | None = None) -> str | None:
     """The present name of a dotted key that was renamed, or that is in a section that was; None of any other."""
+    renamed = names_now() if renamed is None else renamed
     parts = key.split(".")
     for end in range(len(parts), 0, -1):
         now = renamed.get(".".join(parts[:end]))
@@ -23,8 +26,9 @@ def name_now(key: str, renamed: Mapping[str, str] = RENAMED) -> str | None:
     return None
 
 
-def translated(tree: Mapping[str, Any], renamed: Mapping[str, str] = RENAMED) -> dict[str, Any]:
+def translated(tree: Mapping[str, Any], renamed: Mapping[str, str] | None = None) -> dict[str, Any]:
     """A recording's configuration with the present names: a nested mapping, or one of values by dotted key."""
+    renamed = names_now() if renamed is None else renamed
     found = deepcopy(dict(tree))
     for key in [key for key in found if "." in key]:
         found[name_now(key, renamed) or key] = found.pop(key)

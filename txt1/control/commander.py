@@ -19,17 +19,12 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
-PRIORITIES: Final[Mapping[str, int]] = {
-    "keys": 50,
-    "gamepad": 40,
-    "web": 30,
-    "view": 30,
-    "fleet": 30,
-    "ros": 20,
-    "ros1": 20,
-    "program": 10,
-}
-"""Priorities by the name of the source; any other name has a program's. The emergency stop is the gate's, above all."""
+PRIORITIES: Final[Mapping[str, int]] = {"keys": 50, "program": 10}
+"""The spine's own sources. Any other has a program's priority, unless it says which it has, as an addition's does.
+
+Hands at the robot come before hands at a distance, and these before programs: a gamepad has 40, a page, the live view
+and a fleet's console 30, ROS 20. The emergency stop is the gate's, above all.
+"""
 
 SKEW: Final = 0.001  # s by which a message may come from the future, as clocks are rounded
 

@@ -8,6 +8,7 @@ ADDITION = Addition(
     wanted=lambda config: False,
     beside="txt1.fleet.beside:beside",
     options="txt1.fleet.options:OPTIONS",
+    sources={"fleet": 30},
     commands={
         "fleet": ("txt1.fleet.command", "run several simulated robots in one world, or watch those on a network")
     },

@@ -9,6 +9,7 @@ ADDITION = Addition(
     wanted=lambda config: False,
     beside="txt1.gamepad.beside:beside",
     options="txt1.gamepad.options:OPTIONS",
+    sources={"gamepad": 40},
     commands={
         "gamepad": (
             "txt1.gamepad.command",

@@ -10,6 +10,7 @@ ADDITION = Addition(
     watch="txt1.record.watching:watch",
     beside="txt1.record.watching:beside",
     options="txt1.record.options:OPTIONS",
+    sources={"view": 30},
     commands={
         "log": ("txt1.record.command.log", "look into a recording, export or recover it"),
         "replay": ("txt1.record.command.replay", "show a recording, or run it again and compare"),

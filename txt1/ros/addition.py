@@ -8,6 +8,7 @@ ADDITION = Addition(
     wanted=lambda config: False,
     beside="txt1.ros.beside:beside",
     options="txt1.ros.options:OPTIONS",
+    sources={"ros": 20, "ros1": 20},
     commands={
         "ros1": ("txt1.ros.command.ros1", "write the original's messages and services as a package of ROS 1"),
         "ros2": ("txt1.ros.command.ros2", "install a ROS 2 for the robot's node, or write its messages as a package"),

@@ -8,5 +8,6 @@ ADDITION = Addition(
     wanted=lambda config: False,
     beside="txt1.web.beside:beside",
     options="txt1.web.options:OPTIONS",
+    sources={"web": 30},
     parts={"txt1.bridges": {"web": "txt1.web.server:main"}},
 )

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from txt1.additions import ours
 from txt1.control.commander import PRIORITIES, SKEW, Commander, Driver, SetPoint
 
 TIMEOUT = 0.25
@@ -35,15 +36,16 @@ def moving(one: Commander, now: float) -> tuple[float, float]:
 
 # -- every pair of priorities ----------------------------------------------------------------------------------
 
-PAIRS = list(itertools.product(PRIORITIES, PRIORITIES))
+RANKS = {**PRIORITIES, **{name: rank for each in ours().values() for name, rank in each.sources.items()}}
+PAIRS = list(itertools.product(RANKS, RANKS))
 
 
 @pytest.mark.parametrize("asks", [False, True], ids=["by a command", "by asking"])
 @pytest.mark.parametrize("has, wants", PAIRS)
 def test_the_wheel_passes_from_one_source_to_another_by_their_priorities(has: str, wants: str, asks: bool) -> None:
-    one = commander(a=PRIORITIES[has], b=PRIORITIES[wants])
+    one = commander(a=RANKS[has], b=RANKS[wants])
     assert one.command("a", *FAST, 1.0, 1.0)
-    takes_over = PRIORITIES[wants] > PRIORITIES[has]
+    takes_over = RANKS[wants] > RANKS[has]
 
     now = 1.0 + TICK
     assert (one.request("b", now) if asks else one.command("b", *SLOW, now, now)) is takes_over
@@ -63,11 +65,11 @@ def test_the_wheel_passes_from_one_source_to_another_by_their_priorities(has: st
 
 @pytest.mark.parametrize("neutral", ["zero", "request", "release"])
 @pytest.mark.parametrize("goes", ["release", "stale"])
-@pytest.mark.parametrize("has, wants", [(a, b) for a, b in PAIRS if PRIORITIES[b] > PRIORITIES[a]])
+@pytest.mark.parametrize("has, wants", [(a, b) for a, b in PAIRS if RANKS[b] > RANKS[a]])
 def test_the_wheel_goes_back_after_a_zero_or_a_request_and_never_by_itself(
     has: str, wants: str, goes: str, neutral: str
 ) -> None:
-    one = commander(a=PRIORITIES[has], b=PRIORITIES[wants])
+    one = commander(a=RANKS[has], b=RANKS[wants])
     one.command("a", *FAST, 1.0, 1.0)
     one.command("b", *SLOW, 1.02, 1.02)
     one.command("a", 0.0, 0.0, 1.04, 1.04)  # while the other drives this is too early
@@ -300,8 +302,16 @@ def test_a_program_that_was_overruled_and_never_commands_zero_never_drives_again
 
 
 def test_the_priorities_are_those_that_the_manual_tells() -> None:
-    remote = {"web": 30, "view": 30, "fleet": 30}
-    assert {"keys": 50, "gamepad": 40, **remote, "ros": 20, "ros1": 20, "program": 10} == PRIORITIES
+    assert RANKS == {
+        "keys": 50,
+        "gamepad": 40,
+        "web": 30,
+        "view": 30,
+        "fleet": 30,
+        "ros": 20,
+        "ros1": 20,
+        "program": 10,
+    }
 
 
 def test_at_first_nobody_drives_and_no_command_was_ever_given() -> None:
