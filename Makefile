@@ -58,16 +58,16 @@ wheel: $(VENV)/.dev  ## dist/*.whl, compiled by mypyc: simulations run two to th
 	rm -rf build dist
 	COMPILE_TXT1=1 $(BIN)/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
 
-torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/reliability.md; hours, and it can be ended and goes on
+torture: $(VENV)/.dev $(FUZZ)/.dev  ## faults, mutants and random bytes in great numbers, into docs/results/reliability.md; hours, and it can be ended and goes on
 	$(BIN)/python -m torture campaign --page
 	$(FUZZ)/bin/python -m torture fuzz --page
 	$(BIN)/python -m torture processes --page
 	$(BIN)/python -m torture soak --page
 	$(BIN)/python -m torture mutation --page
 
-bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits: docs/benchmarks.md
+bench: wheel $(BENCH)/.dev  ## speed and punctuality of the compiled wheel, beside peers or limits: docs/results/benchmarks.md
 	$(BENCH)/bin/python $(PIP_INSTALL) --force-reinstall --no-deps dist/*.whl
-	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/benchmarks.md
+	PYTHONSAFEPATH=1 $(BENCH)/bin/python -m benchmarks --page docs/results/benchmarks.md
 
 docs: $(DOCS)/.installed  ## the pages as a site in build/site, every link checked
 	NO_MKDOCS_2_WARNING=1 COLUMNS=100 $(DOCS)/bin/mkdocs build --quiet --strict

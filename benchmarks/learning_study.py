@@ -2,9 +2,9 @@
 
     python -m benchmarks.learning_study --agent sweeps --trials 1000 --seed 1 --jobs 2 --permute
 
-Trials are those of `txt1 learn`. Seed 77 served for
-tuning; the figures in docs/learning.md are seed 1's. With --permute, every trial's agent gets the three actions in a
-secret order of its own. The thesis's own table from 1000 random starts: --agent table_5_3 --trials 100 --episodes 10.
+Trials are those of `txt1 learn`. Seed 77 served for tuning; the figures in docs/results/learning.md are seed 1's. With
+--permute, every trial's agent gets the three actions in a secret order of its own. The thesis's own table from 1000
+random starts: --agent table_5_3 --trials 100 --episodes 10.
 With --where, `thesis` is watched, and the figures end with where its time after episode 7 goes.
 """
 

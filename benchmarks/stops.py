@@ -1,4 +1,4 @@
-"""How long the robot takes to stop, and that nothing is taken for a fault that is none: docs/stops.md.
+"""How long the robot takes to stop, and that nothing is taken for a fault that is none: docs/results/stops.md.
 
 Every case is a run in virtual time, seeded: what the speed was and at what instant it happened. ``neutral`` is the
 time from the event until the outputs are neutral for good, or, to a board, until zeros go out on the line and nothing
@@ -602,8 +602,8 @@ def main(quick: bool = False, seeds: int = 100, names: Collection[str] = ()) -> 
 
 
 def write(known: dict[str, dict[str, Any]]) -> None:
-    """Put the tables between the marks of docs/stops.md, and the times into that of docs/safety.md."""
-    page = ROOT / "docs" / "stops.md"
+    """Put the tables between the marks of docs/results/stops.md, and the times into that of docs/safety.md."""
+    page = ROOT / "docs" / "results" / "stops.md"
     for part, titles, cases in (("stops", STOPS, CASES), ("harmless", HARMLESS_TITLES, HARMLESS)):
         rows = [known[case.key]["row"] for case in cases if case.key in known]
         table = "\n".join((_line(*titles), "|---" * len(titles) + "|", *rows))

@@ -1,7 +1,7 @@
-"""Makes docs/compared-learners.md: `python -m docs.compared_learners` has all contenders learn, and all worlds' tables.
+"""`python -m docs.compared_learners`: docs/results/compared-learners.md, of all contenders and in all worlds.
 
 That takes an hour of two processors. Ended and begun again, it goes on: raw results are kept in out/compared.jsonl,
-which is copied to docs/learning, and in out/compared-worlds/. `--report` does no more than write the page from them.
+which is copied to docs/results/learning, and in out/compared-worlds/. `--report` only writes the page from them.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from txt1.cli import execute
 from txt1.learning import compare, suite
 
 HERE: Final = Path(__file__).parent
-RAW: Final = HERE / "learning" / "compared.jsonl"
+RESULTS: Final = HERE / "results"
+RAW: Final = RESULTS / "learning" / "compared.jsonl"
 OUT: Final = HERE.parent / "out" / "compared.jsonl"
 WORLDS: Final = HERE.parent / "out" / "compared-worlds"
-PAGE: Final = HERE / "compared-learners.md"
+PAGE: Final = RESULTS / "compared-learners.md"
 LEARNERS: Final = "thesis,sweeps,taxis,pilot,neural"
 SEED: Final = "1"
 

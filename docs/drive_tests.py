@@ -1,4 +1,4 @@
-"""Makes docs/drive-tests.md and its figures: `python -m docs.drive_tests --real-time` drives everything again.
+"""Makes docs/results/drive-tests.md and its figures: `python -m docs.drive_tests --real-time` drives everything again.
 
 Every number in the page is measured here, in seven minutes on two quiet processors. `--real-time` also drives
 against boards on pseudo-terminals, each in a process of its own. `--only Tuning` (or battery-run) makes that section
@@ -32,7 +32,7 @@ from txt1.kernel.loop import run as run_loop
 from txt1.robot import Robot
 from txt1.sim.room import Room
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent / "results"
 PAGE = HERE / "drive-tests.md"
 FIGURES = HERE / "drive-tests"
 SERIAL = ("hal=serial", "serial.port=virtual")

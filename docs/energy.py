@@ -1,4 +1,4 @@
-"""Makes the pictures and the tables of docs/energy.md: `python -m docs.energy`, three minutes.
+"""Makes the pictures and the tables of docs/results/energy.md: `python -m docs.energy`, three minutes.
 
 The rectangle of the battery run, from a pack that has ten minutes under full load left until none is; and the battery
 run itself, from a full pack to the safe end, without the model of the consumption and with it.
@@ -28,7 +28,7 @@ from txt1.robot import Robot
 from txt1.sim.battery import economical_speed, energy_per_metre, range_left
 from txt1.sim.parameters import Batteries
 
-FIGURES: Final = Path(__file__).parent / "drive-tests"
+FIGURES: Final = Path(__file__).parent / "results" / "drive-tests"
 LEFT: Final = 10.0  # minutes under full load that the pack has left
 SPEEDS: Final[tuple[float | str, ...]] = (0.3, 0.5, "energy", "time")
 BY_SPEED: Final = "sim.battery.by_speed=true"

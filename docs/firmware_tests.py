@@ -1,4 +1,4 @@
-"""Makes docs/firmware-tests.md: `python -m docs.firmware_tests` drives the thesis's tests with the Pico's firmware.
+"""`python -m docs.firmware_tests`: docs/results/firmware-tests.md, the thesis's tests with the Pico's firmware.
 
 Beside it drive the virtual board and the simulation, and `txt1 tune` finds the vehicle through it. Takes a minute.
 """

@@ -1,4 +1,4 @@
-"""Makes the pilot's tables in docs/learning.md: `python -m docs.worlds` has it learn in all worlds, half an hour.
+"""`python -m docs.worlds`: the pilot's tables in docs/results/learning.md; it learns in all worlds, half an hour.
 
 Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and, of many trials in the thesis's world,
 in out/pilot-thesis. `--report` does no more than write the page from them.
@@ -19,7 +19,7 @@ from txt1.learning import suite
 HERE: Final = Path(__file__).parent
 WORLDS: Final = HERE.parent / "config" / "worlds"
 EVERY, THESIS = HERE.parent / "out" / "pilot-worlds", HERE.parent / "out" / "pilot-thesis"
-PAGE: Final = HERE / "learning.md"
+PAGE: Final = HERE / "results" / "learning.md"
 SEED: Final = "7021"  # not looked at before: what the pilot is was settled on seeds 77 and 20261122
 NEAR: Final = 1.05  # times its floor, within which it is to be
 SHOWN: Final = 4  # worlds that are named as the farthest from their floors

@@ -3,7 +3,7 @@
     pip install 'txt1[sb3]'
     python examples/light_seeking_ppo.py [STEPS]
 
-Not part of the tests: it needs PyTorch, and a minute or two. What PPO reaches is in docs/compared-learners.md.
+Not part of the tests: it needs PyTorch, and a minute or two. What PPO reaches is in docs/results/compared-learners.md.
 """
 
 import sys

@@ -105,7 +105,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
     parser.add_argument("--kind", choices=KINDS, help="with --seed: run this one again")
     parser.add_argument("--seed", type=int)
-    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     parser.add_argument("--only", help="the numbers of its faults, such as 0,3; default all")
     add(parser, OPTIONS)
     options = parser.parse_args(words)

@@ -320,7 +320,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for each with libFuzzer, where atheris is there")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kept", type=Path, default=Path("out/torture/fuzz.json"), help="what came out so far")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     parser.add_argument("--target", choices=TARGETS, help="with --input: hand it this file")
     parser.add_argument("--input", type=Path)
     options, rest = parser.parse_known_args(words)

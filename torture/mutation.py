@@ -375,7 +375,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--kept", type=Path, default=Path("out/torture/mutation.jsonl"), help="what came out so far")
     parser.add_argument("--again", action="store_true", help="try the survivors again: the tests are others now")
     parser.add_argument("--tests", nargs="+", default=TESTS, help="ask only these, as a quick look at new ones")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args(words)
     if options.one is not None:

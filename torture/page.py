@@ -5,7 +5,7 @@ from typing import Final
 
 from rigs import page_parts
 
-PAGE: Final = Path("docs/reliability.md")
+PAGE: Final = Path("docs/results/reliability.md")
 
 
 def write(part: str, text: str) -> None:

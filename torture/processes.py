@@ -289,7 +289,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, help="end after so many; the same command goes on")
     parser.add_argument("--kept", type=Path, default=Path("out/torture/processes.jsonl"), help="what came out so far")
     parser.add_argument("--one", type=int, metavar="N", help="only the fault of this number")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     options = parser.parse_args(words)
     if options.one is not None:
         row = strike(options.one)

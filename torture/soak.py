@@ -87,7 +87,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m torture soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=24.0, help="of the robot's time")
     parser.add_argument("--minutes", type=float, help="end after so many real ones; what was done until then counts")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/results/reliability.md")
     options = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as folder:
         samples = run(soak(options.hours, Path(folder), options.minutes), speed="max")

@@ -34,7 +34,7 @@ WEAK_AND_SLOW = (
 
 
 REPEATS = int(os.environ.get("TUNE_REPEATS", "4"))
-"""Runs of each test whose mean is judged. 30, as in docs/drive-tests.md, know settling times to some ms; 4 do not."""
+"""Runs of each test whose mean is judged. 30, as in docs/results, know settling times to some ms; 4 do not."""
 
 
 def configured(*settings: str) -> Config:
@@ -89,7 +89,7 @@ def test_waypoints_are_followed_by_odometry(hal: tuple[str, ...]) -> None:
 
 @pytest.mark.long
 def test_the_battery_run_stops_at_the_safe_end_and_finds_the_discharge_line() -> None:
-    """Of a pack that has given 38 minutes; docs/drive-tests.md has the whole of it."""
+    """Of a pack that has given 38 minutes; docs/results/drive-tests.md has the whole of it."""
     metrics = measured("battery-run", "sim.battery.used_1=38").metrics
     assert metrics["stopped_by"] == "the safe end of the battery"
     assert metrics["stopped_safely"]

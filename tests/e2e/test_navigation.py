@@ -16,7 +16,7 @@ from txt1.sim.room import Room
 
 ROOM = Room(5.0, 5.0)
 PAIRS = int(os.environ.get("POSE_PAIRS", "24"))
-"""1000 for the figure in docs/drive-tests.md; that takes three minutes."""
+"""1000 for the figure in docs/results/drive-tests.md; that takes three minutes."""
 EXTERNAL_SUPPLY = ("sim.battery.used_1=null",)
 
 

@@ -5,8 +5,8 @@ circle, of radius g around the light, whatever its heading. The time is the leng
 
 The shortest is one of six, three kinds that begin to either side: an arc that runs into the goal circle by itself (C);
 an arc, and a straight line from its end towards the light, g short of it (CS); an arc, and one turning the other way,
-whose two ends and the light are on one line (CC'). docs/least_time.md derives this from Pontryagin's maximum principle,
-and their lengths; the tests show by Bellman's inequality that no path is shorter.
+whose two ends and the light are on one line (CC'). docs/results/least_time.md derives this from Pontryagin's
+maximum principle, and their lengths; the tests show by Bellman's inequality that no path is shorter.
 """
 
 from typing import Final

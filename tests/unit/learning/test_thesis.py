@@ -199,7 +199,7 @@ def test_it_carries_on_from_its_memory_as_if_nothing_had_been() -> None:
 
 
 def test_the_thesiss_own_table_always_reaches_the_light() -> None:
-    """50 random starts of the 1000 in docs/learning.md."""
+    """50 random starts of the 1000 in docs/results/learning.md."""
     config = load().config
     for number in range(1, 6):
         driver = agent(policy="greedy", training=0, learn_on=False)
