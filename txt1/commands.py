@@ -11,12 +11,12 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
-from math import isfinite, nan
+from math import inf, isfinite
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from txt1.errors import MissingExtra
 
@@ -48,6 +48,7 @@ def say(text: str) -> None:
     print(f"txt1: {text}", file=sys.stderr)
 
 
+T = TypeVar("T")
 View = Literal["screens", "lines", "nothing"]
 
 
@@ -65,43 +66,26 @@ def need(feature: str, extra: str, *modules: str) -> None:
 # -- values --------------------------------------------------------------------------------------------------------
 
 
-def number(text: str) -> float:
-    """Return the finite number that a word is; raises ArgumentTypeError."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = nan
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
+def _word(make: Callable[[str], T], fits: Callable[[T], bool], what: str) -> Callable[[str], T]:
+    """Return what makes a value of a word; it raises ArgumentTypeError for a word that is not `what`."""
+
+    def value(text: str) -> T:
+        with suppress(ValueError):
+            if fits(found := make(text)):
+                return found
+        raise argparse.ArgumentTypeError(f"'{text}' is not {what}")
+
     return value
 
 
-def positive(text: str) -> float:
-    """Return the number above 0 that a word is; raises ArgumentTypeError."""
-    try:
-        value = number(text)
-    except argparse.ArgumentTypeError:
-        value = 0.0
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
-    return value
-
-
-def count(text: str) -> int:
-    """Return the whole number from 1 that a word is; raises ArgumentTypeError."""
-    if not (text.isascii() and text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1")
-    return int(text)
-
-
-def speed(text: str) -> float | Literal["max"]:
-    """Return the speed of a robot's time that a word is; raises ArgumentTypeError."""
-    if text == "max":
-        return "max"
-    try:
-        return positive(text)
-    except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not max or a positive number") from None
+number = _word(float, isfinite, "a finite number")
+positive = _word(float, lambda value: 0.0 < value < inf, "a positive number")
+count = _word(int, lambda value: value >= 1, "a whole number from 1")
+speed = _word(
+    lambda text: text if text == "max" else float(text),
+    lambda value: value == "max" or 0.0 < float(value) < inf,
+    "max or a positive number",
+)
 
 
 def velocity(text: str) -> tuple[float, float]:
