@@ -13,11 +13,10 @@ from txt1.board.board import EVENTS, HABITS, Board, BoardEvent, DevicePlace
 from txt1.board.original import OUTAGE
 from txt1.cli import options
 from txt1.cli.app import App, conclude, in_journal
+from txt1.cli.far_end import FAR_END, listen
 from txt1.commands import flag, say, takes, view_of
 from txt1.config import Config, load
 from txt1.link.base import Listener
-from txt1.link.pty import listen_pty
-from txt1.link.tcp import listen_tcp
 from txt1.record.options import LOG, VIEW, live_view
 from txt1.ros.beside import BoardNode, board_node
 from txt1.ros.options import ROS2
@@ -41,11 +40,8 @@ _STATES: Final = {"off": 0.0, "on": 1.0}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `board` takes."""
-    commands.add(parser.add_mutually_exclusive_group(required=True), {
-        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
-        "--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable"),
-        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
-    })  # fmt: skip
+    device = {"--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable")}
+    commands.add(parser.add_mutually_exclusive_group(required=True), FAR_END | device)
     commands.add(parser, options.CONFIGURATION | options.SEED | LOG | VIEW | ROS2 | {
         "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
         "--manual": flag("start in manual mode, which obeys PWM test"),
@@ -118,11 +114,8 @@ async def _serve(app: App, arguments: argparse.Namespace, config: Config, node: 
         AsyncExitStack() as beside,
     ):
         listener: Listener
-        if arguments.pty is not None:
-            listener = listen_pty(arguments.pty, board.paced)
-        elif arguments.tcp is not None:
-            host, port = arguments.tcp
-            listener = await listen_tcp(host, port, board.paced)
+        if arguments.port is None:
+            listener = await listen(arguments, board.paced)
         else:
             listener = place = DevicePlace(board, arguments.port)
             await place.open()

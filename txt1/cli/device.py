@@ -9,13 +9,12 @@ from typing import Final, Protocol
 from txt1 import commands
 from txt1.cli import options
 from txt1.cli.app import App
+from txt1.cli.far_end import FAR_END, listen
 from txt1.commands import say, takes
 from txt1.config import Config, load
 from txt1.errors import Txt1Error
 from txt1.hal.registry import HALS
 from txt1.link.base import End
-from txt1.link.pty import listen_pty
-from txt1.link.tcp import listen_tcp
 from txt1.plugins import Registry
 
 DEVICES: Final = Registry("device", "txt1.devices", {}, Txt1Error)
@@ -45,10 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a board with our firmware, under MicroPython's unix port, or the controller that the hardware layer of "
         "that name drives",
     )
-    commands.add(parser.add_mutually_exclusive_group(required=True), {
-        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
-        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", commands.host_and_port),
-    })  # fmt: skip
+    commands.add(parser.add_mutually_exclusive_group(required=True), FAR_END)
     commands.add(parser, options.CONFIGURATION | {"--duration": takes("S", "end after S seconds", commands.positive)})
     parser.set_defaults(main=main)
 
@@ -57,17 +53,12 @@ def main(arguments: argparse.Namespace) -> int:
     """Run the device until the duration is over or a signal comes."""
     own = {"hal": arguments.name} if arguments.name in HALS.ours else {}
     config = load(arguments.config, arguments.set, os.environ, own).config
-    app = App()
-    return app.run(_serve(arguments, config))
+    return App().run(_serve(arguments, config))
 
 
 async def _serve(arguments: argparse.Namespace, config: Config) -> None:
     device: Device = DEVICES.make("device", arguments.name, config)
-    if arguments.pty is not None:
-        listener = listen_pty(arguments.pty, device.line)
-    else:
-        host, port = arguments.tcp
-        listener = await listen_tcp(host, port, device.line)
+    listener = await listen(arguments, device.line)
     try:
         await device.power_up()
         say(f"{arguments.name} is at {listener.address}")

@@ -7,9 +7,10 @@ from importlib.metadata import EntryPoint
 from typing import Any, Final, NamedTuple
 
 from txt1.cli.app import App, get_ready
+from txt1.cli.far_end import FAR_END, listen
 from txt1.cli.options import CONFIGURATION
 from txt1.cli.verdicts import print_verdicts
-from txt1.commands import OK, add_actions, host_and_port, positive, say, takes, velocity
+from txt1.commands import OK, add_actions, positive, say, takes, velocity
 from txt1.config import Config, load
 from txt1.config.schema import SensorConfig
 from txt1.conformance import verdicts
@@ -17,9 +18,6 @@ from txt1.driver import REFRESH
 from txt1.errors import ConfigError
 from txt1.hal.registry import create as create_hal
 from txt1.kernel.ticks import Ticks
-from txt1.link.base import Listener
-from txt1.link.pty import listen_pty
-from txt1.link.tcp import listen_tcp
 from txt1.sensors.base import Reading, Sensor, Setup
 from txt1.sensors.conformance import SensorConformance
 from txt1.sensors.double import Double
@@ -32,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kind = {
         "kind": {"choices": tuple(FAKES), "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
                  "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19"},
-        "--pty": takes("PATH", "a pseudo-terminal with a link to it at PATH"),
-        "--tcp": takes("[HOST:]PORT", "a TCP port; HOST is 127.0.0.1", host_and_port),
+        **FAR_END,
         "--drive": takes("V,OMEGA", "how the simulated robot drives meanwhile: m/s, rad/s", velocity),
         "--duration": takes("S", "end after S seconds", positive),
     }  # fmt: skip
@@ -115,12 +112,7 @@ async def _serve(app: App, config: Config, arguments: argparse.Namespace, chosen
         await get_ready(robot, True)
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(robot.now + arguments.duration)
-        listener: Listener
-        if arguments.pty is not None:
-            listener = listen_pty(arguments.pty, device)
-        else:
-            host, port = arguments.tcp
-            listener = await listen_tcp(host, port, device)
+        listener = await listen(arguments, device)
         try:
             say(f"on the desk: {arguments.kind} at {listener.address}")
 
