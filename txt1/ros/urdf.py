@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import tau
 from typing import Final
-from xml.etree.ElementTree import Element, SubElement, indent, tostring  # nosec: nothing is read
 
 from txt1.model.vehicle import Geometry
 from txt1.ros.topics import AXLES, WHEELS
@@ -31,6 +30,25 @@ _SIZES: Final = {
 }  # fmt: skip
 TYRE: Final = 0.085  # width of a tyre, m
 HEIGHT: Final = 0.14  # of the body, m
+_ROBOT: Final = """\
+<?xml version="1.0"?>
+<robot name="{}">
+  <material name="grey"><color rgba="0.35 0.38 0.42 1"/></material>
+  <material name="black"><color rgba="0.1 0.1 0.1 1"/></material>
+  <material name="blue"><color rgba="0.1 0.4 0.8 1"/></material>
+  <link name="base_footprint"/>
+{}
+</robot>
+"""
+_BODY: Final = """\
+  <link name="{0}">
+    <visual>{1}<geometry>{2}</geometry><material name="{3}"/></visual>
+    <collision>{1}<geometry>{2}</geometry></collision>
+  </link>"""
+_JOINT: Final = """\
+  <joint name="{}" type="{}">
+    <parent link="{}"/><child link="{}"/>{}{}
+  </joint>"""
 
 
 def links_of(kinds: Iterable[type]) -> Links:
@@ -44,72 +62,39 @@ def links_of(kinds: Iterable[type]) -> Links:
 
 def robot_description(name: str, geometry: Geometry, links: Links) -> str:
     """The robot as URDF; ROS 2's robot_state_publisher moves its joints by ``joint_states``."""
-    robot = Element("robot", name=name or "txt1")
-    for colour, rgba in (("grey", "0.35 0.38 0.42 1"), ("black", "0.1 0.1 0.1 1"), ("blue", "0.1 0.4 0.8 1")):
-        SubElement(SubElement(robot, "material", name=colour), "color", rgba=rgba)
-    SubElement(robot, "link", name="base_footprint")
-    body = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT)
+    parts: list[str] = []
     for link, (above, x, y, z) in links.items():
+        ahead, turned = 0.0, "0 0 0"
         if link == OPTICAL:
-            SubElement(robot, "link", name=link)
-            _joint(robot, f"{link}_joint", "fixed", above, link, (x, y, z), turned=f"{-tau / 4:.9f} 0 {-tau / 4:.9f}")
-            continue
-        size = body if link == "base_link" else _SIZES[link]
-        ahead = geometry.centre if link == "base_link" else 0.0
-        _link(robot, link, "blue" if link == "base_link" else "grey", box=size, ahead=ahead)
-        _joint(robot, f"{link}_joint", "fixed", above, link, (x, y, z))
-    radius = geometry.circumference / tau
+            turned = f"{-tau / 4:.9f} 0 {-tau / 4:.9f}"
+            parts.append(f'  <link name="{link}"/>')
+        else:
+            size, colour = _SIZES.get(link, (0.0, 0.0, 0.0)), "grey"
+            if link == "base_link":
+                size, colour, ahead = (geometry.length, geometry.width - 2.0 * TYRE, HEIGHT), "blue", geometry.centre
+            box = f'<box size="{" ".join(f"{each:g}" for each in size)}"/>'
+            parts.append(_BODY.format(link, _origin((ahead, 0.0, 0.0)), box, colour))
+        parts.append(_JOINT.format(f"{link}_joint", "fixed", above, link, _origin((x, y, z), turned), ""))
+    radius, lock = geometry.circumference / tau, geometry.steering_max
+    rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase  # the pose is on that car's rear axle
+    tyre = f'<cylinder radius="{radius:.6f}" length="{TYRE:g}"/>'
+    limits = f'<axis xyz="0 0 1"/><limit lower="-{lock:.6f}" upper="{lock:.6f}" effort="2" velocity="7"/>'
     for wheel in WHEELS:
         is_front = wheel.startswith("front")
-        rear = 0.0 if geometry.steering == "front" else -0.5 * geometry.wheelbase  # the pose is on that car's rear axle
-        x = rear + geometry.wheelbase * is_front
         y = 0.5 * geometry.track_width * (1.0 if wheel.endswith("left") else -1.0)
-        place, hub = (x, y, radius - BASE), f"{wheel}_hub"
-        if AXLES[geometry.steering][not is_front]:
-            steering = _joint(robot, f"{wheel}_steering_joint", "revolute", "base_link", hub, place, "0 0 1")
-            lock = f"{geometry.steering_max:.6f}"
-            SubElement(steering, "limit", lower=f"-{lock}", upper=lock, effort="2", velocity="7")
-        else:
-            _joint(robot, f"{wheel}_steering_joint", "fixed", "base_link", hub, place)
-        SubElement(robot, "link", name=f"{wheel}_hub")
-        _joint(robot, f"{wheel}_wheel_joint", "continuous", f"{wheel}_hub", f"{wheel}_wheel", (0.0, 0.0, 0.0), "0 1 0")
-        _link(robot, f"{wheel}_wheel", "black", cylinder=(radius, TYRE))
-    indent(robot)
-    return f'<?xml version="1.0"?>\n{tostring(robot, encoding="unicode")}\n'
+        place = _origin((rear + geometry.wheelbase * is_front, y, radius - BASE))
+        kind, more = ("revolute", limits) if AXLES[geometry.steering][not is_front] else ("fixed", "")
+        axle = _origin((0.0, 0.0, 0.0))
+        parts += [
+            _JOINT.format(f"{wheel}_steering_joint", kind, "base_link", f"{wheel}_hub", place, more),
+            f'  <link name="{wheel}_hub"/>',
+            _JOINT.format(
+                f"{wheel}_wheel_joint", "continuous", f"{wheel}_hub", f"{wheel}_wheel", axle, '<axis xyz="0 1 0"/>'
+            ),
+            _BODY.format(f"{wheel}_wheel", _origin((0.0, 0.0, 0.0), f"{tau / 4:.6f} 0 0"), tyre, "black"),
+        ]
+    return _ROBOT.format(name or "txt1", "\n".join(parts))
 
 
-def _link(
-    robot: Element,
-    name: str,
-    colour: str,
-    box: tuple[float, float, float] | None = None,
-    cylinder: tuple[float, float] | None = None,
-    ahead: float = 0.0,
-) -> None:
-    link = SubElement(robot, "link", name=name)
-    for part in ("visual", "collision"):
-        shape = SubElement(link, part)
-        if cylinder is not None:
-            SubElement(shape, "origin", xyz="0 0 0", rpy=f"{tau / 4:.6f} 0 0")
-        elif ahead:
-            SubElement(shape, "origin", xyz=f"{ahead:.6g} 0 0", rpy="0 0 0")
-        geometry = SubElement(shape, "geometry")
-        if box is not None:
-            SubElement(geometry, "box", size=" ".join(f"{each:g}" for each in box))
-        if cylinder is not None:
-            SubElement(geometry, "cylinder", radius=f"{cylinder[0]:.6f}", length=f"{cylinder[1]:g}")
-        if part == "visual":
-            SubElement(shape, "material", name=colour)
-
-
-def _joint(
-    robot: Element, name: str, kind: str, above: str, below: str, at: tuple[float, float, float], axis: str = "",
-    turned: str = "0 0 0",
-) -> Element:  # fmt: skip
-    joint = SubElement(robot, "joint", name=name, type=kind)
-    SubElement(joint, "parent", link=above)
-    SubElement(joint, "child", link=below)
-    SubElement(joint, "origin", xyz=" ".join(f"{each:.6g}" for each in at), rpy=turned)
-    if axis:
-        SubElement(joint, "axis", xyz=axis)
-    return joint
+def _origin(at: tuple[float, float, float], turned: str = "0 0 0") -> str:
+    return f'<origin xyz="{" ".join(f"{each:.6g}" for each in at)}" rpy="{turned}"/>'
