@@ -16,7 +16,6 @@ from txt1.protocol.messages import Switch
 from txt1.record.settings import RecordConfig
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
-from txt1.sidecar import Request
 
 ODOMETRY: Final = 0.05  # s between two odometry messages
 BATTERY: Final = 1.0  # s between two battery messages
@@ -24,16 +23,15 @@ SETS: Final = 4  # numbers of a set of angular gains: v_max, kp, ki, kd
 NUMBERS_MAX: Final = 56  # of all sets
 
 
-class Ros1Desk:
+class Ros1Desk(RobotEnd):
     """Tells odometry and batteries, and does what is asked for under the name "ros1"."""
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
         self._calls = Calls({
             "pid_load": self._pid_load, "pwm_change": self._pwm_change, "switched_pwr": self._switched_pwr,
             "shutdown_computer": robot.shutdown_host,
         })  # fmt: skip
-        self._desk = RobotEnd(robot, "ros1", {
+        super().__init__(robot, "ros1", {
             "call": self._calls.call, "combined": robot.combined_odometry, "servos": robot.servos, "begin": self._begin,
         })  # fmt: skip
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
@@ -41,7 +39,7 @@ class Ros1Desk:
 
     def parameters(self) -> dict[str, Any]:
         """The node's private parameters, unless the parameter server has others."""
-        config = self._robot.config
+        config = self.robot.config
         loops = config.loops()
         return {
             "port": config.serial.port or "", "linear_pid": list(loops.linear.gains()),
@@ -51,7 +49,7 @@ class Ros1Desk:
 
     def telemetry(self) -> bytes | None:
         """A line of the values that are due, and of answers; None when there is nothing."""
-        robot, now = self._robot, self._robot.now
+        robot, now = self.robot, self.robot.now
         told: dict[str, object] = {}
         if now >= self._odometry_due:
             self._odometry_due = max(self._odometry_due + ODOMETRY, now)
@@ -68,18 +66,10 @@ class Ros1Desk:
         told["now"] = round((epoch + now) * NS_PER_S)
         return f"{json.dumps(told)}\n".encode("ascii")
 
-    def request(self, request: Request) -> None:
-        """Do what is asked for."""
-        self._desk.request(request)
-
-    def say(self, text: str) -> None:
-        """Add a line about the node to the event log."""
-        self._desk.say(text)
-
     def lost(self) -> None:
         """The node has gone: let go of the wheel."""
         self._calls.clear()
-        self._desk.let_go()
+        self.let_go()
 
     def _begin(self) -> None:
         self._odometry_due = self._battery_due = 0.0
@@ -88,11 +78,11 @@ class Ros1Desk:
         if len(linear) != 3 or len(angular) % SETS or len(angular) > NUMBERS_MAX:
             raise CommandRefused(f"linear_pid takes 3 numbers, angular_pid 4 of each set and at most {NUMBERS_MAX}")
         sets = [GainSet(angular[k], Gains(*angular[k + 1 : k + SETS])) for k in range(0, len(angular), SETS)]
-        if not await self._robot.load_gains(Gains(*linear), sets):
+        if not await self.robot.load_gains(Gains(*linear), sets):
             raise CommandRefused("the board did not accept the gains, or did not answer")
 
     def _pwm_change(self, esc: int, front: int, rear: int, pwm4: int, pwm5: int) -> None:
-        self._robot.pwm_test(esc, front, rear, pwm4, pwm5)
+        self.robot.pwm_test(esc, front, rear, pwm4, pwm5)
 
     def _switched_pwr(self, source: int, on: bool) -> None:
-        self._robot.switch_power(Switch(source), on)
+        self.robot.switch_power(Switch(source), on)

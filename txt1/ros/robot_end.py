@@ -18,7 +18,6 @@ from txt1.protocol.messages import Switch
 from txt1.robot import Robot
 from txt1.ros.calls import Calls
 from txt1.ros.publisher import Publisher
-from txt1.sidecar import Request
 from txt1.sim.room import Room
 
 FEEDBACK: Final = 0.2  # s between two reports on the way to a goal
@@ -26,7 +25,7 @@ SPEED: Final = 0.4  # m/s to a goal that says none
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
-class Ros2RobotEnd:
+class Ros2RobotEnd(RobotEnd):
     """Hands out messages, and does what is asked for under the name "ros"."""
 
     offers = (
@@ -35,7 +34,7 @@ class Ros2RobotEnd:
     """What the node takes and serves."""
 
     def __init__(self, robot: Robot) -> None:
-        self._robot, self._config = robot, robot.config
+        self._config = config = robot.config
         self._feed = Publisher(robot.runtime, self.say)
         self._calls = Calls({
             "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
@@ -43,15 +42,14 @@ class Ros2RobotEnd:
             "place": robot.place, "set": self._set,
             "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
         })  # fmt: skip
-        self._desk = RobotEnd(robot, "ros", {
+        super().__init__(robot, "ros", {
             "begin": self._feed.begin, "missing": self._feed.missing, "call": self._calls.call,
             "cancel": self._calls.cancel, "drive": self._drive, "combined": robot.combined_odometry,
             "servos": robot.servos,
         })  # fmt: skip
-        config = robot.config
         self.stale = config.commander.timeouts.get("ros", config.safety.command_timeout)
         """Age at which a command is stale, s."""
-        self._v_max = robot.config.safety.v_max
+        self._v_max = config.safety.v_max
         self._goal: asyncio.Task[Any] | None = None
         self._aim: tuple[PoseSource, float, float] | None = None
         self._feedback_due = 0.0
@@ -62,29 +60,21 @@ class Ros2RobotEnd:
 
     # -- requests ----------------------------------------------------------------------------------------------
 
-    def request(self, request: Request) -> None:
-        """Do what is asked for."""
-        self._desk.request(request)
-
-    def say(self, text: str) -> None:
-        """Add a line about the node to the event log."""
-        self._desk.say(text)
-
     def lost(self) -> None:
         """The node has gone: let go of the wheel, and collect nothing."""
         self._feed.end()
         self._calls.clear()
-        self._desk.let_go()
+        self.let_go()
 
     def _drive(self, v: float, omega: float, age: float = 0.0) -> None:
         if self._goal is not None and (v or omega):
             self._goal.cancel()  # whoever steers by hand has the wheel
         limited = clip(v, self._v_max) if v == v else v
-        self._desk.drive(limited, omega * limited / v if v and limited != v else omega, age)
+        self.drive(limited, omega * limited / v if v and limited != v else omega, age)
 
     async def _drive_to(self, frame: str, x: float, y: float, theta: float, speed: float) -> str:
         """Drive to a pose (m, rad) in odom, room or map; how it ended, as JSON. One goal at a time: the newest."""
-        robot, config = self._robot, self._config
+        robot, config = self.robot, self._config
         sources = {"odom": wheel_pose, "room": true_pose, "map": fused_pose}
         if frame not in sources:
             raise ConfigError(f"frame_id '{frame}': give odom, room (where the true pose is known) or map (estimation)")
@@ -95,19 +85,19 @@ class Ros2RobotEnd:
         self._goal, self._aim = goal, _ = asyncio.current_task(), (source, x, y)
         try:
             arrival = await go_to(
-                robot, (x, y, theta), pose_source=source, room=room, source=self._desk.source,
+                robot, (x, y, theta), pose_source=source, room=room, source=self.source,
                 speed=min(speed or SPEED, self._v_max),
             )  # fmt: skip
         finally:
             if self._goal is goal:
                 self._goal = self._aim = None
-            self._desk.let_go()
+            self.let_go()
         told = f"{arrival.distance:.3f} m and {arrival.turn:.3f} rad from the goal, {arrival.plans} paths planned"
         return json.dumps({"arrived": arrival.arrived, "reached": arrival.pose, "told": told})
 
     def _feedback(self) -> tuple[float, ...] | None:
         """The distance (m) from the goal and the pose (m, rad), five times a second while there is one."""
-        now = self._robot.now
+        now = self.robot.now
         if self._aim is None or now < self._feedback_due:
             return None
         self._feedback_due = now + FEEDBACK
@@ -116,7 +106,7 @@ class Ros2RobotEnd:
         return None if pose is None else (hypot(x - pose[0], y - pose[1]), *pose)
 
     async def _load_gains(self) -> None:
-        if not await self._robot.load_gains(*self._gains()):
+        if not await self.robot.load_gains(*self._gains()):
             raise ConfigError("the board did not accept the gains, or did not answer")
 
     # -- parameters --------------------------------------------------------------------------------------------
@@ -136,7 +126,7 @@ class Ros2RobotEnd:
         """Set parameters, all or none; raises ConfigError."""
         changed = dict(values)
         v_max = changed.pop("v_max", self._v_max)
-        highest = self._robot.config.safety.v_max
+        highest = self.robot.config.safety.v_max
         if not 0.0 < v_max <= highest:
             raise ConfigError(f"v_max: {v_max!r}: more than 0, and at most safety.v_max, {highest:g} m/s")
         if changed:
