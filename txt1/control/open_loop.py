@@ -2,15 +2,12 @@
 
 from bisect import bisect
 from math import copysign
-from typing import Final
 
 from txt1.control.pid import Gains
-from txt1.model.vehicle import SIDES, STEERING_MAX, Geometry
+from txt1.model.vehicle import STEERING_MAX, Geometry, outputs_of
 
 SpeedMap = tuple[tuple[float, float], ...]
 """Motor counts and the steady speed they make, m/s: both rising, from the slowest that moves it; reverse, below 0."""
-
-TRACK_COUNTS: Final = 1.0 / SIDES  # counts of steering for a count between a side and the mean
 
 
 def counts_for(v: float, speed_map: SpeedMap) -> float:
@@ -47,7 +44,6 @@ class OpenLoop:
         """
         if self._geometry.steering == "skid":
             turn = 0.5 * omega * self._geometry.track_width
-            right, left = counts_for(v + turn, self._map), counts_for(v - turn, self._map)
-            return 0.5 * (right + left), 0.5 * TRACK_COUNTS * (right - left)
+            return outputs_of(counts_for(v + turn, self._map), counts_for(v - turn, self._map))
         share = self._geometry.steering_share(omega / v) if v != 0.0 else 0.0
         return counts_for(v, self._map), STEERING_MAX * share

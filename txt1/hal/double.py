@@ -7,11 +7,10 @@ from typing import Final, Generic, TypeVar
 
 from txt1.config import Config
 from txt1.control.limits import Outputs
-from txt1.control.open_loop import TRACK_COUNTS
 from txt1.hal.registry import create_sim
 from txt1.link.base import End, Link, connect
 from txt1.link.station import Station
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 
 LOOP_PERIOD: Final = 0.005  # s between two steps of a controller's loops
 GAIN: Final = 1.0  # of the loop: counts for an error, as a share of those that would make the missing speed
@@ -71,8 +70,8 @@ class SimulatedCar:
 
     def skid(self, now: float, right: float, left: float) -> None:
         """Put out counts of both sides' motors."""
-        steering = round(0.5 * TRACK_COUNTS * (right - left))
-        self.hal.write(Outputs(round(0.5 * (right + left)), -steering, steering), now)
+        motor, steering = outputs_of(right, left)
+        self.hal.write(Outputs(round(motor), -round(steering), round(steering)), now)
 
 
 class Steps:

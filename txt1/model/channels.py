@@ -9,11 +9,10 @@ from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Le
 
-from txt1.model.vehicle import PWM_MAX
+from txt1.model.vehicle import PWM_MAX, outputs_of, sides
 from txt1.units import Positive
 
 NEUTRAL_MAX: Final = 2400.0  # counts from the middle, 50 us, within which a motor's neutral lies
-SIDES: Final = 3.0  # counts of steering for a count of difference between a side and the mean, where sides differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +67,17 @@ class Channels:
     def wired(self, motor: float, front: float, rear: float, skids: bool) -> tuple[int, int, int]:
         """Counts on the wires for motor and steering; `skids`: sides run at two speeds, as `rear` says."""
         if skids:
-            right, left = self.right.wired(motor + rear / SIDES), self.left.wired(motor - rear / SIDES)
-            turn = round(0.5 * SIDES * (right - left))
-            return round(0.5 * (right + left)), -turn, turn
+            right, left = sides(motor, rear)
+            both, turn = outputs_of(self.right.wired(right), self.left.wired(left))
+            return round(both), -round(turn), round(turn)
         return round(self.motor.wired(motor)), round(self.front.wired(front)), round(self.rear.wired(rear))
 
     def meant(self, motor: float, front: float, rear: float, skids: bool) -> tuple[float, float, float]:
         """Motor and steering that are meant by counts on the wires: `wired` the other way."""
         if skids:
-            right, left = self.right.meant(motor + rear / SIDES), self.left.meant(motor - rear / SIDES)
-            turn = 0.5 * SIDES * (right - left)
-            return 0.5 * (right + left), -turn, turn
+            right, left = sides(motor, rear)
+            both, turn = outputs_of(self.right.meant(right), self.left.meant(left))
+            return both, -turn, turn
         return self.motor.meant(motor), self.front.meant(front), self.rear.meant(rear)
 
     def counted(self, right: int, left: int) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from txt1.units import Positive
 
 PWM_MAX: Final = 24000  # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
 SPEED: Final = 0.3  # the learning robot's speed, m/s (table 5.2)
-SIDES: Final = 1.0 / 3.0  # counts on either side of a count of steering, where sides run at two speeds
+SIDES: Final = 3.0  # counts of steering for a count between a side and the mean, where sides run at two speeds
 STEERING_MAX: Final = 18000  # counts at which the linkage is at its stop; more only makes the servo draw current (4.3)
 
 
@@ -67,3 +67,18 @@ class Geometry:
     def steering_share(self, curvature: float) -> float:
         """The share of the steering's range, -1 to 1, for a curvature in 1/m: the other way round."""
         return min(max(math.atan(self.lever * curvature) / self.steering_max, -1.0), 1.0)
+
+
+def sides(motor: float, steering: float) -> tuple[float, float]:
+    """Counts of the right and of the left side of a vehicle that steers by them, from its outputs.
+
+    right = motor + steering / 3, left = motor - steering / 3, where the steering is `Outputs.rear`, left positive. The
+    velocity loops, the speed map and the calibration count on this, so each hardware layer takes its sides from here.
+    """
+    turn = steering * (1.0 / SIDES)
+    return motor + turn, motor - turn
+
+
+def outputs_of(right: float, left: float) -> tuple[float, float]:
+    """Motor and steering, counts, that make these sides: `sides` the other way."""
+    return 0.5 * (right + left), 0.5 * SIDES * (right - left)

@@ -3,7 +3,7 @@
 from math import copysign, exp, inf, log
 
 from txt1.model.kinematics import move_along_arc
-from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX, Geometry
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.sim.dynamics import Motion
 from txt1.sim.parameters import VehicleParameters
 
@@ -27,9 +27,9 @@ def move(
 
     """
     x, y, theta, _, v_right, v_left, right, left = state
-    share = SIDES * min(max(steering, -STEERING_MAX), STEERING_MAX)
-    path_right, v_right = _roll(v_right, motor + share, dt, drag, vehicle)
-    path_left, v_left = _roll(v_left, motor - share, dt, drag, vehicle)
+    counts_right, counts_left = sides(motor, min(max(steering, -STEERING_MAX), STEERING_MAX))
+    path_right, v_right = _roll(v_right, counts_right, dt, drag, vehicle)
+    path_left, v_left = _roll(v_left, counts_left, dt, drag, vehicle)
     if path_right == path_left == v_right == v_left == 0.0:
         return state if state[3:6] == (0.0, 0.0, 0.0) else (x, y, theta, 0.0, 0.0, 0.0, right, left)
     distance, turn = 0.5 * (path_right + path_left), (path_right - path_left) / (body.track_width * vehicle.skid)

@@ -6,7 +6,7 @@ import pytest
 
 from txt1.control.open_loop import OpenLoop, SpeedMap, counts_for
 from txt1.control.pid import Gains
-from txt1.model.vehicle import SIDES, Geometry
+from txt1.model.vehicle import Geometry, sides
 
 BOTH_WAYS: SpeedMap = ((-3000.0, -1.0), (-1500.0, -0.5), (1000.0, 0.25), (2000.0, 0.75), (4000.0, 1.25))
 CAR = Geometry(steering="front")
@@ -73,5 +73,4 @@ def test_a_car_steers_by_the_angle_of_its_curve() -> None:
 def test_each_side_of_a_rover_gets_the_counts_of_its_own_speed(v: float, omega: float) -> None:
     motor, steering = asked(ROVER, v, omega)
     outer = 0.5 * omega * ROVER.track_width
-    assert motor + SIDES * steering == pytest.approx(counts_for(v + outer, BOTH_WAYS))
-    assert motor - SIDES * steering == pytest.approx(counts_for(v - outer, BOTH_WAYS))
+    assert sides(motor, steering) == pytest.approx((counts_for(v + outer, BOTH_WAYS), counts_for(v - outer, BOTH_WAYS)))

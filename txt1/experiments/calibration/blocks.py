@@ -6,8 +6,7 @@ from typing import Any, Final
 
 from txt1.errors import HalError
 from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator, own_settings
-from txt1.model.channels import SIDES
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
 RAMP: Final = 200.0  # counts a second by which the motor's output is raised until encoders count
 SLOW_RAMP: Final = 100.0  # likewise, until a person sees something turn

@@ -16,11 +16,10 @@ from numpy.random import Generator
 
 from txt1.config import Config, checked
 from txt1.control.limits import Outputs
-from txt1.control.open_loop import TRACK_COUNTS
 from txt1.hal.pi.driver import GuardAnswer, PiOptions, answer_of
 from txt1.hal.pi.guard import AUTO, LED0, MODE1, MODE2, PRESCALE, SLEEP, STEPS, Guarded, GuardSetup, Pca9685, Quadrature
 from txt1.hal.registry import create_sim
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 from txt1.sim.serial_line import LineFaults
 
 FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
@@ -242,8 +241,8 @@ class PiDouble:
             for pulse in pulses[: len(o.motor)]
         ]
         if self.vehicle.skids:
-            rear = 0.5 * TRACK_COUNTS * (motors[0] - motors[1])
-            self.hal.write(Outputs(round(sum(motors) / 2.0), -round(rear), round(rear)), now)
+            motor, rear = outputs_of(*motors)
+            self.hal.write(Outputs(round(motor), -round(rear), round(rear)), now)
             return
         front = 0.0 if not pulses[1] else STEERING_MAX * (o.straight - pulses[1]) / o.steering_range
         rear = -front

@@ -19,7 +19,6 @@ from typing import Annotated, Final, Literal, NamedTuple, NoReturn, Protocol
 from annotated_types import Ge, Le
 
 from txt1.config import Config, checked
-from txt1.control.open_loop import TRACK_COUNTS
 from txt1.errors import ConfigError, HalError, MissingExtra, installs
 from txt1.hal.base import BoardLink, Capabilities, Inputs, Outputs
 from txt1.hal.pi import guard
@@ -28,7 +27,7 @@ from txt1.hal.plain import PlainHal
 from txt1.hal.registry import BUSES, DESK
 from txt1.model.channels import STRAIGHT, Channels
 from txt1.model.odometry import Odometry, rolled
-from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry
+from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.units import Positive
 
 LOST: Final = 0.3  # s without an answer of the guard's
@@ -354,8 +353,7 @@ class PiHal(PlainHal):
 
 def pulses_of(outputs: Outputs, options: PiOptions, geometry: Geometry) -> tuple[float, ...]:
     """The pulses of the motors and the servos, us, in the order of their channels."""
-    turn = outputs.rear / TRACK_COUNTS
-    counts = (outputs.motor + turn, outputs.motor - turn) if geometry.steering == "skid" else (outputs.motor,)
+    counts = sides(outputs.motor, outputs.rear) if geometry.steering == "skid" else (outputs.motor,)
     motors = (options.motor_neutral + options.motor_range * min(max(count / PWM_MAX, -1.0), 1.0) for count in counts)
     servos: tuple[float, ...] = ()
     if geometry.steering != "skid":

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from txt1.config import Config, checked
-from txt1.control.open_loop import TRACK_COUNTS
 from txt1.errors import ConfigError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
@@ -20,7 +19,7 @@ from txt1.hal.serial import Port
 from txt1.link.base import End
 from txt1.model.kinematics import move_along_arc
 from txt1.model.odometry import Odometry
-from txt1.model.vehicle import PWM_MAX, Geometry
+from txt1.model.vehicle import PWM_MAX, Geometry, sides
 from txt1.units import Positive, PositiveInt
 
 SPEED: Final = 1  # commands: L and R, m/s
@@ -230,9 +229,8 @@ class WaveshareHal(PlainHal):
 
     def _drive(self, outputs: Outputs) -> bytes:
         if not self._options.encoders:
-            turn = outputs.rear / TRACK_COUNTS
-            left, right = (
-                round(min(max((outputs.motor + side) / PWM_MAX, -1.0), 1.0) * PWM_FULL) for side in (-turn, turn)
+            right, left = (
+                round(min(max(counts / PWM_MAX, -1.0), 1.0) * PWM_FULL) for counts in sides(outputs.motor, outputs.rear)
             )
             return line(PWM, L=left, R=right)
         self._halted &= not (outputs.v or outputs.omega)
