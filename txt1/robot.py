@@ -35,6 +35,7 @@ from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
 from txt1.protocol.layout import encode
 from txt1.protocol.messages import (
+    PID_SET_PERIOD,
     BatteryLevels,
     BoardMessage,
     CombinedOdometry,
@@ -54,9 +55,6 @@ from txt1.sim.world import World
 from txt1.tasks.fields import Battery
 from txt1.telemetry.snapshot import Snapshot
 from txt1.telemetry.topics import Topic
-
-PID_SET_PERIOD: Final = 1.0
-"""Seconds between two attempts at loading the gains."""
 
 STREAM_MAX: Final = 1000
 """Messages a slow reader of a stream may lag behind before it loses the oldest."""

@@ -14,7 +14,7 @@ from txt1.cli.remark import Remark, judged
 from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
 from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
-from txt1.hal.serial import PID_SET_PERIOD, SEND_PERIOD, Port
+from txt1.hal.serial import SEND_PERIOD, Port
 from txt1.kernel.realtime import REMEDY, grantable
 from txt1.link.base import Link
 from txt1.link.ports import access_problem, candidates, only_candidate
@@ -22,7 +22,7 @@ from txt1.link.receiver import Receiver
 from txt1.plugins import Registry
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
-from txt1.protocol.messages import BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
+from txt1.protocol.messages import PID_SET_PERIOD, BatteryLevels, EncoderOdometry, PidResponse, PidSet, Velocity
 
 LINK_RULE: Final = 2.5  # s in which a board that hears the host has begun to answer: it judges the link once a second
 ODOMETRY_RATE: Final = 20.0  # odometry messages a second that a board sends

@@ -23,6 +23,7 @@ from txt1.model.odometry import Odometry
 from txt1.protocol.decoder import Event, FrameFault, Reason
 from txt1.protocol.layout import Role, encode
 from txt1.protocol.messages import (
+    PID_SET_PERIOD,
     BatteryLevels,
     CombinedOdometry,
     EncoderOdometry,
@@ -37,8 +38,6 @@ from txt1.protocol.messages import (
 )
 
 SEND_PERIOD: Final = 0.05  # s between two Velocity messages: 20 Hz, all the time (the original driver: 10 Hz)
-
-PID_SET_PERIOD: Final = 1.0  # s between two attempts at having the gains acknowledged
 
 REJECTIONS_MAX: Final = 3  # answers "rejected" that are believed: a damaged PID set gets one, too
 

@@ -5,6 +5,9 @@ On the desk they are handed over as they are; the wire carries them as frames.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
+
+PID_SET_PERIOD: Final = 1.0  # s between two attempts at having the gains acknowledged
 
 
 class Switch(IntEnum):
