@@ -26,6 +26,7 @@ from txt1.hal.vesc.double import Vesc
 from txt1.hal.vesc.driver import Unpacker, VescHal
 from txt1.model.channels import Channel, Channels
 from txt1.model.odometry import Odometry, advance
+from txt1.model.vehicle import sides
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.serial_line import LineFaults
 
@@ -469,7 +470,18 @@ def test_every_promise_that_a_simulated_hal_can_break_has_a_mutant() -> None:
     assert set(promises(HalConformance)) - covered == {
         "test_opening_leaves_the_outputs_neutral",
         "test_it_survives_many_reads_and_gaps",
+        # a rover's, below
+        "test_sides_that_run_at_two_speeds_come_of_the_outputs_as_written",
     }
+
+
+@pytest.mark.parametrize("factor", [3.0, 0.5, -1.0])
+def test_another_formula_for_the_sides_is_noticed(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "test_sides_that_run_at_two_speeds_come_of_the_outputs_as_written"
+    getattr(TestPiOnARover(), name)()
+    monkeypatch.setattr("txt1.hal.pi.driver.sides", lambda motor, rear: sides(motor, factor * rear))
+    with pytest.raises(AssertionError, match=r"as txt1\.model\.vehicle\.sides says"):
+        getattr(TestPiOnARover(), name)()
 
 
 def test_a_wrong_set_point_sign_is_noticed() -> None:
@@ -629,6 +641,8 @@ class TestPiWithOneEncoder(HalConformance):
 
 class TestPiOnARover(HalConformance):
     """Sides at two speeds, with an encoder each."""
+
+    skids = True
 
     def make(self) -> Hal:
         return create(on_a_pi("rover", motor=[0, 1], encoders=[[17, 27], [22, 23]]))

@@ -62,7 +62,8 @@ def check_hal(arguments: argparse.Namespace) -> int:
 
     with signals_to(lambda number, _: sys.exit(128 + number)):  # a check closes its hardware on the way
         settings = {"over": staticmethod(over)} if simulated else {"speed": None}  # real hardware has no bad lines
-        return print_verdicts(verdicts(HalConformance, lambda: create(config), **settings))
+        skids = config.geometry.steering == "skid"
+        return print_verdicts(verdicts(HalConformance, lambda: create(config), skids=skids, **settings))
 
 
 def new_hal(arguments: argparse.Namespace) -> int:

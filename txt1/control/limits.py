@@ -62,7 +62,8 @@ class Outputs(NamedTuple):
     """Outputs to the actuators, made by the safety gate and by nothing else.
 
     A HAL with the capability `pwm` obeys the PWM counts: motor forward, front steering right, rear steering left
-    positive, and two free servos; any other one the set-point v (m/s), omega (rad/s).
+    positive, and two free servos; any other one the set-point v (m/s), omega (rad/s). Where no wheel steers, the counts
+    of the two sides are `txt1.model.vehicle.sides(motor, rear)`.
     """
 
     motor: int = 0

@@ -25,7 +25,7 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
-from txt1.model.vehicle import PWM_MAX
+from txt1.model.vehicle import PWM_MAX, outputs_of
 from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
 from txt1.sim.serial_line import LineFaults
 
@@ -35,6 +35,8 @@ CALL_PERIOD: Final = 0.02  # s between two calls: the controller's
 NEUTRAL: Final = Outputs()
 FORWARD: Final = Outputs(motor=3000, v=0.5)
 BACKWARD: Final = Outputs(motor=-3000, v=-0.5)
+PIVOT_MOTOR, PIVOT_REAR = map(round, outputs_of(FORWARD.motor, -FORWARD.motor))
+PIVOT: Final = Outputs(PIVOT_MOTOR, -PIVOT_REAR, PIVOT_REAR)  # where no wheel steers: the right side as in FORWARD
 LEFT: Final = Outputs(motor=3000, front=-12000, rear=12000, v=0.5, omega=0.5)
 STEPS: Final = (0.02, 0.1, 0.3)  # shares of full power that come before it
 EXTREMES: Final = tuple(Outputs._make((*[sign * PWM_MAX] * 5, sign * 1.5, sign * 1.5 / 0.56)) for sign in (1, -1))
@@ -47,6 +49,7 @@ NOTICEABLE: Final = 0.005  # the robot has moved when it has moved so far, m
 
 CUT: Final = 4.0  # s after which the line is lost in the promises on cut lines
 NOTICED: Final = 1.0  # s in which a loss is told
+ALIKE: Final = 1.5  # factor by which two paths with the same counts may differ
 LEAP: Final = 0.4  # m or rad between two readings that are no motion at 0.5 m/s, however late one of them is
 
 
@@ -80,6 +83,9 @@ class HalConformance(Conformance[Hal]):
 
     A wall within 4 m hides a robot that does not stop, so give a simulated one room.
     """
+
+    skids: ClassVar[bool] = False
+    """Whether no wheel steers: its sides run at two speeds."""
 
     def held(self, hal: Hal) -> Outputs | None:
         """The outputs that the actuators have now; override this where they can be told. None skips their tests."""
@@ -226,6 +232,20 @@ class HalConformance(Conformance[Hal]):
         elif after.odometry is not None:
             omega = after.odometry.omega
             promise(omega > 0.0, "Outputs.omega", f"is left positive, but 0.5 rad/s gave {omega:.3f} rad/s")
+
+    @opened
+    async def test_sides_that_run_at_two_speeds_come_of_the_outputs_as_written(self) -> None:
+        if not self.skids:
+            raise SkipTest("its wheels steer")
+        self.requires("simulated", "pwm", "ticks")
+        paths = []
+        for outputs in (FORWARD, PIVOT):
+            before = await self.hold(NEUTRAL, self.settle)
+            paths.append(_rolled(before, await self.hold(outputs, self.drive)) or (0, 0))
+        (right, left), (turning_right, turning_left) = paths
+        alike = all(0 < b / ALIKE < a < b * ALIKE for a, b in ((turning_right, right), (-turning_left, left)))
+        given = f"motor {FORWARD.motor} rolls them by {paths[0]} ticks and rear {PIVOT.rear} by {paths[1]}"
+        promise(alike, "Outputs.rear", f"drives the sides as txt1.model.vehicle.sides says, but {given}")
 
     @opened
     async def test_the_switches_work_or_are_refused(self) -> None:
