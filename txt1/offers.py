@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from math import isfinite
-from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from txt1.config import Config
 from txt1.control.limits import Gate
 from txt1.hal.base import LINK, Hal
+from txt1.model.odometry import Odometry
 from txt1.sim.battery import range_left
 from txt1.sim.obstacles import outline
 from txt1.tasks import battery, controller, encoder, fields, mode, standstill
@@ -17,7 +17,6 @@ from txt1.tasks.markers import MARKERS
 from txt1.tasks.state import State
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import SNAPSHOT, Snapshot
-from txt1.telemetry.topics import Topic
 
 
 class Offers(NamedTuple):
@@ -41,30 +40,28 @@ class Offers(NamedTuple):
         self._offer_to_snapshots()
 
     def _offer_cycle(self) -> None:
-        """Offer what changes in every cycle, read in one go."""
-        state, gate, hal, bus = self.state, self.gate, self.hal, self.bus
-        can = hal.capabilities
-        gains, told = (state.gains.linear, state.control.gains), mode.Mode()
+        """Offer what changes in every cycle, and what the safety gate and the gains are."""
+        state, gate, bus, can = self.state, self.gate, self.bus, self.hal.capabilities
 
-        def read() -> tuple[Any, ...]:
-            nonlocal gains, told
-            control, odometry = state.control, state.odometry if state.odometry_time or can.ticks else None
-            linear, angular = state.gains.linear, control.gains
-            if linear is not gains[0] or angular is not gains[1]:
-                gains = linear, angular
-            parts = gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel
-            if parts != told:
-                told = mode.Mode(*parts)
-            return odometry, control, control, odometry, state.encoders, state.pose, told, control.source, gains
+        def odometry() -> Odometry | None:
+            return state.odometry if state.odometry_time or can.ticks else None
 
-        row: dict[Topic[Any], bool] = {
-            encoder.ODOMETRY: True, controller.SETPOINT: True, controller.PWM: can.pwm, encoder.TRANSFORM: True,
-            encoder.ENCODERS: can.ticks, encoder.POSE: can.pose, mode.MODE: True, controller.MEASURED_BY: can.pwm,
-            controller.GAINS: can.pwm,
-        }  # fmt: skip
-        there = itemgetter(*(place for place, known in enumerate(row.values()) if known))
-        topics = [topic for topic, known in row.items() if known]
-        bus.offer_row(topics, read if all(row.values()) else lambda: there(read()))
+        bus.offer(encoder.ODOMETRY, odometry)
+        bus.offer(controller.SETPOINT, lambda: state.control)
+        if can.pwm:
+            bus.offer(controller.PWM, lambda: state.control)
+        bus.offer(encoder.TRANSFORM, odometry)
+        if can.ticks:
+            bus.offer(encoder.ENCODERS, lambda: state.encoders)
+        if can.pose:
+            bus.offer(encoder.POSE, lambda: state.pose)
+        bus.offer(
+            mode.MODE,
+            lambda: mode.Mode(gate.armed, gate.stopped, gate.reason, state.link, state.power, state.panel),
+        )
+        if can.pwm:
+            bus.offer(controller.MEASURED_BY, lambda: state.control.source)
+            bus.offer(controller.GAINS, lambda: (state.gains.linear, state.control.gains))
 
     def _offer_state(
         self, faults: Callable[[], Mapping[str, int]], runs: Callable[[], bool], snapshot: Callable[[], Snapshot]

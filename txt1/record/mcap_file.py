@@ -8,19 +8,17 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import lz4.frame
-import numpy as np
 import zstandard
 from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
 
 from txt1.errors import ConfigError
 from txt1.record.encoder import Block
@@ -119,7 +117,7 @@ class McapFile:
         self._chunk_count += 1
         first, last = self._span or (block.first, block.last)
         self._span = min(first, block.first), max(last, block.last)
-        self._counts.update({channel: len(entries) for channel, entries in block.index.items()})
+        self._counts.update({channel: len(entries) // 2 for channel, entries in block.index.items()})
 
     def _declared(self, block: Block) -> tuple[dict[str, mcap.Schema], dict[int, mcap.Channel]]:
         """Schemas and channels that this block is the first to use; a topic that is never told is not in the file."""
@@ -198,7 +196,9 @@ def _bytes(*records: mcap.McapRecord) -> bytes:
     return data
 
 
-def _message_index(channel: int, entries: NDArray[np.uint64]) -> bytes:
-    """A message index record, whose entries are pairs of numbers as numpy has them already."""
-    data = entries.astype("<u8", copy=False).tobytes()
-    return MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data
+def _message_index(channel: int, entries: Sequence[int]) -> bytes:
+    """Return a message index record; its entries are pairs of numbers, one behind the other."""
+    length = 8 * len(entries)
+    return MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + length, channel, length) + struct.pack(
+        f"<{len(entries)}Q", *entries
+    )

@@ -113,7 +113,7 @@ class Playback:
         def tell(publication: Publication, value: Any, time: int) -> None:
             topic: Topic[Any] = publication.topic
             key = number(topic.name, publication.name, topic.message, publication.quality)
-            for _, stamp, data in self._encoder.block([], [(0, seconds(time), topic, value)]).messages():
+            for _, stamp, data in self._encoder.block([(seconds(time), topic, value)]).messages():
                 messages.append((key, stamp, data))
 
         if not self._described:

@@ -14,8 +14,9 @@ from txt1.errors import RecordingError
 from txt1.estimation.task import FILTERED
 from txt1.kernel.clock import NS_PER_S, seconds, wall_ns
 from txt1.kernel.loop import VirtualTimeLoop
+from txt1.model.odometry import Odometry
 from txt1.model.vehicle import Geometry
-from txt1.record.encoder import Encoder, Event
+from txt1.record.encoder import Encoder, Message
 from txt1.record.settings import RecordConfig
 from txt1.ros.topics import (
     JOINT_STATES,
@@ -32,7 +33,6 @@ from txt1.ros.urdf import links_of, robot_description
 from txt1.runtime import Runtime
 from txt1.tasks.controller import SETPOINT
 from txt1.tasks.encoder import ODOMETRY, POSE, origin
-from txt1.telemetry.ready import Maker, Ready
 from txt1.telemetry.topics import Rule, Topic
 
 EVENTS_MAX: Final = 3000  # messages that wait for the node; the oldest go first
@@ -75,28 +75,18 @@ def description(name: str, geometry: Geometry, kinds: Iterable[type]) -> Iterato
     yield Publication("robot_description", "latched", DESCRIPTION), robot_description(name, geometry, links)
 
 
-def _nothing() -> None:
-    """Nobody has to be told."""
-
-
 JOINTS: Final = Publication("joint_states", "default", JOINT_STATES)
 
 
 class Publisher:
-    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator.
-
-    A message that is recorded as it is is made by the recorder, once for both.
-    """
+    """Collects what a runtime tells from `begin` to `end`, and hands it out as lines; `say` tells the operator."""
 
     def __init__(self, runtime: Runtime, say: Callable[[str], None]) -> None:
         self._runtime, self._say = runtime, say
         self.virtual: Final = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         """Whether ROS is to have the robot's time instead of the time of day."""
-        self._listens = False
-        self._leave: Callable[[], None] = _nothing
-        self._maker: Maker | None = None  # the recorder whose messages are taken
-        self._untap: Callable[[], None] = _nothing
-        self._events: deque[Event] = deque(maxlen=EVENTS_MAX)
+        self._leave: Callable[[], None] = lambda: None
+        self._events: deque[Message] = deque(maxlen=EVENTS_MAX)
         self._lacking: dict[str, list[str]] = {}  # messages that the node has no type for, and their topics' names
         self._refused: set[Topic[Any]] = set()  # topics of which a value was no message
         self._wheels = WheelJoints(runtime.config.geometry)
@@ -114,17 +104,11 @@ class Publisher:
             self._kinds.setdefault(polled.sensor.topic.type, polled.sensor.topic)
         for publication, value in description(runtime.name, runtime.config.geometry, self._kinds):
             self._tell(publication, value, runtime.now)
-        self._leave = runtime.bus.subscribe(self._take, cycle=self._take_cycle)
-        self._listens = True
-        self._follow()
+        self._leave = runtime.bus.subscribe(self._take)
 
     def end(self) -> None:
         """Collect nothing more."""
-        self._listens = False
         self._leave()
-        self._untap()
-        self._leave = self._untap = _nothing
-        self._maker = None
         self._events.clear()
 
     def missing(self, message: str, name: str) -> None:
@@ -137,10 +121,6 @@ class Publisher:
 
     def line(self, more: Mapping[str, object]) -> bytes | None:
         """All messages since the last time, channels that are new, and more; None when there is nothing."""
-        if self._listens:
-            self._follow()
-            if self._maker is not None:
-                self._maker.make()
         if not self._events and not any(more.values()):
             return None
         if not self.virtual and abs(self._offset() - self._epoch) > STEPPED:
@@ -160,21 +140,14 @@ class Publisher:
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _follow(self) -> None:
-        """Take messages from the recorder, where there is one now."""
-        maker = self._runtime.bus.maker
-        if maker is not self._maker:
-            self._untap()
-            self._maker, self._untap = maker, _nothing if maker is None else maker.tap(self._take_made)
-
-    def _encoded(self, events: list[Event]) -> Iterable[Any]:
+    def _encoded(self, events: list[Message]) -> Iterable[Any]:
         try:
-            return self._encoder.block([], events).messages()
+            return self._encoder.block(events).messages()
         except RecordingError as error:
             if len(events) > 1:  # one of them is no message; the others are
                 return (each for event in events for each in self._encoded([event]))
-            if events[0][2] not in self._refused:
-                self._refused.add(events[0][2])
+            if events[0][1] not in self._refused:
+                self._refused.add(events[0][1])
                 self._say(f": {error}")
             return ()
 
@@ -208,32 +181,24 @@ class Publisher:
         return found
 
     def _take(self, topic: Topic[Any], value: Any, time: float) -> None:
-        made = self._maker is not None and self._maker is self._runtime.bus.maker
         for publication in self._publications_of(topic):
-            if not (made and publication.topic is topic):
-                self._events.append((0, time, publication.topic, value))
-
-    def _take_made(self, topic: Topic[Any], message: Ready, time: float) -> None:
-        for publication in self._publications_of(topic):
-            if publication.topic is topic:
-                self._events.append((0, time, topic, message))
+            self._events.append((time, publication.topic, value))
+        if topic is ODOMETRY:
+            self._tell_frames(value, time)
 
     def _tell(self, publication: Publication, value: Any, time: float) -> None:
         if publication.topic.message not in self._lacking:
             self._publication[publication.topic] = publication
-            self._events.append((0, time, publication.topic, value))
+            self._events.append((time, publication.topic, value))
 
-    def _take_cycle(self, topics: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
-        told = dict(zip(topics, values, strict=True))
-        for topic, value in told.items():
-            if value is not None:
-                self._take(topic, value, now)
-        odometry, estimate, pose = told[ODOMETRY], told.get(FILTERED), told.get(POSE)
-        if odometry is None:
-            return
+    def _tell_frames(self, odometry: Odometry, now: float) -> None:
+        """Tell where odometry began on the map or in the room, and how the wheels stand."""
+        bus = self._runtime.bus
+        estimate, pose, control = bus.read(FILTERED), bus.read(POSE), bus.read(SETPOINT)
         if estimate is not None:
             self._tell(self._map, origin(estimate[:3], odometry), now)
         elif pose is not None:
             self._tell(self._room, origin(pose, odometry), now)
-        outputs = told[SETPOINT].outputs
-        self._tell(JOINTS, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)
+        if control is not None:
+            outputs = control.outputs
+            self._tell(JOINTS, self._wheels.joints(odometry.v, outputs.front, outputs.rear, now), now)

@@ -1,101 +1,110 @@
-"""The bus of one robot: what its tasks tell goes to whoever has subscribed, and costs nothing while nobody has."""
+"""The bus of one robot: it carries values from the parts that have something to tell to the parts that listen.
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+How it works
+============
+
+A *topic* (`txt1.telemetry.topics.Topic`) is a name, a type and a rule. The rule says when the topic is told. Values
+reach the bus in two ways:
+
+- **Sampled topics.** A task or the HAL calls `Bus.offer(topic, read)` once, while the robot is built. From then on the
+  bus calls `read()` when it needs the value. The task itself does nothing in its cycle, so a topic without a listener
+  costs no time at all.
+- **Events.** What comes as it comes, such as a sensor's reading or a line of the log, goes through `Bus.publish`, which
+  hands the value to the listeners at once.
+
+A recorder, a screen or a bridge calls `Bus.subscribe(take, topics)`. `take(topic, value, time)` is called in the loop,
+so it must not wait: a recorder keeps a reference, and its thread does the rest.
+
+`Bus.sample` is called once a controller cycle, by a task that runs behind all others. The listeners then see one
+instant of the robot, after every task has done its step. It goes through the sampled topics in three groups:
+
+1. `Rule.CYCLE`: read and told in every cycle.
+2. `Rule.CHANGE`: read in every cycle, told when the value is not equal to the one told last. `is` is tried before `==`,
+   because most values are the very same object as a cycle ago.
+3. `Rule.SECOND`: read once a second. Each such topic has a cycle of its own in the second, taken from a checksum of its
+   name. So the load is spread, and the cycle is the same in every run of the program: a replay depends on that.
+
+Within a group the topics keep the order in which they were offered. Causes are offered before their effects, because a
+replay that differs from its recording names the first difference.
+
+Who subscribes late has to learn what was told on change before. So a subscription forgets what was told last, and the
+next `sample` tells it to everybody once more. `flush` tells at the end of a run what has changed since the last cycle.
+
+The groups hold only the topics that somebody listens to. They are made anew whenever a topic is offered or a listener
+comes or goes, which is seldom. Before the first listener there is no sampling task either: `begin`, which starts it, is
+called when a sampled topic is first wanted.
+
+"""
+
+from collections.abc import Callable, Iterable
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 from zlib import crc32
 
-from txt1.telemetry.ready import Maker
 from txt1.telemetry.topics import Rule, Take, Topic, Unsubscribe
 
 T = TypeVar("T")
-
-TakeCycle = Callable[[tuple[Topic[Any], ...], list[Any], float], None]
-"""Takes all topics that are told every cycle and their values, None where there is none."""
 
 
 class _Subscriber(NamedTuple):
     take: Take
     topics: frozenset[Topic[Any]] | None
-    cycle: TakeCycle
 
     def wants(self, topic: Topic[Any]) -> bool:
         return self.topics is None or topic in self.topics
 
 
 class _Offer:
-    """A topic that is sampled: the function that reads it, and what was told last; `turn` spreads the seldom ones."""
+    """A sampled topic: the function that reads it, the value told last, and who takes it."""
 
-    def __init__(self, topic: Topic[Any], read: Callable[[], Any], turn: int) -> None:
-        self.topic, self.read, self.turn = topic, read, turn
+    def __init__(self, topic: Topic[Any], read: Callable[[], Any]) -> None:
+        self.topic, self.read = topic, read
         self.last: Any = None
+        self.takes: list[Take] = []
 
-
-class _Row:
-    """Topics that are read together: those told every cycle, `cycle` of them, before those told on change."""
-
-    def __init__(self, offers: list[_Offer], read: Callable[[], tuple[Any, ...]]) -> None:
-        self.offers, self.read = offers, read
-        self.changes = [offer for offer in offers if offer.topic.rule is Rule.CHANGE]
-        self.cycle = len(offers) - len(self.changes)
-        self.last: tuple[Any, ...] = ()
-
-
-def _part(read: Callable[[], tuple[Any, ...]], place: int) -> Any:
-    return read()[place]
+    def tell_change(self, value: Any, now: float) -> None:
+        """Tell a value that is not equal to the last one."""
+        if value != self.last:
+            self.last = value
+            if value is not None:
+                for take in self.takes:
+                    take(self.topic, value, now)
 
 
 class Bus:
-    """Carries one robot's topics; its `name`, empty for one that is alone, stands before theirs.
+    """Carries one robot's topics; its `name`, empty for a robot that is alone, stands before theirs.
 
-    `sample` is called so many times a second; it is wanted from the first subscription to what is sampled on, when
-    `begin` is called.
+    `begin` is called when a sampled topic is first wanted; from then on `sample` has to be called `cycles_per_second`
+    times a second.
     """
 
     def __init__(self, name: str = "", cycles_per_second: int = 50, begin: Callable[[], None] = lambda: None) -> None:
         self.name = name
-        self.maker: Maker | None = None
-        """Who makes messages of everything here, where somebody does: the first recorder."""
-        self._second = cycles_per_second
+        self._cycles_per_second = cycles_per_second
         self._begin: Callable[[], None] | None = begin
-        self._count = 0
+        self._cycles = 0
         self._offers: dict[Topic[Any], _Offer] = {}
         self._subscribers: list[_Subscriber] = []
         self._takes: dict[Topic[Any], list[Take]] = {}
-        self._cycle_takes: list[TakeCycle] = []
-        self._cycle: tuple[Topic[Any], ...] = ()
-        self._reads: list[Callable[[], Any]] = []
-        self._changes: list[_Offer] = []
-        self._row: _Row | None = None
-        self._row_heard = False
-        self._seconds: dict[int, list[_Offer]] = {}
+        # the offers that somebody listens to, by rule; the seldom ones by their cycle in the second
+        self._every_cycle: list[_Offer] = []
+        self._on_change: list[_Offer] = []
+        self._each_second: dict[int, list[_Offer]] = {}
 
     def full_name(self, topic: Topic[Any]) -> str:
-        """The name of a topic with the robot's name before it, where it has one."""
+        """Return the name of a topic with the robot's name before it, where it has one."""
         return f"/{self.name}{topic.name}" if self.name else topic.name
 
     # -- who has something to tell -----------------------------------------------------------------------------
 
     def offer(self, topic: Topic[T], read: Callable[[], T | None]) -> None:
         """Offer a topic that is sampled; `read` returns its value now, None as long as there is none."""
-        self._offers[topic] = _Offer(topic, read, crc32(topic.name.encode()) % self._second)
-        self._arrange()
-
-    def offer_row(self, topics: Sequence[Topic[Any]], read: Callable[[], tuple[Any, ...]]) -> None:
-        """Offer topics that are looked at in every cycle, all by one call, which costs a third of one each.
-
-        `read` returns their values in this order, None for none: first of those told every cycle, then of those told
-        on change. A robot has one such row.
-        """
-        for place, topic in enumerate(topics):
-            self._offers[topic] = _Offer(topic, partial(_part, read, place), 0)
-        self._row = _Row([self._offers[topic] for topic in topics], read)
+        self._offers[topic] = _Offer(topic, read)
         self._arrange()
 
     def publish(self, topic: Topic[T], value: T, time: float) -> None:
         """Tell a value of a topic that comes as it comes; `time` in s of the run."""
-        for take in self._takes.get(topic) or self._takers(topic):
+        for take in self._takers(topic):
             take(topic, value, time)
 
     @property
@@ -105,7 +114,7 @@ class Bus:
 
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether anybody listens to a topic, where making its value costs something."""
-        return bool(self._takes.get(topic) or self._takers(topic))
+        return bool(self._takers(topic))
 
     # -- who listens -------------------------------------------------------------------------------------------
 
@@ -115,26 +124,16 @@ class Bus:
         return tuple(self._offers)
 
     def read(self, topic: Topic[T]) -> T | None:
-        """The value of a sampled topic now; None where nobody offers it."""
+        """Return the value of a sampled topic now; None where nobody offers it."""
         offer = self._offers.get(topic)
         return None if offer is None else offer.read()
 
-    def subscribe(
-        self, take: Take, topics: Iterable[Topic[Any]] | None = None, cycle: TakeCycle | None = None
-    ) -> Unsubscribe:
+    def subscribe(self, take: Take, topics: Iterable[Topic[Any]] | None = None) -> Unsubscribe:
         """Have `take` told of these topics, of all when there are none given, until the function returned is called.
 
-        What is told on change is told to everybody once more, so whoever comes late knows it, too. Where there is a
-        `cycle`, that takes all the topics of a controller cycle in one call instead.
+        What is told on change is told to everybody once more, so whoever comes late knows it, too.
         """
-        chosen = None if topics is None else frozenset(topics)
-
-        def one_by_one(every: tuple[Topic[Any], ...], values: list[Any], now: float) -> None:
-            for topic, value in zip(every, values, strict=True):
-                if value is not None and (chosen is None or topic in chosen):
-                    take(topic, value, now)
-
-        entry = _Subscriber(take, chosen, one_by_one if cycle is None else cycle)
+        entry = _Subscriber(take, None if topics is None else frozenset(topics))
         self._subscribers.append(entry)
         for topic, offer in self._offers.items():
             if entry.wants(topic):
@@ -149,42 +148,26 @@ class Bus:
         return leave
 
     def sample(self, now: float) -> None:
-        """Tell what is offered, by the rules of the topics: called once per controller cycle."""
-        self._count += 1
-        row = self._row
-        found = row.read() if row is not None and self._row_heard else ()
-        if self._cycle_takes:
-            values = list(found) if row is None else list(found[: row.cycle])
-            if self._reads:
-                values += [read() for read in self._reads]
-            for take_cycle in self._cycle_takes:
-                take_cycle(self._cycle, values, now)
-        if row is not None and self._row_heard and found[row.cycle :] != row.last:
-            row.last = found[row.cycle :]
-            for offer, value in zip(row.changes, row.last, strict=True):
-                self._tell(offer, value, now)
-        for offer in self._changes:
+        """Tell what is offered, by the rules of the topics: called once per controller cycle; `now` in s of the run."""
+        self._cycles += 1
+        for offer in self._every_cycle:
+            value = offer.read()
+            if value is not None:
+                for take in offer.takes:
+                    take(offer.topic, value, now)
+        for offer in self._on_change:
             value = offer.read()
             if value is not offer.last:
-                self._tell(offer, value, now)
-        for offer in self._seconds.get(self._count % self._second, ()):
-            self._tell(offer, offer.read(), now)
+                offer.tell_change(value, now)
+        for offer in self._each_second.get(self._cycles % self._cycles_per_second, ()):
+            offer.tell_change(offer.read(), now)
 
     def flush(self, now: float) -> None:
         """Tell what has changed since it was told last: nothing comes any more."""
-        changes = () if self._row is None else self._row.changes
-        for offer in (*changes, *self._changes, *chain.from_iterable(self._seconds.values())):
-            self._tell(offer, offer.read(), now)
+        for offer in (*self._on_change, *chain.from_iterable(self._each_second.values())):
+            offer.tell_change(offer.read(), now)
 
     # -- inside ------------------------------------------------------------------------------------------------
-
-    def _tell(self, offer: _Offer, value: Any, now: float) -> None:
-        if value == offer.last:
-            return
-        offer.last = value
-        if value is not None:
-            for take in self._takers(offer.topic):
-                take(offer.topic, value, now)
 
     def _takers(self, topic: Topic[Any]) -> list[Take]:
         takes = self._takes.get(topic)
@@ -193,28 +176,18 @@ class Bus:
         return takes
 
     def _arrange(self) -> None:
-        """Note who wants what of all that is offered."""
+        """Note who listens to what of all that is offered."""
         self._takes.clear()
-        row = self._row
-        rows: set[Topic[Any]] = set()
-        self._cycle = ()
-        if row is not None:
-            rows = {offer.topic for offer in row.offers}
-            self._cycle = tuple(offer.topic for offer in row.offers[: row.cycle])
-            row.last = (None,) * len(row.changes)
-        heard = {
-            rule: [each for each in self._offers.values() if each.topic.rule is rule and each.topic not in rows]
-            for rule in Rule
-        }
-        self._cycle += tuple(offer.topic for offer in heard[Rule.CYCLE])
-        self._reads = [offer.read for offer in heard[Rule.CYCLE]]
-        self._cycle_takes = [each.cycle for each in self._subscribers if any(map(each.wants, self._cycle))]
-        self._row_heard = bool(self._cycle_takes) or any(self._takers(topic) for topic in rows)
-        self._changes = [offer for offer in heard[Rule.CHANGE] if self._takers(offer.topic)]
-        self._seconds = {}
-        for offer in heard[Rule.SECOND]:
-            if self._takers(offer.topic):
-                self._seconds.setdefault(offer.turn, []).append(offer)
-        if self._begin is not None and (self._cycle_takes or self._row_heard or self._changes or self._seconds):
+        for offer in self._offers.values():
+            offer.takes = self._takers(offer.topic)
+        heard = [offer for offer in self._offers.values() if offer.takes]
+        self._every_cycle = [offer for offer in heard if offer.topic.rule is Rule.CYCLE]
+        self._on_change = [offer for offer in heard if offer.topic.rule is Rule.CHANGE]
+        self._each_second = {}
+        for offer in heard:
+            if offer.topic.rule is Rule.SECOND:
+                turn = crc32(offer.topic.name.encode()) % self._cycles_per_second
+                self._each_second.setdefault(turn, []).append(offer)
+        if self._begin is not None and (self._every_cycle or self._on_change or self._each_second):
             begin, self._begin = self._begin, None
             begin()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -88,8 +89,14 @@ def test_an_array_takes_as_many_values_as_it_has() -> None:
         MessageBuffer("txt1_msgs/Light", {"lux": [1.0, 2.0, 3.0]})
 
 
-def test_a_message_is_the_same_alone_as_in_a_cycle_in_whatever_order_its_topic_names_the_fields() -> None:
+def test_numbers_put_into_a_template_are_a_message_written_field_by_field_in_whatever_order_they_are_named() -> None:
     estimate = Estimate(1.0, 2.0, 0.5, 0.3, 0.1, tuple(float(number) for number in range(25)), 0.0, 0.0, True)
-    alone = Encoder(0.0).block([], [(0, 2.5, FILTERED, estimate)])
-    cycle = Encoder(0.0).block([(2.5, (FILTERED,), [estimate])], [])
-    assert [data for _, _, data in alone.messages()] == [data for _, _, data in cycle.messages()]
+    backwards = replace(FILTERED, paths=FILTERED.paths[::-1], make=lambda value: FILTERED.make(value)[::-1])
+    for topic in (FILTERED, backwards):
+        ((_, _, data),) = Encoder(0.0).block([(2.5, topic, estimate)]).messages()
+        plain = MessageBuffer(topic.message, topic.constants)
+        numbers = dict(zip(FILTERED.paths, FILTERED.make(estimate)[: len(FILTERED.paths)], strict=True))
+        for path, number in {**numbers, "header.stamp.sec": 2, "header.stamp.nanosec": 500_000_000}.items():
+            place, code = plain.places[path]
+            struct.pack_into(f"<{code}", plain, place, number)
+        assert data == plain

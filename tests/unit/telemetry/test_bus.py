@@ -8,7 +8,6 @@ from txt1.telemetry.topics import Rule, Topic
 SPEED = Topic("/speed", float, "m/s", "std_msgs/Float64", Rule.CYCLE, "a number of every cycle")
 WAY = Topic("/way", float, "m", "std_msgs/Float64", Rule.CYCLE, "another one")
 MOOD = Topic("/mood", str, "", "std_msgs/String", Rule.CHANGE, "a text that seldom changes")
-ALONE = Topic("/alone", float, "", "std_msgs/Float64", Rule.CYCLE, "offered by somebody else")
 
 Told = list[tuple[str, Any, float]]
 
@@ -20,58 +19,78 @@ def listening(bus: Bus, *topics: Topic[Any]) -> Told:
     return told
 
 
-def test_a_row_is_read_once_a_cycle_and_told_by_the_topics_rules() -> None:
-    bus, looks, now = Bus(), 0, [1.0, 2.0, "calm"]
+def offering(bus: Bus, *values: Any) -> None:
+    """Offer speed, way and mood with these values."""
+    for topic, value in zip((SPEED, WAY, MOOD), values, strict=True):
+        bus.offer(topic, lambda value=value: value)
 
-    def read() -> tuple[Any, ...]:
-        nonlocal looks
-        looks += 1
-        return tuple(now)
 
-    bus.offer_row([SPEED, WAY, MOOD], read)
-    bus.offer(ALONE, lambda: 7.0)
+def test_each_topic_is_told_by_its_rule_in_the_order_of_the_offers() -> None:
+    bus, mood = Bus(), "calm"
+    bus.offer(SPEED, lambda: 1.0)
+    bus.offer(MOOD, lambda: mood)
+    bus.offer(WAY, lambda: 2.0)
     told = listening(bus)
     bus.sample(0.02)
     bus.sample(0.04)
-    now[2] = "upset"
+    mood = "upset"
     bus.sample(0.06)
-    assert looks == 3
-    assert [one for one in told if one[0] != "/mood"] == [
-        (name, value, time)
-        for time in (0.02, 0.04, 0.06)
-        for name, value in (("/speed", 1.0), ("/way", 2.0), ("/alone", 7.0))
-    ]
-    assert [one for one in told if one[0] == "/mood"] == [("/mood", "calm", 0.02), ("/mood", "upset", 0.06)]
-    assert (bus.read(WAY), bus.read(MOOD), bus.offered) == (2.0, "upset", (SPEED, WAY, MOOD, ALONE))
+    cycles = [[("/speed", 1.0, time), ("/way", 2.0, time)] for time in (0.02, 0.04, 0.06)]
+    assert told == [*cycles[0], ("/mood", "calm", 0.02), *cycles[1], *cycles[2], ("/mood", "upset", 0.06)]
+    assert (bus.read(WAY), bus.read(MOOD), bus.offered) == (2.0, "upset", (SPEED, MOOD, WAY))
 
 
-def test_what_a_row_does_not_know_is_not_told() -> None:
+def test_what_is_the_same_in_another_object_has_not_changed() -> None:
     bus = Bus()
-    bus.offer_row([SPEED, WAY, MOOD], lambda: (None, 2.0, None))
+    bus.offer(MOOD, lambda: "".join(("ca", "lm")))
+    told = listening(bus)
+    bus.sample(0.02)
+    bus.sample(0.04)
+    assert told == [("/mood", "calm", 0.02)]
+
+
+def test_what_nobody_knows_is_not_told() -> None:
+    bus = Bus()
+    offering(bus, None, 2.0, None)
     told = listening(bus)
     bus.sample(0.02)
     assert told == [("/way", 2.0, 0.02)]
 
 
-def test_a_row_nobody_listens_to_is_not_read() -> None:
+def test_a_topic_nobody_listens_to_is_not_read() -> None:
     bus, looks = Bus(), 0
 
-    def read() -> tuple[Any, ...]:
+    def read() -> float:
         nonlocal looks
         looks += 1
-        return 1.0, "calm"
+        return 1.0
 
-    bus.offer_row([SPEED, MOOD], read)
-    bus.sample(0.02)
-    assert looks == 0
+    bus.offer(SPEED, read)
+    bus.offer(MOOD, lambda: "calm")
     told = listening(bus, MOOD)
+    bus.sample(0.02)
+    assert (looks, told) == (0, [("/mood", "calm", 0.02)])
+    leave = bus.subscribe(lambda topic, value, time: None, [SPEED])
     bus.sample(0.04)
-    assert told == [("/mood", "calm", 0.04)]
+    leave()
+    bus.sample(0.06)
+    assert looks == 1
+
+
+def test_sampling_begins_with_the_first_who_listens_to_what_is_sampled() -> None:
+    begun = []
+    bus = Bus(begin=lambda: begun.append(True))
+    bus.offer(SPEED, lambda: 1.0)
+    listening(bus, MOOD)
+    assert not begun
+    for _ in range(2):
+        listening(bus, SPEED)
+    assert begun == [True]
 
 
 def test_who_comes_late_is_told_what_changed_before_and_so_is_everybody() -> None:
     bus = Bus()
-    bus.offer_row([SPEED, MOOD], lambda: (1.0, "calm"))
+    offering(bus, 1.0, 2.0, "calm")
     first = listening(bus, MOOD)
     bus.sample(0.02)
     late = listening(bus, MOOD)
@@ -82,7 +101,7 @@ def test_who_comes_late_is_told_what_changed_before_and_so_is_everybody() -> Non
 
 def test_what_changed_last_is_told_before_nothing_comes_any_more() -> None:
     bus, mood = Bus(), "calm"
-    bus.offer_row([SPEED, MOOD], lambda: (1.0, mood))
+    bus.offer(MOOD, lambda: mood)
     told = listening(bus, MOOD)
     bus.sample(0.02)
     mood = "upset"
@@ -90,9 +109,9 @@ def test_what_changed_last_is_told_before_nothing_comes_any_more() -> None:
     assert told[-1] == ("/mood", "upset", 0.03)
 
 
-def test_two_who_listen_to_different_topics_of_a_row_each_hear_their_own() -> None:
+def test_two_who_listen_to_different_topics_each_hear_their_own() -> None:
     bus = Bus()
-    bus.offer_row([SPEED, WAY, MOOD], lambda: (1.0, 2.0, "calm"))
+    offering(bus, 1.0, 2.0, "calm")
     speed, way = listening(bus, SPEED), listening(bus, WAY)
     bus.sample(0.02)
     assert (speed, way) == ([("/speed", 1.0, 0.02)], [("/way", 2.0, 0.02)])
