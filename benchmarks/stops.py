@@ -259,7 +259,7 @@ async def dies(on: Desk) -> None:
     def silent(data: bytes) -> None:
         raise LinkLost("dead")
 
-    on.robot.hal.link.write = silent  # type: ignore[attr-defined]
+    on.robot.hal.line.link.write = silent  # type: ignore[attr-defined]
 
 
 async def restart(on: Desk) -> None:

@@ -41,6 +41,7 @@ from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 ROOT: Final = Path(__file__).parents[1]
 MODULES: Final = (
     "txt1/control", "txt1/protocol", "txt1/tasks/controller.py", "txt1/tasks/mode.py", "txt1/hal/serial.py",
+    "txt1/hal/line.py", "txt1/hal/restarts.py", "txt1/hal/acknowledged.py",
     "txt1/guards/obstacle_stop/free_distance.py", "txt1/guards/roll_guard/guard.py",
 )  # fmt: skip
 TESTS: Final = (

@@ -363,7 +363,7 @@ class Desk:
                 self._could_move, self._speed = now, v
             else:
                 self._check_standing(now - self._could_move, v)
-            if not isinstance(hal, SerialHal) or hal.link is None:
+            if not isinstance(hal, SerialHal) or hal.line.link is None:
                 up_since = now
             elif now - max(self._could_move, up_since, self._silent_until) > 2.0 * TICK + EPSILON:
                 sent = self._sent[1]

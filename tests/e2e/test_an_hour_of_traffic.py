@@ -73,7 +73,7 @@ async def test_an_hour_of_traffic(monkeypatch: pytest.MonkeyPatch) -> None:
         grown = sys.getallocatedblocks() - blocks
         assert grown < 2000, f"{grown} more objects after 50 minutes"
         assert robot.armed and board.runtime.gate.counts["command_stale"] == 0
-        assert hal.link is not None and hal.link.overflows == 0
+        assert hal.line.link is not None and hal.line.link.overflows == 0
         robot.disarm()
         await asyncio.sleep(1.0)
         in_time = len(sent)

@@ -280,7 +280,7 @@ async def test_at_20_percent_lost_frames_no_time_out_is_false_in_ten_minutes(mon
 async def test_gains_are_sent_once_a_second_until_the_board_acknowledges_them(monkeypatch: pytest.MonkeyPatch) -> None:
     async with wired(monkeypatch) as together:
         hal: SerialHal = together.robot.hal  # type: ignore[assignment]
-        link = hal.link
+        link = hal.line.link
         assert link is not None
         asked: list[float] = []
         time = asyncio.get_running_loop().time
@@ -292,7 +292,7 @@ async def test_gains_are_sent_once_a_second_until_the_board_acknowledges_them(mo
                     return
             link.write(frame)
 
-        hal.link = SimpleNamespace(write=swallow, close=link.close, overflows=0)  # type: ignore[assignment]
+        hal.line.link = SimpleNamespace(write=swallow, close=link.close, overflows=0)  # type: ignore[assignment]
         assert await together.robot.load_gains(timeout=10.0)
         await asyncio.sleep(5.0)
         assert [round(later - asked[0]) for later in asked] == [0, 1, 2, 3]

@@ -14,9 +14,9 @@ from txt1.cli.remark import Remark, judged
 from txt1.commands import FAULT, OK, add, positive, takes
 from txt1.config import Config
 from txt1.hal.registry import PORTS, create, is_on_a_line, is_simulated, port_of
-from txt1.hal.serial import SEND_PERIOD, Port
+from txt1.hal.serial import SEND_PERIOD
 from txt1.kernel.realtime import REMEDY, grantable
-from txt1.link.base import Link
+from txt1.link.base import Link, Port
 from txt1.link.ports import access_problem, candidates, only_candidate
 from txt1.link.receiver import Receiver
 from txt1.plugins import Registry

@@ -1,4 +1,10 @@
-"""The line to a motor controller that answers when it is asked: kept open, and watched."""
+"""The line to a board or a motor controller: kept open, and watched.
+
+A line is up while there is a link, and the device behind it is *found* while it answers. Both come and go by
+themselves: an adapter is unplugged, a board loses its power. So the line is opened again whenever it was lost, and a
+device that was silent for too long counts as lost. Each loss is counted once and disarms the robot, and a device that
+was found again has to answer for a while before it is sent a set-point: it has *settled*.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -7,13 +13,16 @@ from typing import Final
 
 from txt1.errors import HalError, LinkLost
 from txt1.hal.base import BoardLink
-from txt1.hal.serial import Port
-from txt1.link.base import End, Link
+from txt1.link.base import End, Link, Port
 
-LOST: Final = 0.3  # s without an answer after which the controller is lost
-SETTLED: Final = 0.5  # s of answers before the first set-point
-BACKOFF: Final = (0.1, 0.9)  # s before the first attempt to open a lost line again, and the longest between later ones
-FAREWELLS: Final = 3  # times that the last words are said: lines lose frames
+# s without an answer after which a motor controller is lost
+LOST: Final = 0.3
+# s of answers before the first set-point
+SETTLED: Final = 0.5
+# s before the first attempt to open a lost line again, and the longest between later ones: it is open within a second
+BACKOFF: Final = (0.1, 0.9)
+# times that the last words are said: lines lose frames
+FAREWELLS: Final = 3
 
 
 class Line:
@@ -22,9 +31,12 @@ class Line:
     Args:
         port: where the controller is found.
         wrap: may put faults on the line.
-        who: the controller's word in sentences, such as "the VESC".
+        awaited: what comes from the device, in words, such as "odometry".
         greet: called when there is a fresh line.
         take: given the bytes that come; calls `heard` for every sound answer.
+        lost: s without an answer after which the device is lost; None: LOST.
+        settled: s of answers before the first set-point.
+        forget: called when the device is not what it was.
 
     """
 
@@ -32,19 +44,29 @@ class Line:
         self,
         port: Port,
         wrap: Callable[[End], End],
-        who: str,
+        awaited: str,
         greet: Callable[[], None],
         take: Callable[[bytes], None],
+        lost: float | None = None,
+        settled: float = SETTLED,
+        forget: Callable[[], None] = lambda: None,
     ) -> None:
         self.port = port
+        self.link: Link | None = None
+        self.tap: Callable[[str, bytes], None] = lambda direction, data: None
+        """Told all bytes as they come ("in") and go ("out")."""
         self.time: Callable[[], float] = lambda: 0.0  # the loop's
-        self._end, self._who, self._greet, self._take = wrap(self), who, greet, take
-        self._link: Link | None = None
+        self._end, self._awaited, self._greet, self._take = wrap(self), awaited, greet, take
+        self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
+        self._pause = BACKOFF[0]
         self._reconnecting: asyncio.Task[None] | None = None
         self._closed = True
         self._failure: Exception | None = None
         self._origin = inf  # loop time of the run's start
-        self._heard, self._heard_since = -inf, inf  # loop times of the last answer, and of the first since it was lost
+        self.last = -inf
+        """Loop time of the last answer."""
+        self.heard_since = inf
+        """Loop time of the first answer since the device was lost."""
         self._losses, self._connections, self._overflows = 0, 0, 0
         self._reason = ""
         self._text = f"connecting to {port.address}"
@@ -53,7 +75,7 @@ class Line:
     async def open(self) -> None:
         """Open the port; from then on a lost link is opened again until `close`."""
         self.time = asyncio.get_running_loop().time
-        self._origin, self._failure, self._closed = inf, None, False
+        self._origin, self._failure, self._closed, self._pause = inf, None, False, BACKOFF[0]
         try:
             await self.port.open(self._end)
         except BaseException:
@@ -61,7 +83,7 @@ class Line:
             await self.port.close()
             raise
 
-    async def close(self, farewell: bytes, pause: float = 0.02) -> None:
+    async def close(self, *farewell: bytes, pause: float = 0.02) -> None:
         """Say the last words, more than once and a pause (s) apart, and let go; harmless when closed already."""
         if self._closed:
             return
@@ -69,40 +91,46 @@ class Line:
         if self._reconnecting is not None:
             self._reconnecting.cancel()
         for _ in range(FAREWELLS):
-            if self._link is not None:
-                self.send(farewell)
+            if self.link is not None:
+                for frame in farewell:
+                    self.send(frame)
                 await asyncio.sleep(pause)
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        if self.link is not None:
+            self.link.close()
+            self.link = None
         self.down("closed")
         await self.port.close()
 
     def send(self, data: bytes) -> None:
         """Send, if there is a link."""
-        if self._link is not None:
+        if self.link is not None:
+            self.tap("out", data)
             try:
-                self._link.write(data)
+                self.link.write(data)
             except LinkLost:
                 self._drop()  # `lost` is on its way
 
-    def heard(self) -> None:
-        """A sound answer has come."""
-        self._heard = self.time()
-        if self._heard_since == inf:
-            self._heard_since = self._heard
+    def heard(self) -> bool:
+        """Note a sound answer; whether it is the first since the device was lost."""
+        self.last = self.time()
+        found = self.heard_since == inf
+        if found:
+            # What hangs up before it is heard makes the pauses longer, too.
+            self.heard_since, self._pause = self.last, BACKOFF[0]
+        return found
 
     @property
     def ready(self) -> bool:
         """Whether it has answered for long enough to be sent a set-point."""
-        return self.time() - self._heard_since >= SETTLED
+        return self.time() - self.heard_since >= self._settled
 
     def down(self, reason: str) -> None:
-        """The controller is not what it was: lost, restarted, in a fault. Counts once, and it has to settle anew."""
-        if self._heard_since < inf:
+        """The device is not what it was: lost, restarted, in a fault. Counts once, and it has to settle anew."""
+        if self.heard_since < inf:
             self._losses += 1
             self._reason = reason
-        self._heard_since = inf
+        self.heard_since = inf
+        self._forget()
         self.tell(reason)
 
     def tell(self, text: str) -> None:
@@ -113,19 +141,23 @@ class Line:
         """End the run with this at the next report."""
         self._failure = error
 
-    def report(self, now: float, faults: dict[str, int]) -> BoardLink:
-        """How the link is, the faults of the stream counted by name; raises HalError when it failed for good."""
+    def report(self, now: float, faults: dict[str, int], busy: bool = False, gains: bool = True) -> BoardLink:
+        """How the link is; raises HalError when it failed for good.
+
+        `faults` of the stream are counted by name; a `busy` device takes no set-point; `gains` as in `BoardLink`.
+        """
         if self._failure is not None:
             if isinstance(self._failure, HalError):
                 raise self._failure
             raise HalError(f"the link to {self.port.address} failed: {self._failure!r}") from self._failure
         time = self.time()
         self._origin = min(self._origin, time - now)
-        if self._heard_since < inf and time - self._heard > LOST:
-            self.down(f"link lost: {self._who} has not answered for {LOST:g} s")
-        overflows = self._overflows + (0 if self._link is None else self._link.overflows)
+        if self.heard_since < inf and time - self.last > self._lost:
+            self.down(f"link lost: no {self._awaited} for {self._lost:g} s")
+        overflows = self._overflows + (0 if self.link is None else self.link.overflows)
         counts = faults | {"line_overflows": overflows, "reconnects": max(0, self._connections - 1)}
-        report = BoardLink(self.ready, self._losses, self._reason, self._text, counts, connected=self._link is not None)
+        ready, connected = self.ready and not busy, self.link is not None
+        report = BoardLink(ready, self._losses, self._reason, self._text, counts, gains, connected)
         if report != self._report:
             self._report = report
         assert self._report is not None
@@ -139,13 +171,14 @@ class Line:
 
     def connected(self, link: Link) -> None:
         """Take a fresh line."""
-        self._link = link
+        self.link = link
         self._connections += 1
-        self.tell(f"connected to {link.address}, waiting for {self._who}")
+        self.tell(f"connected to {link.address}, waiting for {self._awaited}")
         self._greet()
 
     def received(self, data: bytes) -> None:
         """Hand bytes on; the event loop would only log an error."""
+        self.tap("in", data)
         try:
             self._take(data)
         except Exception as error:
@@ -159,15 +192,14 @@ class Line:
             self._reconnecting = asyncio.ensure_future(self._reconnect())
 
     def _drop(self) -> None:
-        if self._link is not None:
-            self._overflows += self._link.overflows
-            self._link = None
+        if self.link is not None:
+            self._overflows += self.link.overflows
+            self.link = None
 
     async def _reconnect(self) -> None:
-        pause, longest = BACKOFF
         while True:
-            await asyncio.sleep(pause)
-            pause = min(2.0 * pause, longest)
+            await asyncio.sleep(self._pause)
+            self._pause = min(2.0 * self._pause, BACKOFF[1])
             try:
                 await self.port.open(self._end)
                 return

@@ -22,8 +22,8 @@ from txt1.hal.base import Hal
 from txt1.plugins import Registry
 
 if TYPE_CHECKING:
-    from txt1.hal.serial import Port
     from txt1.hal.sim import SimHal
+    from txt1.link.base import Port
     from txt1.sim.world import World
 
 HOST_LINE: Final = 1  # marks the random values of the line at the host's end
@@ -70,7 +70,7 @@ def port_of(config: Config, baud: int | None = None, behind: str | None = None) 
     `baud` is the rate, bits a second, where it is not `serial.baud`; `behind` the command that serves such a port,
     where it is not ``txt1 board``.
     """
-    from txt1.hal.serial import DevicePort
+    from txt1.link.device import DevicePort
     from txt1.link.tcp import BOARD
 
     serial = config.serial

@@ -95,6 +95,20 @@ class Listener(Protocol):
         """Let go of it, and of the host that is connected, at once; the end hears nothing any more."""
 
 
+class Port(Protocol):
+    """Where the other side of a link is found, such as a board."""
+
+    @property
+    def address(self) -> str:
+        """For people."""
+
+    async def open(self, end: End) -> Link:
+        """A link to it, up; raises HalError, which says what to do. Another error ends the run."""
+
+    async def close(self) -> None:
+        """Let go of what was needed for it."""
+
+
 class StreamLink(Link, asyncio.Protocol):
     """A link over one of asyncio's transports; `explain` puts the loss of an address into words."""
 

@@ -13,9 +13,10 @@ from typing import Any, Final
 from serial import Serial, SerialException
 from serial_asyncio import SerialTransport
 
-from txt1.errors import HalError
+from txt1.errors import ConfigError, HalError
 from txt1.link.base import End, Link, StreamLink
-from txt1.link.ports import access_problem, candidates
+from txt1.link.ports import access_problem, candidates, only_candidate
+from txt1.link.pty import is_left_behind
 from txt1.link.tcp import BOARD, open_socket
 
 STANDARD_BAUDS: Final = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
@@ -104,6 +105,62 @@ async def open_link(
         transport.abort()
         raise
     return link
+
+
+class DevicePort:
+    """A serial device, or socket://host:port; None: the only device there is, wherever it turns up when plugged in.
+
+    The first line of `secret_file` is the secret of a board on a network;
+    `behind` is the command that serves such a port.
+    """
+
+    def __init__(self, address: str | None, baud: int, secret_file: str | None = None, behind: str = BOARD) -> None:
+        self._wanted = address
+        self._behind = behind
+        self._secret_file = secret_file
+        self._baud = baud
+        self._spent: tuple[int, int] | None = None
+        self.address = address or "the serial port"
+
+    async def open(self, end: End) -> Link:
+        """A link to it."""
+        if self._wanted is None:
+            self.address = await asyncio.to_thread(only_candidate)
+        # A board that was killed leaves its link to a pseudo-terminal behind, whose name may be a stranger's by now.
+        made = await asyncio.to_thread(_link_made, self.address)
+        left = await asyncio.to_thread(is_left_behind, self.address)
+        if left or (left is None and made is not None and made == self._spent):
+            raise HalError(f"{self.address} was left behind by a board that is gone; waiting for a new one")
+        secret = None if self._secret_file is None else await asyncio.to_thread(_secret_in, self._secret_file)
+        link = await open_link(self.address, end, self._baud, secret, self._behind)
+        self._spent = made
+        return link
+
+    async def close(self) -> None:
+        """Nothing is left to let go of."""
+
+
+def _secret_in(file: str) -> bytes:
+    """Return the first line of a file."""
+    try:
+        with open(file, "rb") as lines:
+            secret = lines.readline().strip()
+    except OSError as error:
+        raise ConfigError(f"serial.secret_file: {file}: {error.strerror}; write the board's secret there") from None
+    if not secret:
+        raise ConfigError(f"serial.secret_file: {file} is empty; write the board's secret there")
+    return secret
+
+
+def _link_made(address: str) -> tuple[int, int] | None:
+    """Which link to a pseudo-terminal this is: its inode and when it was made, ns; None for anything else."""
+    try:
+        if not os.readlink(address).startswith("/dev/pts/"):
+            return None
+        status = os.lstat(address)
+    except OSError:
+        return None
+    return status.st_ino, status.st_mtime_ns
 
 
 def baud_warning(baud: int) -> str | None:

@@ -56,7 +56,7 @@ class Desk:
         self.trouble: BaseException | None = None  # when the port is opened
         self.ports_closed = self.let_go = 0
         self.inputs = Inputs()
-        self.hal = SerialHal(self, wrap, **options)
+        self.hal = SerialHal(self, wrap or (lambda end: end), **options)
         self._ear = Decoder(Role.BOARD)
 
     async def open(self, end: End) -> Link:
@@ -96,15 +96,15 @@ class Desk:
 
     def tells(self, message: Message) -> None:
         """The board says it now."""
-        self.do(lambda: self.hal.received(encode(message)))
+        self.do(lambda: self.hal.line.received(encode(message)))
 
     def runs(self, seconds: float, outputs: Outputs = NEUTRAL, *, held_up: bool = False) -> Desk:
         """Go on for so long, the first tick at once, unless the host is held up."""
 
         async def running() -> None:
             for _ in range(round(1000 * seconds / 10)):
-                if self.says is not None and self.ms % ODOMETRY == 0 and self.hal.link is not None:
-                    self.hal.received(encode(self.says))
+                if self.says is not None and self.ms % ODOMETRY == 0 and self.hal.line.link is not None:
+                    self.hal.line.received(encode(self.says))
                 if self.ms % TICK == 0 and not held_up:
                     self.inputs = self.hal.read(self.now)
                     self.hal.write(outputs, self.now)

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from txt1.errors import ConfigError, HalError
-from txt1.hal import serial
-from txt1.hal.serial import DevicePort
+from txt1.link import device
+from txt1.link.device import DevicePort
 from txt1.link.tcp import BOARD
 
 
@@ -20,9 +20,9 @@ class World:
         self.left_behind: bool | None = False  # None: nobody can tell
         self.trouble: HalError | None = None
         self.opened: list[tuple[Any, ...]] = []
-        monkeypatch.setattr(serial, "only_candidate", lambda: next(self.devices))
-        monkeypatch.setattr(serial, "is_left_behind", lambda address: self.left_behind)
-        monkeypatch.setattr(serial, "open_link", self._open)
+        monkeypatch.setattr(device, "only_candidate", lambda: next(self.devices))
+        monkeypatch.setattr(device, "is_left_behind", lambda address: self.left_behind)
+        monkeypatch.setattr(device, "open_link", self._open)
 
     async def _open(self, *how: Any) -> str:
         if self.trouble is not None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from serial_desk import DRIVE, HALF, ORIGIN, STANDING, ZERO, Desk
+from serial_desk import DRIVE, GAINS, HALF, ORIGIN, STANDING, ZERO, Desk
 
 from txt1.errors import HalError
 from txt1.hal.base import Outputs
@@ -18,6 +18,7 @@ from txt1.protocol.messages import (
     BatteryLevels,
     CombinedOdometry,
     EncoderOdometry,
+    PidResponse,
     PidSet,
     PowerControl,
     PwmCommand,
@@ -31,7 +32,7 @@ from txt1.protocol.messages import (
 
 @pytest.mark.parametrize("noise", [b"\xfa\xfb\x04\x70", bytes([*encode(STANDING)[:-1], 0])])
 def test_after_a_damaged_frame_velocity_goes_out_at_every_tick_for_5_s(desk: Desk, noise: bytes) -> None:
-    desk.do(lambda: desk.hal.received(noise))
+    desk.do(lambda: desk.hal.line.received(noise))
     desk.runs(6.0)
     steps = [(since, round(until - since, 6)) for since, until in pairwise(desk.times(Velocity, since=2.0))]
     assert {step for since, step in steps if since < 6.97} == {0.02}
@@ -40,7 +41,7 @@ def test_after_a_damaged_frame_velocity_goes_out_at_every_tick_for_5_s(desk: Des
 
 
 def test_an_old_command_is_counted_and_says_nothing_about_the_line(desk: Desk) -> None:
-    desk.do(lambda: desk.hal.received(bytes([0xFA, 0xFB, 24, 0x6B])))
+    desk.do(lambda: desk.hal.line.received(bytes([0xFA, 0xFB, 24, 0x6B])))
     desk.runs(0.5)
     assert len(desk.times(Velocity, since=2.0)) == 10
     assert desk.link.faults["line_old_command"] == 1
@@ -149,8 +150,12 @@ def test_after_the_board_was_lost_its_first_battery_levels_are_compared_with_not
 
 
 def test_a_mistake_in_the_program_reaches_who_reads(desk: Desk) -> None:
-    desk.hal.receiver.take(BatteryLevels("twelve", 11.0))  # type: ignore[arg-type]
-    desk.hal.receiver.take(BatteryLevels("six", 11.0))  # type: ignore[arg-type]
+    def mistaken(accepted: bool) -> None:
+        raise TypeError("oops")
+
+    desk.hal.load_gains(GAINS, mistaken)
+    desk.runs(0.1)
+    desk.tells(PidResponse(True))
     with pytest.raises(HalError, match="the link to desk failed: TypeError"):
         desk.hal.read(desk.now)
 
@@ -160,7 +165,7 @@ def test_a_mistake_in_the_program_reaches_who_reads(desk: Desk) -> None:
 
 def test_a_line_that_is_cut_is_opened_again_with_longer_and_longer_pauses(desk: Desk) -> None:
     desk.trouble = HalError("unplugged")
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     assert desk.link[:4] == (False, 1, "link lost: cut", "link lost: cut")
     assert not desk.link.connected
     assert desk.link.faults["reconnects"] == 0
@@ -178,7 +183,7 @@ def test_a_line_that_is_cut_is_opened_again_with_longer_and_longer_pauses(desk: 
     assert desk.link.ready
     desk.trouble = HalError("unplugged")
     again = desk.now
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.runs(0.2)
     assert desk.opened[-1] == pytest.approx(again + 0.1), "a board that answered is called soon"
 
@@ -187,7 +192,7 @@ def test_a_line_that_comes_and_goes_without_a_word_is_called_less_and_less_often
     desk = make()
     desk.says = None
     for _ in range(5):
-        desk.do(lambda: desk.hal.lost("hung up"))
+        desk.do(lambda: desk.hal.line.lost("hung up"))
         desk.runs(0.95)
     steps = [round(at - k * 0.95, 6) for k, at in enumerate(desk.opened[1:])]
     assert steps == [0.1, 0.2, 0.4, 0.8, 0.9]
@@ -196,8 +201,8 @@ def test_a_line_that_comes_and_goes_without_a_word_is_called_less_and_less_often
 
 
 def test_a_line_that_is_lost_twice_is_opened_once(desk: Desk) -> None:
-    desk.do(lambda: desk.hal.lost("cut"))
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.runs(1.0)
     assert len(desk.opened) == 2
     assert desk.link.losses == 1
@@ -208,8 +213,8 @@ def test_a_fresh_line_is_told_at_once_all_that_holds(desk: Desk) -> None:
     desk.do(lambda: desk.hal.switch(Switch.ESC, False, desk.now))
     held = Outputs(pwm4=1)
     desk.runs(0.5, held)
-    desk.do(lambda: desk.hal.received(encode(STANDING)[:10]))  # a half frame is the old line's
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.received(encode(STANDING)[:10]))  # a half frame is the old line's
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.says = None
     desk.runs(0.12, held)
     fresh = {type(message) for time, message in desk.sent if time >= 2.5}
@@ -234,26 +239,24 @@ def test_a_board_that_is_found_again_is_told_at_once_all_that_holds(desk: Desk) 
 
 def test_another_error_than_the_port_s_own_ends_the_run(desk: Desk) -> None:
     desk.trouble = ZeroDivisionError("oops")
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     with pytest.raises(HalError, match="the link to desk failed: ZeroDivisionError"):
         desk.runs(0.5)
 
 
 def test_a_write_that_finds_the_line_lost_is_none(desk: Desk) -> None:
-    wire = desk.hal.link
+    wire = desk.hal.line.link
     assert wire is not None
     wire.overflows = 3
     wire.shut()
     desk.runs(0.1, DRIVE)
     assert not desk.link.connected
     assert desk.link.faults["line_overflows"] == 3
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.runs(1.0)
     assert desk.link.connected
-    assert desk.hal.link is not None
-    desk.hal.link.overflows = 2
-    assert desk.link.faults["line_overflows"] == 3, "as it was told last"
-    desk.do(lambda: desk.hal.received(b"\xfa\xfb\x04\x70"))
+    assert desk.hal.line.link is not None
+    desk.hal.line.link.overflows = 2
     assert desk.link.faults["line_overflows"] == 5
 
 
@@ -262,11 +265,11 @@ def test_the_board_is_left_with_three_stops_and_its_servos_where_they_are(desk: 
     desk.do(desk.hal.close())
     assert desk.heard(Velocity, since=2.5) == [(pytest.approx(2.5 + 0.05 * k), ZERO) for k in range(3)]
     assert (desk.ports_closed, desk.let_go) == (1, 1)
-    assert desk.hal.link is None
+    assert desk.hal.line.link is None
     assert desk.link[1:4] == (1, "closed", "closed")
     desk.do(desk.hal.close())
     assert (desk.ports_closed, len(desk.heard(Velocity, since=2.5))) == (1, 3), "and once"
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.do(asyncio.sleep(3.0))
     assert len(desk.opened) == 1
 
@@ -281,11 +284,11 @@ INSIDE = b"\xfa\xfb\x14\x68" + encode(BatteryLevels(12.0, 11.0))  # whole, in wh
 
 
 def test_of_a_line_that_is_gone_nothing_is_heard_any_more(desk: Desk) -> None:
-    desk.do(lambda: desk.hal.received(INSIDE))
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.received(INSIDE))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.says = None
     assert desk.runs(0.5).inputs.batteries is None
-    desk.loop.call_later(0.14, desk.hal.received, INSIDE)  # between the last stop and the end
+    desk.loop.call_later(0.14, desk.hal.line.received, INSIDE)  # between the last stop and the end
     desk.do(desk.hal.close())
     assert desk.runs(0.5).inputs.batteries is None
 
@@ -299,7 +302,7 @@ def test_closed_before_it_was_opened_there_is_nothing_to_do() -> None:
 
 def test_closed_it_looks_for_the_line_no_more(desk: Desk) -> None:
     desk.trouble = HalError("unplugged")
-    desk.do(lambda: desk.hal.lost("cut"))
+    desk.do(lambda: desk.hal.line.lost("cut"))
     desk.runs(0.5)
     tries = len(desk.opened)
     desk.do(desk.hal.close())

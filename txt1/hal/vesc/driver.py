@@ -17,8 +17,7 @@ from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
 from txt1.hal.plain import PlainHal
-from txt1.hal.serial import Port
-from txt1.link.base import End
+from txt1.link.base import End, Port
 from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import Geometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
@@ -213,7 +212,7 @@ class VescHal(PlainHal):
         self, port: Port, options: VescOptions, geometry: Geometry, wrap: Callable[[End], End], simulated: bool = False
     ) -> None:
         self.capabilities = Capabilities(odometry=True, battery=True, halt=True, simulated=simulated)
-        self._line = Line(port, wrap, "the VESC", self._greet, self._take)
+        self._line = Line(port, wrap, "answers of the VESC", self._greet, self._take)
         self.options = options
         """Its settings, which say which way motor and servo go."""
         self._options, self._geometry = options, geometry

@@ -15,8 +15,7 @@ from txt1.errors import ConfigError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
 from txt1.hal.plain import PlainHal
-from txt1.hal.serial import Port
-from txt1.link.base import End
+from txt1.link.base import End, Port
 from txt1.model.kinematics import move_along_arc
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, Geometry, sides
@@ -169,7 +168,7 @@ class WaveshareHal(PlainHal):
         self.capabilities = Capabilities(
             odometry=closed, pwm=not closed, battery=True, halt=closed, simulated=simulated
         )
-        self._line = Line(port, wrap, "the rover's board", self._greet, self._take)
+        self._line = Line(port, wrap, "reports of the rover's board", self._greet, self._take)
         self._options, self._geometry = options, geometry
         self._lines = Lines()
         self._skipped = 0  # faults of streams that are gone

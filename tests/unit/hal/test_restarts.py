@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx, mark
 
-from txt1.hal.serial import JUMP_TIME, at_origin, follow, jumped, started_again
+from txt1.hal.restarts import JUMP_TIME, at_origin, jumped, started_again
+from txt1.hal.serial import follow
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry, advance
 from txt1.protocol.messages import EncoderOdometry

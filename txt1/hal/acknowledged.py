@@ -1,0 +1,72 @@
+"""Gains on their way to a board, which says yes or no to them. They are sent until it does."""
+
+from collections.abc import Callable
+from math import inf
+from typing import Final
+
+from txt1.protocol.messages import PID_SET_PERIOD
+
+# Answers "rejected" that are believed. A line may damage a PID set, and then the board rejects what nobody meant.
+REJECTIONS_MAX: Final = 3
+# s after which acknowledged gains are sent again while the vehicle stands: a board may have restarted unnoticed
+HEAL_PERIOD: Final = 10.0
+
+
+class AcknowledgedGains:
+    """A board's gains; times are of two clocks, `now` of the run, `time` of the loop.
+
+    `missing`: they were sent to a board that was found again, and that has not acknowledged them yet.
+    """
+
+    def __init__(self) -> None:
+        self.missing = False
+        self._frame: bytes | None = None
+        self._answered: Callable[[bool], None]
+        self._due = -inf  # of the run
+        self._heal_due = inf  # of the loop
+        self._asked = False  # sent, and not answered yet
+        self._rejections = 0
+
+    def load(self, frame: bytes, answered: Callable[[bool], None]) -> None:
+        """Send this PID set from now on."""
+        self._answered = answered
+        if frame == self._frame and self._due < inf:
+            return  # under way
+        # The answer to other gains that are under way must not pass for the answer to these: they wait for their turn.
+        self._due = -inf if self._due == inf else self._due
+        self._frame, self._asked, self._rejections = frame, False, 0
+
+    def send_anew(self) -> None:
+        """The line is a fresh one."""
+        self._due = -inf
+
+    def lost(self) -> None:
+        """The board is gone: what it has is not known."""
+        self.missing = self._frame is not None
+
+    def found(self) -> None:
+        """The board answers, and may have forgotten everything."""
+        self._due, self._heal_due, self._rejections = -inf, inf, 0
+
+    def take(self, accepted: bool, time: float) -> None:
+        """The board has answered."""
+        if not self._asked:
+            return  # somebody else's, or a late one
+        self._rejections += not accepted
+        self.missing &= not accepted
+        if accepted or self._rejections >= REJECTIONS_MAX:  # else it is sent again
+            self._asked, self._rejections, self._due = False, 0, inf
+            self._heal_due = time + HEAL_PERIOD if accepted else inf
+            self._answered(accepted)
+
+    def to_send(self, now: float, time: float, moves: bool) -> bytes | None:
+        """The PID set if it is to be sent now; None if not."""
+        heals = time >= self._heal_due and not moves
+        if self._frame is None or not (now >= self._due or heals):
+            return None
+        if heals:
+            self._heal_due = time + HEAL_PERIOD
+        else:
+            self._due = now + PID_SET_PERIOD
+        self._asked = True
+        return self._frame

@@ -1,0 +1,79 @@
+"""Whether a board has restarted, told from two of its messages in a row. No message says so, but its numbers do.
+
+A board that restarts forgets its gains and its power switches, and its odometry begins anew. A host that went on as if
+nothing had happened would drive with loops that do not answer, and its own pose would leap. So four rules look at what
+comes: three at poses, one at battery levels. Each asks for something that driving cannot explain.
+
+Let a pose (x0, y0, theta0) with speeds v0 and omega0 be followed by (x1, y1, theta1) with v1 and omega1, and let dt be
+the time between their arrivals. A line may hold back what it carries, and then it brings several messages in a bunch.
+So the motion between two poses may have lasted longer than dt, by up to JUMP_TIME.
+
+1. **A leap.** The vehicle drove at about the speeds that it reports at both ends. It has restarted if
+
+       hypot(x1 - x0, y1 - y0) > (max(|v0|, |v1|) + JUMP_SPEED) (dt + JUMP_TIME)           or
+       |theta1 - theta0|       > max(|omega0|, |omega1|) (dt + JUMP_TIME) + JUMP_ANGLE
+
+   JUMP_SPEED and JUMP_ANGLE leave room for what the speeds at both ends do not show.
+2. **Exactly 0, 0, 0, and at rest.** So a board begins. A vehicle comes there by driving only if it was close by: within
+   NEAR, which is what rounding leaves, or as far as its speed carried it in dt and the period of its loops, AT_ONCE.
+   Otherwise,
+
+       hypot(x0, y0) > |v0| (dt + AT_ONCE) + NEAR       or       |theta0| > |omega0| (dt + AT_ONCE) + NEAR,
+
+   it has restarted. This is much narrower than the first rule: it tells also of a board that had driven half a metre.
+3. **The same behind a pause** of PAUSE or more. A vehicle that had not left the origin shows no leap, and a restart
+   takes that long. Nothing tells it from a mere pause, so it counts as one.
+4. **A battery filter that begins anew.** Boards smooth a voltage u by y(k) = 0.6 y(k-1) + 0.4 u, from y = 0 at
+   power-up. So the first level is 0.4 u, where the last one before was u. A pack that is pulled out leaves 0.6 of its
+   level, hence STARTS_AGAIN lies around 0.4, and all packs have to agree.
+
+Everything here is a function of its arguments. Who calls it (`txt1.hal.serial`) knows the clock.
+"""
+
+from math import hypot
+from typing import Final
+
+from txt1.model.kinematics import wrap_angle
+from txt1.protocol.messages import EncoderOdometry
+
+JUMP_TIME: Final = 0.5  # s
+JUMP_SPEED: Final = 0.3  # m/s
+JUMP_ANGLE: Final = 1.5  # rad
+AT_ONCE: Final = 0.1  # s
+NEAR: Final = 0.003  # m, and rad
+PAUSE: Final = 0.205  # s
+STARTS_AGAIN: Final = (0.3, 0.5)
+# V: below it no pack is fitted, and its level says nothing
+FITTED: Final = 1.0
+
+
+def restarted(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> str:
+    """Why a board has restarted between two poses that arrived `dt` s apart (rules 1 to 3); "" when it has not."""
+    if jumped(before, after, dt):
+        return "the board restarted: its odometry jumped"
+    if dt >= PAUSE and at_origin(after):
+        return f"the board paused for {dt:.2f} s, and may have restarted"
+    return ""
+
+
+def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
+    """Whether no motion leads from one pose to the other within dt s of receiving them (rules 1 and 2)."""
+    if at_origin(after):
+        near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + NEAR
+        straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + NEAR
+        return not (near and straight)
+    reach = (max(abs(before.v), abs(after.v)) + JUMP_SPEED) * (dt + JUMP_TIME)
+    turn = max(abs(before.omega), abs(after.omega)) * (dt + JUMP_TIME) + JUMP_ANGLE
+    return hypot(after.x - before.x, after.y - before.y) > reach or abs(wrap_angle(after.theta - before.theta)) > turn
+
+
+def at_origin(pose: EncoderOdometry) -> bool:
+    """Whether the pose is exactly that at power-up."""
+    return pose.x == pose.y == pose.theta == pose.v == pose.omega == 0.0
+
+
+def started_again(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether the battery filter has started again at 0 V between two messages in a row, levels in V (rule 4)."""
+    low, high = STARTS_AGAIN
+    fitted = [(old, new) for old, new in zip(before, after, strict=True) if old > FITTED]
+    return bool(fitted) and all(low * old < new < high * old for old, new in fitted)
