@@ -14,8 +14,8 @@ from shutil import copyfile
 from typing import Any, Final
 
 from rigs import page_parts
-from txt1.cli import execute
-from txt1.learning import compare, suite
+from studies.learners import compare, suite
+from studies.learners.__main__ import main as study
 
 HERE: Final = Path(__file__).parent
 RESULTS: Final = HERE / "results"
@@ -53,9 +53,9 @@ def main() -> None:
         OUT.parent.mkdir(exist_ok=True)
         if RAW.exists() and not OUT.exists():
             copyfile(RAW, OUT)
-        execute(["learn", "--compare", str(OUT), "--trials", given.trials, "--seed", SEED])
+        study(["compare", str(OUT), "--trials", given.trials, "--seed", SEED])
         copyfile(OUT, RAW)
-        execute(["learn", "--worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
+        study(["worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
                  "--trials", given.worlds, "--episodes", "12", "--out", str(WORLDS), "--resume"])  # fmt: skip
     page_parts.write(PAGE, "contenders", compare.table(*compare.read(RAW)), "docs.compared_learners")
     compare.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])

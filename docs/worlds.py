@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from rigs import page_parts
-from txt1.cli import execute
-from txt1.learning import suite
+from studies.learners import suite
+from studies.learners.__main__ import main as study
 
 HERE: Final = Path(__file__).parent
 WORLDS: Final = HERE.parent / "config" / "worlds"
@@ -117,9 +117,9 @@ def main() -> None:
     parser.add_argument("--report", action="store_true", help="only write the page, from the results that are there")
     given = parser.parse_args()
     if not given.report:
-        common = ["learn", "--worlds", str(WORLDS), "--agent", "pilot", "--seed", SEED, "--resume"]
-        execute([*common, "--trials", given.trials, "--out", str(EVERY)])
-        execute([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
+        common = ["worlds", str(WORLDS), "--agent", "pilot", "--seed", SEED, "--resume"]
+        study([*common, "--trials", given.trials, "--out", str(EVERY)])
+        study([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
     every = read(EVERY)
     texts = {
         "losses": losses(every), "worlds": worlds(every), "changes": changes(every),

@@ -1,7 +1,7 @@
 """Stable-Baselines3's PPO learns to find the light, in the learning task as a vector environment.
 
     pip install 'txt1[sb3]'
-    python examples/light_seeking_ppo.py [STEPS]
+    PYTHONPATH=. python examples/light_seeking_ppo.py [STEPS]     # from the root of a source tree
 
 Not part of the tests: it needs PyTorch, and a minute or two. What PPO reaches is in docs/results/compared-learners.md.
 """
@@ -11,8 +11,8 @@ import sys
 import numpy as np
 from stable_baselines3 import PPO
 
+from studies.learners.sb3 import DECISION, LightSeekingVecEnv, drive
 from txt1.config import load
-from txt1.learning.sb3 import DECISION, LightSeekingVecEnv, drive
 from txt1.learning.trial import starts, task_of
 
 EPISODES = 200

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from studies.learners.__main__ import main as study
 from tests.patience import wait_until
 from torture.campaign import main as campaign
 from txt1.cli import execute
@@ -182,13 +183,13 @@ def test_learners_in_worlds_and_contenders_come_to_the_same_on_a_cluster(
 ) -> None:
     place, _ = cluster
     small = ["--trials", "2", "--episodes", "9"]
-    worlds = ["--worlds", "config/worlds", "--world", "thesis,sensor-dead", "--agent", "thesis,pilot"]
+    worlds = ["worlds", "config/worlds", "--world", "thesis,sensor-dead", "--agent", "thesis,pilot"]
     found = []
     for where in (["--jobs", "2"], ["--dask", place]):
         out = tmp_path / where[0].strip("-")
-        assert execute(["learn", *worlds, *small, "--out", str(out / "worlds"), *where]) == 0
-        compared = ["--compare", str(out / "compared"), "--agent", "thesis,sweeps,pilot"]
-        assert execute(["learn", *compared, *small, *where]) == 0
+        assert study([*worlds, *small, "--out", str(out / "worlds"), *where]) == 0
+        compared = ["compare", str(out / "compared"), "--agent", "thesis,sweeps,pilot"]
+        assert study([*compared, *small, *where]) == 0
         files = sorted(path for path in out.rglob("*") if path.suffix in (".json", ".md"))
         lines = sorted((out / "compared.jsonl").read_text().splitlines())
         found.append(({str(path.relative_to(out)): path.read_text() for path in files}, lines))

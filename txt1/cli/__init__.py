@@ -7,7 +7,7 @@ import re
 import signal
 import sys
 import traceback
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Final, NoReturn
@@ -63,10 +63,15 @@ def commands() -> dict[str, tuple[str, str]]:
 
 def execute(argv: Sequence[str]) -> int:
     """Run a command given as words and return its exit code (see `EPILOG`)."""
+    return told(lambda: _perform(argv))
+
+
+def told(perform: Callable[[], int]) -> int:
+    """Perform a command and return its exit code; what is wrong is told in one line."""
     code = OK
     try:
         try:
-            code = _perform(argv)
+            code = _guarded(perform)
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output has had enough
@@ -78,9 +83,13 @@ def _perform(words: Sequence[str]) -> int:
     if not words:
         print(FIRST, end="")
         return OK
+    arguments = parsed(words)
+    return int(arguments.main(arguments))
+
+
+def _guarded(perform: Callable[[], int]) -> int:
     try:
-        arguments = parsed(words)
-        return int(arguments.main(arguments))
+        return perform()
     except SystemExit as ended:  # argparse's own: a mistake, or the help
         return ended.code if isinstance(ended.code, int) else OK
     except BrokenPipeError:
@@ -106,7 +115,7 @@ def _told(error: Txt1Error | OSError) -> str:
     return f"{error.filename}: {error.strerror}{remedy}" if error.filename else f"{error.strerror}{remedy}"
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
     """argparse's parser, with mistakes told in one line."""
 
     def error(self, message: str) -> NoReturn:
@@ -125,7 +134,7 @@ def parser(named: Collection[str] | None = None) -> argparse.ArgumentParser:
     """
     if named is None:
         additions.strangers()
-    whole = _Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
+    whole = Parser(prog="txt1", description="The runtime of the TXT-1 laboratory robot.", epilog=EPILOG)
     whole.add_argument("--version", action="version", version=f"txt1 {__version__}")
     owners = {command: addition.name for addition in additions.known().values() for command in addition.commands}
     parsers = whole.add_subparsers(required=True, metavar="COMMAND")

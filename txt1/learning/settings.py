@@ -61,7 +61,7 @@ class LearningConfig(Section):
     delay: NotNegative = 0.0
     """Every action reaches the robot so much later, s, as over a slow link."""
     changes: tuple[ChangeConfig, ...] = ()
-    """Changes of the simulated world in mid-trial; for trials side by side (txt1 learn --worlds)."""
+    """Changes of the simulated world in mid-trial; for trials in lockstep (studies/learners)."""
     drift: dict[str, tuple[float, float]] = {}
     """Numbers that change slowly, by dotted key: their values in the first and in the last episode; likewise."""
 
@@ -88,7 +88,7 @@ class LearningConfig(Section):
     taxis: dict[str, Any] = {}
     """The same of the learner taxis."""
     ppo: dict[str, Any] = {}
-    """Settings of Stable-Baselines3's PPO, a contender of txt1 learn --compare."""
+    """Settings of Stable-Baselines3's PPO, a contender in studies/learners."""
     dqn: dict[str, Any] = {}
     """The same of its DQN."""
     options: dict[str, Any] = {}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from studies.learners.lockstep import trials
 from txt1.config import load
 from txt1.learning import taxis
 from txt1.learning.agents import make
-from txt1.learning.lockstep import trials
 from txt1.learning.taxis import TaxisAgent, TaxisSettings
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry

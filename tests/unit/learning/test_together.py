@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from studies.learners.together import learn_together
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
@@ -20,7 +21,6 @@ from txt1.learning.planner import Effects
 from txt1.learning.sharing import Lessons, Sharing, merge, sharer
 from txt1.learning.sweeps import SweepsAgent
 from txt1.learning.thesis import ThesisAgent, create
-from txt1.learning.together import learn_together
 
 CONFIG = load().config
 NUMBERS = st.floats(-1e6, 1e6)

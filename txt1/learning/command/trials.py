@@ -131,7 +131,9 @@ def on_robot(
     """
     config, seed, episodes = plan.config, plan.seed, plan.episodes
     if config.section(LearningConfig).changes or config.section(LearningConfig).drift:
-        raise ConfigError("learning.changes, learning.drift: a running robot's world does not change; use --worlds")
+        raise ConfigError(
+            "learning.changes, learning.drift: no running robot's world changes, only those of studies/learners"
+        )
     agent = agent or make(plan.agent, config, stream(seed, number, AGENT))
     commands = commands or config.section(LearningConfig).actions
     trial = Trial(agent, task_of(config), starts(seed, number, episodes), commands, done, plan.keep_paths())

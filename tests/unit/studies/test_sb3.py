@@ -14,7 +14,7 @@ from txt1.learning.trial import Start, starts
 
 
 def test_without_stable_baselines3_one_line_names_the_extra() -> None:
-    program = "import sys; sys.modules['stable_baselines3'] = None; import txt1.learning.sb3"
+    program = "import sys; sys.modules['stable_baselines3'] = None; import studies.learners.sb3"
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT, check=False)
     assert "pip install 'txt1[sb3]'" in shown.stderr.splitlines()[-1]
 
@@ -25,7 +25,7 @@ class TestWithIt:
         pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 (extra sb3) is not installed")
 
     def test_an_episode_that_has_ended_begins_anew_at_once_and_says_how_it_ended(self) -> None:
-        from txt1.learning.sb3 import DECISION, LightSeekingVecEnv
+        from studies.learners.sb3 import DECISION, LightSeekingVecEnv
 
         env = LightSeekingVecEnv(load().config, 4, seed=1)
         env.reset()
@@ -42,7 +42,7 @@ class TestWithIt:
         assert rewards[k] > -1.0
 
     def test_the_same_seed_is_the_same_drive_and_another_is_not(self) -> None:
-        from txt1.learning.sb3 import LightSeekingVecEnv
+        from studies.learners.sb3 import LightSeekingVecEnv
 
         def drive(seed: int) -> list[float]:
             env = LightSeekingVecEnv(load().config, 2, seed)
@@ -52,7 +52,7 @@ class TestWithIt:
         assert drive(1) == drive(1) != drive(2)
 
     def test_a_delay_is_in_what_is_observed_and_in_what_happens(self) -> None:
-        from txt1.learning.sb3 import LightSeekingVecEnv
+        from studies.learners.sb3 import LightSeekingVecEnv
 
         env = LightSeekingVecEnv(load(None, ["learning.delay=0.3"]).config, 1, seed=1)
         env.reset()
@@ -65,7 +65,7 @@ class TestWithIt:
 
     @pytest.mark.long
     def test_ppo_reaches_the_light_more_often_the_longer_it_learns(self) -> None:
-        from txt1.learning import sb3
+        from studies.learners import sb3
 
         config, where, found = load().config, starts(1, 1, 20), []
         times = [100.0, 6_000.0]

@@ -21,16 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from studies.learners.floor import floor_of
+from studies.learners.lockstep import trials
+from studies.learners.suite import Each
 from txt1.config import Config, completed
 from txt1.config.schema import RECORDED
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, MissingExtra
 from txt1.learning.agents import LEARNERS, make
-from txt1.learning.best_time import floor_of, known_floor
-from txt1.learning.lockstep import trials
+from txt1.learning.best_time import known_floor
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
-from txt1.learning.suite import Each
 from txt1.learning.trial import starts, stream, task_of
 
 FORMAT: Final = "txt1 comparison"
@@ -70,7 +71,7 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
         ]
 
     if name in TRAINED:
-        from txt1.learning import sb3
+        from studies.learners import sb3
 
         test = int(stream(seed, number, TEST).integers(2**31))
 
@@ -111,7 +112,7 @@ def compare(
     """
     for name in names:
         if name in TRAINED:
-            from txt1.learning import sb3  # noqa: F401 - says that the extra is missing
+            from studies.learners import sb3  # noqa: F401 - says that the extra is missing
         else:
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
     told = completed(config).model_dump(mode="json", exclude={"seed"})
@@ -144,7 +145,7 @@ def _begun(file: Path, head: Line) -> list[Line]:
     known = {**before, "config": _as_today(before.get("config"))}
     for key in ("format", "seed", "episodes", "config"):
         if known.get(key) != json.loads(json.dumps(head[key])):
-            raise ConfigError(f"--compare {file}: was begun with another {key}; repeat that, or give another file")
+            raise ConfigError(f"{file}: was begun with another {key}; repeat that, or give another file")
     whole = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     replace_file(file, json.dumps(before) + "\n" + whole)  # without a line that was cut off
     return lines
@@ -166,14 +167,14 @@ def read(file: Path) -> tuple[Line, list[Line]]:
         head = json.loads(texts[0])
         assert head["format"] == FORMAT
     except (IndexError, ValueError, KeyError, TypeError, AssertionError):
-        raise ConfigError(f"--compare {file}: is no comparison of this program; give another file") from None
+        raise ConfigError(f"{file}: is no comparison of this program; give another file") from None
     lines = []
     for number, text in enumerate(texts[1:], 2):
         try:
             lines.append(json.loads(text))
         except ValueError:
             if number < len(texts):
-                raise ConfigError(f"--compare {file}: line {number} is damaged; delete it") from None
+                raise ConfigError(f"{file}: line {number} is damaged; delete it") from None
     return head, lines
 
 

@@ -1,11 +1,11 @@
 """The learning task as a vector environment of Stable-Baselines3, and its PPO and DQN as contenders (extra `sb3`).
 
     from stable_baselines3 import PPO
-    from txt1.learning.sb3 import LightSeekingVecEnv
+    from studies.learners.sb3 import LightSeekingVecEnv
     PPO("MlpPolicy", LightSeekingVecEnv(load().config, 16, seed=1)).learn(200_000)
 
-The robots drive as trials do abreast (`txt1.learning.lockstep`), in any world of the configuration: its vehicle, floor,
-light, sensors and their faults, actions, delay. One step is one decision, 0.1 s as for the learners that drive.
+The robots drive as trials do in lockstep (`studies.learners.lockstep`), in any world of the configuration: its vehicle,
+floor, light, sensors and their faults, actions, delay. One step is one decision, 0.1 s as for the learners that drive.
 
 - Observation, as often as `stack` says, the latest last: the logarithms of the means of the four readings since the
   last decision over that of the brightest a sensor can tell, 0 to 1; sensed v (m/s) and omega (rad/s); the action that
@@ -21,10 +21,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.learners.lockstep import LIGHT_MS, REST_MS, Lockstep
 from txt1.config import Config
 from txt1.errors import ConfigError, MissingExtra
 from txt1.learning.batch import SENSED, TICK_MS
-from txt1.learning.lockstep import DECISION_MS, LIGHT_MS, REST_MS, Lockstep
+from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from studies.learners import suite
+from studies.learners.floor import floor_of
+from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
 from txt1.errors import ConfigError
-from txt1.learning import pilot, suite, thesis
+from txt1.learning import pilot, thesis
 from txt1.learning.agents import make
-from txt1.learning.best_time import floor_of
 from txt1.learning.experiment import KEPT
-from txt1.learning.lockstep import trials, world_at
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig

@@ -17,12 +17,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.learners.floor import floor_of
+from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agents import make
-from txt1.learning.best_time import Floor, floor_of, known_floor
-from txt1.learning.lockstep import trials, world_at
+from txt1.learning.best_time import Floor, known_floor
 from txt1.learning.provenance import provenance
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
@@ -65,10 +66,10 @@ def worlds(directory: Path, overrides: Sequence[str], names: Iterable[str] = ())
     files = {path.stem: path for path in sorted(directory.glob("*.yaml"))}
     wanted = list(names) or list(files)
     if not wanted:
-        raise ConfigError(f"--worlds {directory}: no *.yaml there")
+        raise ConfigError(f"{directory}: no *.yaml there")
     for name in wanted:
         if name not in files:
-            raise ConfigError(f"--worlds: no {name}.yaml in {directory}; there are {', '.join(files)}")
+            raise ConfigError(f"--world: no {name}.yaml in {directory}; there are {', '.join(files)}")
     return [SuiteWorld(name, load(files[name], overrides).config) for name in wanted]
 
 

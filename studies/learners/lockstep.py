@@ -22,6 +22,7 @@ from txt1.control.car import CarParameters, car_of
 from txt1.control.schedule import Schedule
 from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import AGENT, Phase, Trial, starts, stream, task_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
@@ -30,7 +31,6 @@ from txt1.sim.batch import LEFT, RIGHT, THETA, Array, X, Y, compiled, move
 from txt1.sim.dynamics import Dynamics, dynamics
 from txt1.sim.lamp import PointLight, lux_at, noise_for_jitter
 
-DECISION_MS: Final = 100  # learners are asked so often
 LIGHT_MS: Final = 16  # between two samples of the light
 REST_MS: Final = 500  # on the start, before the first decision: 31 samples, which settle the filters
 ABREAST: Final = 7  # marks the stream of random values of the vehicles and sensors

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from studies.learners import compare
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning import compare
 from txt1.learning.provenance import provenance
 
 CONFIG = load().config
@@ -85,7 +85,7 @@ def test_the_table_is_the_same_in_whatever_order_the_trials_were_done(tmp_path: 
     ],
 )
 def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[str, Any], told: str) -> None:
-    with pytest.raises(ConfigError, match="--compare") as caught:
+    with pytest.raises(ConfigError, match=r"a\.jsonl") as caught:
         compare.compare(raw(tmp_path / "a.jsonl", [], **other), ["pilot"], CONFIG, 1, 12, 1, here)
     assert told in str(caught.value)
 

@@ -1,0 +1,127 @@
+"""Studies of the learners, from the root of a source tree: `python -m studies.learners worlds|compare|floor`."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.learners import compare, suite
+from studies.learners.floor import floor_of
+from studies.learners.suite import Each
+from txt1 import cli
+from txt1.cli.options import CONFIGURATION, SEED, VEHICLE, loaded
+from txt1.cli.workers import OPTIONS, workers_of
+from txt1.commands import OK, add_actions, busy, count, flag, names, path, say, signals_to, takes, unused
+from txt1.learning.agents import LEARNERS, make
+from txt1.learning.trial import starts, task_of
+
+TRIALS = {
+    "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
+    "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
+}
+CAR = CONFIGURATION | SEED | VEHICLE
+
+
+def main(words: Sequence[str]) -> int:
+    """Do a study; the exit code, as of `txt1`."""
+    parser = cli.Parser(prog="python -m studies.learners", description=__doc__, epilog=cli.EPILOG)
+    add_actions(parser, ACTIONS)
+
+    def perform() -> int:
+        arguments = parser.parse_args(words)
+        return int(arguments.main(arguments))
+
+    return cli.told(perform)
+
+
+def floor(arguments: argparse.Namespace) -> int:
+    """Compute the best time from every start with full knowledge, beside the geometric optimum."""
+    config = loaded(arguments).config
+    with busy("searching the best plan for each bearing of the light"):
+        least_of, task = floor_of(config), task_of(config)
+    print("trial,episode,bearing_rad,heading_rad,optimal_time_s,floor_s")
+    sums = np.zeros(4)
+    for trial in range(1, arguments.trials + 1):
+        for episode, start in enumerate(starts(config.seed, trial, arguments.episodes), 1):
+            best, least = start.optimal_time(task), least_of.time(start)
+            print(f"{trial},{episode},{start.bearing:.6f},{start.heading:.6f},{best:.4f},{least:.1f}")
+            sums += best, least, least_of.exact(start), least_of.way(start)
+    best, least, exact, way = sums
+    parts = (exact - way / task.speed, way / task.speed - best, least - exact)
+    slow, longer, seldom = (f"{each / best:.2%}" for each in parts)
+    say(
+        f"floor {least / best:.4f} times the geometric optimum: {slow} of it are run-up and speed, {longer} a longer "
+        f"way, {seldom} that the goal is looked for at decisions; a third piece of a plan still brought "
+        f"{least_of.gap:.3%}{'' if least_of.exists else '; from some bearings the goal cannot be reached'}"
+    )
+    return OK
+
+
+def worlds(arguments: argparse.Namespace) -> int:
+    """Have learners learn in a suite of worlds, and make a table learner x world."""
+    config = loaded(argparse.Namespace(**vars(arguments), config=None)).config
+    for name in arguments.agent:
+        make(name, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
+    some = suite.worlds(arguments.worlds, arguments.set, arguments.world)
+    if not arguments.world:
+        some += suite.drawn(config, config.seed)
+    out = arguments.out or (Path("out/worlds") if arguments.resume else unused(Path("out/worlds")))
+
+    def tell(result: dict[str, Any]) -> None:
+        print(f"{result['agent']:<8} {result['world']:<20} {suite.cell(suite.figures(result))}", flush=True)
+
+    lines = len(arguments.agent) * len(some)
+    say(f"a line a learner and world, {lines} in all; Ctrl-C ends it, --out {out} --resume carries on")
+    with _elsewhere(arguments) as (each, came):
+        suite.run_all(
+            some, arguments.agent, arguments.trials, arguments.episodes, config.seed, out, each, arguments.resume, tell
+        )
+    say(f"the table is in {out / 'table.md'}, the raw results beside it")
+    return 128 + came[0] if came else OK
+
+
+def contenders(arguments: argparse.Namespace) -> int:
+    """Compare contenders in one world, per seconds driven."""
+    config, file = loaded(arguments).config, arguments.file.with_suffix(".jsonl")
+
+    def tell(line: dict[str, Any]) -> None:
+        print(f"{line['contender']:<10} trial {line['trial']:<4} {compare.told(line)}", flush=True)
+
+    with _elsewhere(arguments) as (each, came):
+        compare.compare(file, arguments.agent, config, arguments.trials, arguments.episodes, config.seed, each, tell)
+    print(file.with_suffix(".md").read_text(encoding="utf-8"))
+    say(f"raw results in {file}, the table and a figure beside it")
+    return 128 + came[0] if came else OK
+
+
+@contextmanager
+def _elsewhere(arguments: argparse.Namespace) -> Iterator[tuple[Each, list[int]]]:
+    """Do work where it was asked for, until it is done or a signal has come, which then is in the list."""
+    came: list[int] = []
+    machines = workers_of(arguments)
+    with signals_to(lambda number, _: came.append(number)):
+        yield lambda work, texts: machines.each(work, texts, lambda: bool(came)), came
+
+
+ACTIONS = {
+    "worlds": (worlds, {
+        "worlds": takes("DIR", "a configuration a world, such as config/worlds; four more are drawn by --seed", path),
+        "--world": takes("NAMES", "only these of them, separated by commas; none is drawn then", names, default=[]),
+        "--agent": takes("NAMES", f"of {', '.join(LEARNERS.names())}; thesis by default", names, default=["thesis"]),
+        "--out": takes("DIR", "where results go; out/worlds when left out, or out/worlds-2 and so on", path),
+        "--resume": flag("continue the results in DIR"),
+        "--set": CONFIGURATION["--set"],
+    } | TRIALS | OPTIONS | SEED),
+    "compare": (contenders, {
+        "file": takes("FILE", "raw results in FILE.jsonl, carried on when it is there; a table and a figure", path),
+        "--agent": takes("NAMES", f"of {', '.join(compare.ALL)}; all by default", names, default=list(compare.ALL)),
+    } | TRIALS | OPTIONS | CAR),
+    "floor": (floor, TRIALS | CAR),
+}  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
