@@ -103,7 +103,9 @@ class Recorder:
 
     async def written(self) -> None:
         """Wait until the sinks have what was handed over."""
-        await asyncio.gather(*map(asyncio.wrap_future, self._jobs))
+        waiting = [asyncio.wrap_future(job) for job in self._jobs if not job.done()]
+        if waiting:
+            await asyncio.wait(waiting)
 
     # -- in the loop -------------------------------------------------------------------------------------------
 
