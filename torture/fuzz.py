@@ -180,13 +180,11 @@ def _recording(data: bytes) -> None:
 
 
 def _view(data: bytes) -> None:
-    """Take bytes as what a client publishes, and as the head of its request."""
+    """Take bytes as what a client publishes."""
     from txt1.record.live import velocity
-    from txt1.record.view_proxy import presented
 
     twist = velocity(data)
     assert twist is None or (len(twist) == 2 and all(isinstance(each, float) for each in twist))
-    presented(data)
 
 
 def _decode(data: bytes) -> None:
@@ -205,7 +203,6 @@ TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
 VIEW_SEEDS: Final = (
     b'{"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0.1}}',
     b'{"twist": {"linear": {"x": NaN}, "angular": {"z": 1e999}}}',
-    b"GET /?token=abc HTTP/1.1\r\nAuthorization: Bearer xyz\r\n\r\n",
     b"[" * 5000,
     b'{"linear": {"x": ' + b"1" * 5000 + b"}}",
 )

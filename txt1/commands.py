@@ -127,6 +127,16 @@ def named_url(text: str) -> tuple[str, str]:
     return name, url
 
 
+def is_loopback(host: str) -> bool:
+    """Whether an address is this computer's own."""
+    from ipaddress import ip_address
+
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
 def names(text: str) -> list[str]:
     """Return the names that a word with commas is."""
     return [name for name in text.split(",") if name]
@@ -176,6 +186,15 @@ def takes(metavar: str, about: str | None = None, kind: Callable[[str], Any] = s
 def flag(about: str, **more: Any) -> dict[str, Any]:
     """Return what argparse is to be told of an option without a value."""
     return {"action": "store_true", "help": about, **more}
+
+
+def gone(instead: str) -> dict[str, Any]:
+    """Return what argparse is to be told of an option that is gone: no help, and a refusal that says what to do."""
+
+    def refuse(text: str) -> None:
+        raise argparse.ArgumentTypeError(f"there is no such option any more; {instead}")
+
+    return {"help": argparse.SUPPRESS, "type": refuse}
 
 
 Arguments = Mapping[str, Mapping[str, Any]]  # of a command by their names, from `takes` and `flag`

@@ -11,8 +11,7 @@ import struct
 import subprocess
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -22,7 +21,6 @@ import pytest
 from foxglove import layouts
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
-from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from tests.patience import LIMIT, TXT1, S
@@ -33,13 +31,11 @@ from txt1.kernel.loop import run
 from txt1.record import options
 from txt1.record.live import LiveView, velocity
 from txt1.record.session import open_view, recording
-from txt1.record.view_proxy import CLIENTS_MAX, STRANGERS_ALIKE_MAX, ViewProxy, token_in
 from txt1.telemetry.messages import fields
 from txt1.telemetry.topics import TOPICS
 
 ROOT = Path(__file__).parents[2]
 MESSAGE_DATA = 1
-TOKEN = "a-word-that-nobody-guesses"
 
 
 @contextmanager
@@ -205,203 +201,41 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
     assert run(body()) > 0.2
 
 
-# -- the token ---------------------------------------------------------------------------------------------------
+# -- the address -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "robot.example", "::"])
-def test_other_addresses_than_loopback_are_refused_without_a_token(
-    host: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_addresses_than_loopback_are_refused(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["run", "--headless", "--duration", "1", "--view", f"[{host}]:8765"]) == 2
     err = capsys.readouterr().err
-    assert f"--view {host}: not a loopback address" in err and "add --view-token FILE" in err
+    assert f"--view {host}: not a loopback address" in err and "ssh -L 8765:127.0.0.1:8765" in err and "--web" in err
 
 
-def test_only_who_presents_the_token_looks_and_drives(tmp_path: Path) -> None:
-    file = tmp_path / "token"
-    with running("--view", "0.0.0.0:0", "--view-control", "--view-token", str(file)) as address:
-        token = file.read_text().strip()
-        assert len(token) >= 40 and file.stat().st_mode & 0o777 == 0o600
-        local = address.replace("0.0.0.0", "127.0.0.1")
-        for stranger in ("", "?token=", "?token=wrong", f"?token={token[:-1]}", f"?token={token}x", f"?tok={token}"):
-            with pytest.raises(InvalidStatus) as refused:
-                client_at(f"{local}/{stranger}")
-            assert refused.value.response.status_code == 401
-        with pytest.raises(InvalidStatus):
-            client_at(local, additional_headers={"Authorization": f"Basic {token}"})
-        with client_at(local, additional_headers={"Authorization": f"Bearer {token}"}) as client:
-            assert text(client, "serverInfo")["name"] == "txt1"
-        with client_at(f"{local}/?token={token}") as client:
-            assert_it_drives(client)
-
-
-def test_who_talks_something_else_at_the_door_costs_nothing(tmp_path: Path) -> None:
-    with running("--view", "0", "--view-token", str(tmp_path / "token")) as address:
-        port = int(address.rpartition(":")[2])
-        for said in (b"", b"\xff" * 100 + b"\r\n\r\n", b"GET /?token=%zz HTTP/1.1\r\n\r\n", b"x" * 100_000):
-            # it may hang up before all is said
-            with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as stranger, suppress(OSError):
-                stranger.sendall(said)
-                stranger.shutdown(socket.SHUT_WR)
-                heard = stranger.recv(100)
-                assert not heard or heard.startswith(b"HTTP/1.1 401 ")
-        token = (tmp_path / "token").read_text().strip()
-        with client_at(f"{address}/?token={token}") as client:
-            assert text(client, "serverInfo")["name"] == "txt1"
-
-
-def test_the_token_is_not_among_the_words_of_the_process(tmp_path: Path) -> None:
-    (tmp_path / "token").write_text(f"{TOKEN}\n")
-    (tmp_path / "token").chmod(0o600)
-    with running("--view", "0", "--view-token", str(tmp_path / "token")) as address:
-        words = b"".join(path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if readable(path))
-        assert str(tmp_path).encode() in words and b"nobody-guesses" not in words
-        with client_at(f"{address}/?token={TOKEN}") as client:
-            assert text(client, "serverInfo")["name"] == "txt1"
-
-
-def readable(path: Path) -> bool:
-    try:
-        path.read_bytes()
-    except OSError:  # that process has ended
-        return False
-    return True
-
-
-@pytest.mark.parametrize(
-    ("content", "mode", "problem"),
-    [
-        ("a-word-that-nobody-guesses", 0o644, "others may read it; chmod 600"),
-        ("short", 0o600, "a word of at least 16 characters"),
-        ("", 0o600, "a word of at least 16 characters"),
-        ("two words that nobody guesses", 0o600, "a word of at least 16 characters"),
-        ("ein-Wort-das-niemand-errät", 0o600, "a word of at least 16 characters"),
-        *((f"a-word-that{mark}nobody-guesses", 0o600, "a digit or one of . _ ~ -") for mark in "+%&#/"),
-    ],
-)
-def test_a_token_that_is_none_or_no_secret_is_refused(
-    content: str, mode: int, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("command", ["run", "board"])
+def test_the_option_for_a_token_is_refused_with_what_takes_its_place(
+    command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "token"
-    file.write_text(content, encoding="utf-8")
-    file.chmod(mode)
-    assert execute(["run", "--headless", "--duration", "1", "--view", "0.0.0.0:0", "--view-token", str(file)]) == 2
-    assert problem in capsys.readouterr().err
+    assert execute([command, "--view", "--view-token", "FILE"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--view-token" in line and "ssh -L" in line and "--web" in line
 
 
-@pytest.mark.parametrize("name", ["/dev/null", "."])
-def test_a_token_is_kept_in_a_regular_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = str(tmp_path / name)
-    assert execute(["run", "--headless", "--duration", "1", "--view", "0.0.0.0:0", "--view-token", file]) == 2
-    err = capsys.readouterr().err
-    assert f"--view-token {Path(file)}: not a regular file" in err and "chmod" not in err
+def test_the_view_listens_at_the_address_that_was_named_and_at_no_other() -> None:
+    view = LiveView("127.0.0.2", 0, control=False)
+    try:
+        port = int(view.address.rpartition(":")[2])
+        with client_at(view.address) as client:
+            assert text(client, "serverInfo")["name"] == "txt1"
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port))
+    finally:
+        view.close(0)
 
 
-def test_who_make_a_token_at_once_have_the_same(tmp_path: Path) -> None:
-    with ThreadPoolExecutor(8) as pool:
-        for place in range(50):
-            file = tmp_path / str(place)
-            assert len(set(pool.map(token_in, [file] * 8))) == 1
-    assert {path.name for path in tmp_path.iterdir()} == {str(place) for place in range(50)}
-
-
-def test_a_token_that_somebody_makes_meanwhile_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "token"
-    file.write_text(TOKEN)
-    file.chmod(0o600)
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "exists", lambda _: False)
-        assert token_in(file) == TOKEN
-    assert list(tmp_path.iterdir()) == [file]
-
-
-@contextmanager
-def door(token: str | None = TOKEN) -> Iterator[tuple[int, socket.socket]]:
-    """The port at which the token is asked for, if there is one, and what listens for those who are let through."""
-    with socket.create_server(("127.0.0.1", 0)) as inner:
-        inner.settimeout(LIMIT)
-        front = ViewProxy("127.0.0.1", 0, inner.getsockname()[1], token)
-        try:
-            yield front.port, inner
-        finally:
-            front.close()
-
-
-def timers(port: int) -> list[str]:
-    """The kinds of timers that run on the connections to a port, as Linux numbers them."""
-    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    return sorted(words[5][:2] for words in lines if words[1].endswith(f":{port:04X}") and words[3] == "01")
-
-
-def test_who_is_connected_at_the_end_is_let_go_without_a_word(caplog: pytest.LogCaptureFixture) -> None:
-    with ExitStack() as clients:
-        with door() as (port, inner):
-            silent, client = (
-                clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=LIMIT)) for _ in range(2)
-            )
-            client.sendall(f"GET /?token={TOKEN} HTTP/1.1\r\n\r\n".encode())
-            passed_on = clients.enter_context(inner.accept()[0])
-            assert passed_on.recv(100) == b"GET / HTTP/1.1\r\n\r\n"
-            assert timers(port) == ["00", "02"]  # keepalive for the one with the token
-        assert silent.recv(1) == client.recv(1) == passed_on.recv(1) == b""
-    assert not caplog.records
-
-
-@pytest.mark.parametrize("target", ["//[", "//[?token=wrong", "?", "", "/?token=%ff", "/#?token"])
-def test_any_address_without_the_token_gets_a_401(target: str, caplog: pytest.LogCaptureFixture) -> None:
-    with door() as (port, _), socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as stranger:
-        stranger.sendall(f"GET {target} HTTP/1.1\r\n\r\n".encode())
-        assert stranger.recv(100).startswith(b"HTTP/1.1 401 ")
-    assert not caplog.records
-
-
-def test_who_is_silent_keeps_out_only_those_at_its_own_address() -> None:
-    request = f"GET /?token={TOKEN} HTTP/1.1\r\n\r\n".encode()
-    with door() as (port, inner), ExitStack() as silent:
-        for _ in range(STRANGERS_ALIKE_MAX):
-            silent.enter_context(socket.create_connection(("127.0.0.1", port)))
-        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as client, suppress(ConnectionError):
-            client.sendall(request)
-            assert client.recv(1) == b""
-        with socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0)) as client:
-            client.sendall(request)
-            inner.accept()[0].close()
-        inner.setblocking(False)
-        with pytest.raises(BlockingIOError):  # nobody else was let through
-            inner.accept()
-
-
-@pytest.mark.parametrize("token", [None, TOKEN])
-def test_no_more_clients_are_let_through_than_the_robot_has_room_for(token: str | None) -> None:
-    request = f"GET /?token={token} HTTP/1.1\r\n\r\n".encode()
-    with door(token) as (port, inner), ExitStack() as clients:
-        for _ in range(CLIENTS_MAX):
-            client = clients.enter_context(socket.create_connection(("127.0.0.1", port), timeout=LIMIT))
-            client.sendall(request)
-            passed_on = clients.enter_context(inner.accept()[0])
-        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as one_more:
-            one_more.sendall(request)
-            assert one_more.recv(1000).startswith(b"HTTP/1.1 503 ")
-        client.close()
-        assert passed_on.recv(1000).startswith(b"GET / HTTP/1.1")
-        assert passed_on.recv(1) == b""
-        passed_on.close()
-        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT) as next_one:
-            next_one.sendall(request)
-            inner.accept()[0].close()  # there is room again
-
-
-def test_a_name_that_no_host_can_have_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    view = ["--view", f"{'a' * 70}:0", "--view-token", str(tmp_path / "token")]
-    assert execute(["run", "--headless", "--duration", "1", *view]) == 2
-    assert "a:0: cannot listen there" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("asks", [False, True])
-def test_a_view_is_closed_when_its_recording_cannot_be_made(asks: bool, tmp_path: Path) -> None:
-    token, taken = tmp_path / "token", tmp_path / "run.mcap"
+def test_a_view_is_closed_when_its_recording_cannot_be_made(tmp_path: Path) -> None:
+    taken = tmp_path / "run.mcap"
     taken.touch()
-    view = open_view("127.0.0.1", 0, control=False, token=token if asks else None)
+    view = open_view("127.0.0.1", 0, control=False)
     port = int(view.address.rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port)):
         pass
@@ -416,20 +250,16 @@ def test_a_view_is_closed_when_its_recording_cannot_be_made(asks: bool, tmp_path
         socket.create_connection(("127.0.0.1", port))
 
 
-def test_an_address_that_is_taken_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_address_that_is_taken_is_said_to_be(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"127.0.0.1:{taken.getsockname()[1]}"
-        for token in ([], ["--view-token", str(tmp_path / "token")]):
-            assert execute(["run", "--headless", "--duration", "1", "--view", address, *token]) == 2
-            assert f"--view {address}: cannot listen there" in capsys.readouterr().err
+        assert execute(["run", "--headless", "--duration", "1", "--view", address]) == 2
+        assert f"--view {address}: cannot listen there" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", [["--view-control"], ["--view-token", "FILE"]])
-def test_what_is_about_the_view_without_a_view_is_a_mistake(
-    option: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert execute(["run", "--headless", "--duration", "1", *option]) == 2
-    assert f"{option[0]}: there is no live view; add --view" in capsys.readouterr().err
+def test_control_of_a_view_without_a_view_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["run", "--headless", "--duration", "1", "--view-control"]) == 2
+    assert "--view-control: there is no live view; add --view" in capsys.readouterr().err
 
 
 def test_what_is_no_twist_is_no_command() -> None:

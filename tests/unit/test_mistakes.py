@@ -98,7 +98,7 @@ MISTAKES = (
     Mistake("run --headless --duration 1 --hal serial --port FOLDER/ttyUSB9", ("ttyUSB9",), 1),
     Mistake("run --headless --duration 1 --hal serial --port virtual --baud 0", ("serial.baud", "0")),
     Mistake("board --tcp 99999", ("--tcp", "'99999'", "HOST:PORT")),
-    Mistake(f"{RUN} --view 0.0.0.0:8765", ("--view-token", "0.0.0.0")),
+    Mistake(f"{RUN} --view 0.0.0.0:8765", ("ssh -L", "0.0.0.0", "--web")),
 )
 
 

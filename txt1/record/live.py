@@ -5,16 +5,15 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from ipaddress import ip_address
 from typing import Any, Final
 
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
 
+from txt1.commands import is_loopback
 from txt1.errors import CommandRefused, ConfigError
 from txt1.kernel.clock import RealClock, seconds
 from txt1.record.encoder import Block
-from txt1.record.view_proxy import ViewProxy
 from txt1.tasks.fields import LOG
 from txt1.tasks.inputs import COMMAND
 from txt1.telemetry.bus import Bus
@@ -32,31 +31,32 @@ _CLOCK: Final = RealClock()  # clients know nothing of virtual time
 class LiveView:
     """A sink that serves every block to whoever is connected; with `control` clients may drive.
 
-    Without a token for them to present, `host` has to be a loopback address; `port` is 0 for any that is free. Raises
-    ConfigError: the address is not a loopback one, or cannot be listened on.
+    `host` has to be a loopback address, as the protocol has neither a password nor encryption; `port` is 0 for any that
+    is free. Raises ConfigError: the address is not a loopback one, or cannot be listened on.
     """
 
-    def __init__(self, host: str, port: int, *, control: bool, token: str | None = None) -> None:
-        if token is None:
-            _require_loopback(host)
+    def __init__(self, host: str, port: int, *, control: bool) -> None:
+        if not is_loopback(host):
+            raise ConfigError(
+                f"--view {host}: not a loopback address, and the whole network could watch and drive; use 127.0.0.1, "
+                "and from elsewhere 'ssh -L 8765:127.0.0.1:8765 ROBOT', or the web page (--web)"
+            )
         self._context = context = foxglove.Context()  # kept: its channels close when it goes
         self._channels: dict[str, tuple[foxglove.Channel, deque[tuple[int, bytes]]]] = {}  # with the latest messages
         self._listener = _Listener()
-        self._server = foxglove.start_server(
-            name="txt1",
-            host="127.0.0.1",
-            port=0,
-            capabilities=[Capability.ClientPublish] if control else [],
-            supported_encodings=["json"] if control else None,
-            server_listener=self._listener,
-            context=context,
-        )
         try:
-            self._proxy = ViewProxy(host, port, self._server.port, token)
-        except ConfigError:
-            self._server.stop()
-            raise
-        port = self._proxy.port
+            self._server = foxglove.start_server(
+                name="txt1",
+                host=host,
+                port=port,
+                capabilities=[Capability.ClientPublish] if control else [],
+                supported_encodings=["json"] if control else None,
+                server_listener=self._listener,
+                context=context,
+            )
+        except RuntimeError as error:
+            raise ConfigError(f"--view {host}:{port}: cannot listen there: {error}; choose another port") from None
+        port = self._server.port
         self.address = f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
 
     def drive(self, drive: Drive, radius_min: float) -> None:
@@ -108,7 +108,6 @@ class LiveView:
         """Let go of the clients."""
         del dropped
         self._listener.asked = lambda v, omega: None
-        self._proxy.close()
         self._server.stop()
 
 
@@ -149,15 +148,3 @@ def velocity(data: bytes) -> tuple[float, float] | None:
         return float(twist["linear"]["x"]), float(twist["angular"]["z"])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
-
-
-def _require_loopback(host: str) -> None:
-    try:
-        loopback = host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback:
-        raise ConfigError(
-            f"--view {host}: not a loopback address, and without a token the whole network could watch and drive; "
-            "add --view-token FILE, or use 127.0.0.1, and from elsewhere 'ssh -L 8765:127.0.0.1:8765'"
-        )

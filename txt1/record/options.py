@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from txt1.additions import Options
-from txt1.commands import flag, host_and_port, path, say, takes
+from txt1.commands import flag, gone, host_and_port, path, say, takes
 from txt1.errors import ConfigError
 from txt1.resources import resource
 
@@ -22,12 +22,10 @@ LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxg
 LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
 VIEW: Final = {
     "--view": takes(
-        "[HOST:]PORT", "serve the Foxglove protocol; 127.0.0.1:8765, and other than loopback addresses with a token "
-        "only", host_and_port, nargs="?", const=("127.0.0.1", 8765),
+        "[HOST:]PORT", "serve the Foxglove protocol to this computer; 127.0.0.1:8765", host_and_port, nargs="?",
+        const=("127.0.0.1", 8765),
     ),
-    "--view-token": takes(
-        "FILE", "file with the token that clients must send, made if there is none: ws://HOST:PORT/?token=TOKEN", path
-    ),
+    "--view-token": gone("the live view is for this computer alone: ssh -L 8765:127.0.0.1:8765 ROBOT, or --web"),
 }  # fmt: skip
 
 
@@ -43,16 +41,14 @@ class RecordingAsked(NamedTuple):
 
 def live_view(arguments: Namespace, *, control: bool = False) -> LiveView | None:
     """Return the live view that was asked for, if any was; raises ConfigError for one of its options without it."""
-    place, token = arguments.view, arguments.view_token
-    if place is None:
-        if token is not None or control:
-            option = "--view-token" if token is not None else "--view-control"
-            raise ConfigError(f"{option}: there is no live view; add --view")
+    if arguments.view is None:
+        if control:
+            raise ConfigError("--view-control: there is no live view; add --view")
         return None
     from txt1.record.session import open_view
 
-    view = open_view(*place, control=control, token=token)
-    say(f"the live view is at {view.address}{'' if token is None else f'/?token= and the token in {token}'}")
+    view = open_view(*arguments.view, control=control)
+    say(f"the live view is at {view.address}")
     say(f"its layout for Foxglove, to be imported from file: {LAYOUT}")
     return view
 

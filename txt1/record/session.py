@@ -198,10 +198,9 @@ def discard(file: Path, config: Config, plan: Mapping[str, object]) -> bool:
     return True
 
 
-def open_view(host: str, port: int, *, control: bool, token: Path | None) -> LiveView:
-    """A live view that listens, with the token in that file if there is one; raises MissingExtra, ConfigError."""
+def open_view(host: str, port: int, *, control: bool) -> LiveView:
+    """Return a live view that listens; raises MissingExtra, ConfigError."""
     need("--view", "view", "foxglove", "mcap", "zstandard", "lz4")
     from txt1.record.live import LiveView
-    from txt1.record.view_proxy import token_in
 
-    return LiveView(host, port, control=control, token=None if token is None else token_in(token))
+    return LiveView(host, port, control=control)

@@ -1,32 +1,66 @@
-"""Who may come in: the token and what is made of it, the address that was asked for, and where a page came from.
+"""Who may come in: the token in its file, what is made of it, the address that was asked for, where a page came from.
 
 A page signs in once, with the token, and gets a cookie: a time and its HMAC under the token. So no list of sessions is
 kept, a restart signs nobody out, and another token signs out everybody.
 """
 
 import re
+import secrets
+import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from hashlib import sha256
 from hmac import compare_digest, digest
-from ipaddress import ip_address
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Final, Literal
 from urllib.parse import urlsplit
 
+from txt1.commands import is_loopback
+from txt1.errors import ConfigError
 from txt1.web.wheel import Budget
 
 Role = Literal["operator", "visitor"]
 
 SESSION: Final = 12 * 3600  # s that a page stays signed in
+TOKEN_MIN: Final = 16  # characters of a token; fewer could be guessed
+TOKEN: Final = re.compile(rf"[A-Za-z0-9._~-]{{{TOKEN_MIN},}}")  # stands in an address as it is
 TRIES: Final = (0.2, 5.0)  # wrong tokens a second from one address, and at once
 ADDRESSES_MAX: Final = 1000  # addresses whose tries are counted
 
 
-def is_loopback(host: str) -> bool:
-    """Whether an address is this computer's own."""
+def token_in(file: Path) -> str:
+    """The token that is in a file; when there is no file it is made, with a new one, for its owner's eyes only.
+
+    Raises ConfigError: it is no regular file, others may read it, its token is no good, or it
+    cannot be read or made.
+    """
     try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
+        if not file.exists():
+            _make(file)
+        mode = file.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise ConfigError(f"--web-token {file}: not a regular file; name one, or one that is to be made")
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
+            raise ConfigError(f"--web-token {file}: others may read it; chmod 600 {file}")
+        token = file.read_text(encoding="latin-1").strip()
+    except OSError as error:
+        raise ConfigError(f"--web-token {file}: {error.strerror}; give a file that can be read or made") from None
+    if not TOKEN.fullmatch(token):
+        raise ConfigError(
+            f"--web-token {file}: its token has to be a word of at least {TOKEN_MIN} characters, each a letter from A "
+            "to Z or a to z, a digit or one of . _ ~ -; delete the file, and a good one is made"
+        )
+    return token
+
+
+def _make(file: Path) -> None:
+    """Put a file with a new token there, whole from the first; one that has come there meanwhile stays."""
+    with NamedTemporaryFile("w", encoding="ascii", dir=file.parent, prefix=".token-") as made:  # has mode 0600
+        made.write(secrets.token_urlsafe(32) + "\n")
+        made.flush()
+        with suppress(FileExistsError):
+            file.hardlink_to(made.name)
 
 
 def visitors_token(token: str) -> str:

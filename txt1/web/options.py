@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from txt1.additions import Options
-from txt1.commands import existing, host_and_port, named_url, need, path, positive, say, takes, view_of
+from txt1.commands import existing, host_and_port, is_loopback, named_url, need, path, positive, say, takes, view_of
 from txt1.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -65,8 +65,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
     if arguments.web_folder.exists() and not arguments.web_folder.is_dir():
         raise ConfigError(f"--web-folder {arguments.web_folder}: a file, no folder; name one, or a new one")
     need("--web", "web", "aiohttp", "cryptography", "segno")
-    from txt1.record.view_proxy import token_in
-    from txt1.web.auth import is_loopback
+    from txt1.web.auth import token_in
     from txt1.web.certificate import addresses, fingerprint, own_certificate, tls
 
     host, port = arguments.web
@@ -86,7 +85,7 @@ def web_page(arguments: argparse.Namespace) -> WebPage | None:
     if certificate is not None:
         tls(certificate, key)  # refused before the robot is brought up
     scheme = "http" if certificate is None else "https"
-    word = "" if token is None else token_in(token, "--web-token")
+    word = "" if token is None else token_in(token)
     places = [host] if inside else addresses(host)
     named = [f"[{place}]" if ":" in place else place for place in places]
     say(f"the page is at {'  '.join(f'{scheme}://{place}:{port}/' for place in named)}")

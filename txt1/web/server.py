@@ -14,9 +14,8 @@ from typing import Final
 
 from aiohttp import web
 
-from txt1.record.view_proxy import token_in
 from txt1.sidecar import BEAT, Connection
-from txt1.web.auth import Auth
+from txt1.web.auth import Auth, token_in
 from txt1.web.pages import Pages, Robots, now
 from txt1.web.routes import STRANGER, Routes
 

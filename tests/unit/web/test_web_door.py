@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.web.auth import SESSION, Auth, is_loopback, visitors_token
+from txt1.commands import is_loopback
+from txt1.errors import ConfigError
+from txt1.web.auth import SESSION, Auth, token_in, visitors_token
 
 TOKEN = "t0ken-of-the-robot-long-enough"
 
@@ -77,3 +83,50 @@ def test_other_origins_are_not_ours(origin: str | None) -> None:
 def test_loopback_addresses() -> None:
     assert all(map(is_loopback, ("localhost", "127.0.0.1", "127.8.8.8", "::1")))
     assert not any(map(is_loopback, ("0.0.0.0", "::", "10.0.0.1", "robot.local", "127.0.0.1.example")))
+
+
+# -- the file ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "problem"),
+    [
+        ("a-word-that-nobody-guesses", 0o644, "others may read it; chmod 600"),
+        ("short", 0o600, "a word of at least 16 characters"),
+        ("", 0o600, "a word of at least 16 characters"),
+        ("two words that nobody guesses", 0o600, "a word of at least 16 characters"),
+        ("ein-Wort-das-niemand-errät", 0o600, "a word of at least 16 characters"),
+        *((f"a-word-that{mark}nobody-guesses", 0o600, "a digit or one of . _ ~ -") for mark in "+%&#/"),
+    ],
+)
+def test_a_token_that_is_none_or_no_secret_is_refused(content: str, mode: int, problem: str, tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text(content, encoding="utf-8")
+    file.chmod(mode)
+    with pytest.raises(ConfigError, match=re.escape(problem)):
+        token_in(file)
+
+
+@pytest.mark.parametrize("name", ["/dev/null", "."])
+def test_a_token_is_kept_in_a_regular_file(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=f"--web-token {tmp_path / name}: not a regular file") as refused:
+        token_in(tmp_path / name)
+    assert "chmod" not in str(refused.value)
+
+
+def test_who_make_a_token_at_once_have_the_same(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        for place in range(50):
+            file = tmp_path / str(place)
+            assert len(set(pool.map(token_in, [file] * 8))) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {str(place) for place in range(50)}
+
+
+def test_a_token_that_somebody_makes_meanwhile_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "token"
+    file.write_text(TOKEN)
+    file.chmod(0o600)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "exists", lambda _: False)
+        assert token_in(file) == TOKEN
+    assert list(tmp_path.iterdir()) == [file]
