@@ -17,8 +17,8 @@ from txt1.errors import MissingExtra, NotArmed, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
 from txt1.hal.pico.double import Pico, PicoPort, interpreter
-from txt1.hal.registry import create_serial
 from txt1.hal.serial import SerialHal
+from txt1.hal.serial import create as create_serial
 from txt1.link.base import Link, connect
 from txt1.link.impairments import paced
 from txt1.protocol.layout import encode

@@ -8,12 +8,16 @@ A package announces its HAL in its pyproject.toml::
 where ``create(config: txt1.config.Config) -> txt1.hal.Hal``; its own settings come in ``config.hal_options``. It is
 imported when it is first asked for.
 
+The simulation takes no configuration, only values, so the function that makes it from one is here. Every other HAL is a
+text, and is imported when it is wanted: opening a simulated robot imports no line, and opening a board no simulation.
+
 An addition brings a HAL, its doubles on the desk, or both. A HAL at `serial.port` has its double at the port of its own
 name; one at an I2C bus has its double where `hal_options.bus` is DESK.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from txt1.config import Config
@@ -23,10 +27,8 @@ from txt1.plugins import Registry
 
 if TYPE_CHECKING:
     from txt1.hal.sim import SimHal
-    from txt1.link.base import Port
+    from txt1.link.base import End, Port
     from txt1.sim.world import World
-
-HOST_LINE: Final = 1  # marks the random values of the line at the host's end
 
 
 def in_world(config: Config, world: World) -> Config:
@@ -60,8 +62,25 @@ def create_sim(config: Config, world: World | None = None) -> SimHal:
     return SimHal(vehicle, ground, sim.channels, alone)
 
 
+HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": "txt1.hal.serial:create"}, HalError)
 # simulated ports by name; anything else is a device
 PORTS: Final = Registry("serial port", "txt1.ports", {})
+# simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
+BUSES: Final = Registry("bus", "txt1.buses", {})
+DESK: Final = "desk"
+# marks the random values of the line at the host's end
+HOST_LINE: Final = 1
+
+
+def create(config: Config, world: World | None = None) -> Hal:
+    """The hardware layer named by ``config.hal``, not opened yet; in a world that it shares, if one is given.
+
+    Errors as of `Registry.make`.
+    """
+    if world is not None and config.hal != "sim":
+        raise ConfigError(f"world: a robot with the HAL '{config.hal}' is in none; choose hal=sim")
+    hal: Hal = HALS.make("hal", config.hal, config, *(() if world is None else (world,)))
+    return hal
 
 
 def port_of(config: Config, baud: int | None = None, behind: str | None = None) -> Port:
@@ -80,8 +99,14 @@ def port_of(config: Config, baud: int | None = None, behind: str | None = None) 
     return DevicePort(serial.port, baud or serial.baud, serial.secret_file, behind or BOARD)
 
 
-BUSES: Final = Registry("bus", "txt1.buses", {})  # simulated I2C buses, by the HAL whose `hal_options.bus` is DESK
-DESK: Final = "desk"
+def faults_of(config: Config) -> Callable[[End], End]:
+    """What puts the configured faults on the host's end of a line."""
+    from numpy.random import SeedSequence
+
+    from txt1.link.impairments import faulty
+
+    seed = SeedSequence([config.own_seed, HOST_LINE])
+    return lambda end: faulty(end, config.serial.fault, seed)
 
 
 def is_on_a_line(hal: str) -> bool:
@@ -94,35 +119,3 @@ def is_simulated(config: Config) -> bool:
     if is_on_a_line(config.hal):
         return config.serial.port in PORTS.ours
     return config.hal == "sim" or (config.hal in BUSES.ours and config.hal_options.get("bus") == DESK)
-
-
-def create_serial(config: Config) -> Hal:
-    """The board behind the configured line."""
-    from numpy.random import SeedSequence
-
-    from txt1.hal.serial import SerialHal
-    from txt1.link.base import End
-    from txt1.link.impairments import faulty
-
-    serial = config.serial
-
-    def wrap(end: End) -> End:
-        return faulty(end, serial.fault, SeedSequence([config.own_seed, HOST_LINE]))
-
-    return SerialHal(port_of(config), wrap, serial.control, config.odometry.scale, simulated=serial.port in PORTS.ours)
-
-
-HALS: Final = Registry("HAL", "txt1.hal", {"sim": create_sim, "serial": create_serial}, HalError)
-
-
-def create(config: Config, world: World | None = None) -> Hal:
-    """The hardware layer named by ``config.hal``, not opened yet; in a world that it shares, if one is given.
-
-    Errors as of `Registry.make`.
-    """
-    if world is not None:
-        if config.hal != "sim":
-            raise ConfigError(f"world: a robot with the HAL '{config.hal}' is in none; choose hal=sim")
-        return create_sim(config, world)
-    hal: Hal = HALS.make("hal", config.hal, config)
-    return hal

@@ -33,11 +33,13 @@ from collections.abc import Callable
 from math import cos, inf, sin
 from typing import Final, Literal
 
+from txt1.config import Config
 from txt1.errors import EncodeError
 from txt1.hal.acknowledged import AcknowledgedGains
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
 from txt1.hal.plain import PlainHal
+from txt1.hal.registry import faults_of, is_simulated, port_of
 from txt1.hal.restarts import restarted, started_again
 from txt1.link.base import End, Port
 from txt1.link.receiver import Receiver
@@ -327,3 +329,9 @@ def follow(odometry: Odometry | None, before: EncoderOdometry, after: EncoderOdo
         scale * after.v,
         scale * after.omega,
     )
+
+
+def create(config: Config) -> SerialHal:
+    """The board behind the configured line."""
+    control, scale = config.serial.control, config.odometry.scale
+    return SerialHal(port_of(config), faults_of(config), control, scale, is_simulated(config))

@@ -1,15 +1,14 @@
 """The simulated robot as a HAL: one vehicle of a world."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Indicators, Inputs, Outputs
+from txt1.hal.plain import PlainHal
 from txt1.kernel.loop import clock_of
 from txt1.model.channels import STRAIGHT, Channels
-from txt1.protocol.messages import CombinedOdometry, PidSet, Switch
+from txt1.protocol.messages import Switch
 from txt1.sim.ground import Ground
 from txt1.sim.vehicle import Vehicle
 
@@ -20,7 +19,7 @@ TOUCH: Final = 0.02  # room of less than this is none, m
 BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
 
 
-class SimHal:
+class SimHal(PlainHal):
     """A simulated TXT-1; `alone`: no other robot is ever in its world, so all that it does repeats.
 
     It has no task of its own: whoever reads or writes at a later time moves the vehicle there first, so it costs what
@@ -106,10 +105,6 @@ class SimHal:
         # the dynamics see a car that steers in front alone as one that steers both axles
         self.vehicle.command(forward, right, -right if self.vehicle.body.steering == "front" else left)
 
-    def halt(self, outputs: Outputs, now: float) -> None:
-        """Nothing stands between `write` and the actuators."""
-        raise NotCapable(self.name, "halt")
-
     def switch(self, switch: Switch, on: bool, now: float) -> None:
         """Turn the ATX supply or the ESC on or off."""
         self.vehicle.advance_to(now)
@@ -117,14 +112,6 @@ class SimHal:
             self.vehicle.atx_on = on
         else:
             self.vehicle.esc_on = on
-
-    def load_gains(self, gains: PidSet, answered: Callable[[bool], None]) -> None:
-        """The loops run in the controller task."""
-        raise NotCapable(self.name, "gains")
-
-    def offer_odometry(self, combined: CombinedOdometry, now: float) -> None:
-        """The loops run in the controller task."""
-        raise NotCapable(self.name, "combined")
 
     def indicate(self, indicators: Indicators) -> None:
         """Remember buzzer and LEDs for the screens."""

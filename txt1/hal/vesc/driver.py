@@ -17,6 +17,7 @@ from txt1.errors import ConfigError, HalError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
 from txt1.hal.plain import PlainHal
+from txt1.hal.registry import faults_of, is_simulated, port_of
 from txt1.link.base import End, Port
 from txt1.model.odometry import Odometry, rolled
 from txt1.model.vehicle import Geometry
@@ -348,16 +349,8 @@ def wrapped(count: int) -> int:
 
 def create(config: Config) -> VescHal:
     """The VESC behind the configured line."""
-    from numpy.random import SeedSequence
-
-    from txt1.hal.registry import HOST_LINE, PORTS, port_of
-    from txt1.link.impairments import faulty
-
     options = checked(VescOptions, config.hal_options, "hal_options")
     if config.geometry.steering == "skid":
         raise ConfigError("geometry.steering: a VESC drives one motor and steers with a servo; choose both or front")
-    seed = SeedSequence([config.own_seed, HOST_LINE])
-    return VescHal(
-        port_of(config, options.baud, "txt1 device vesc"), options, config.geometry,
-        lambda end: faulty(end, config.serial.fault, seed), simulated=config.serial.port in PORTS.ours,
-    )  # fmt: skip
+    port = port_of(config, options.baud, "txt1 device vesc")
+    return VescHal(port, options, config.geometry, faults_of(config), is_simulated(config))

@@ -15,6 +15,7 @@ from txt1.errors import ConfigError
 from txt1.hal.base import Capabilities, Inputs, Outputs
 from txt1.hal.line import Line
 from txt1.hal.plain import PlainHal
+from txt1.hal.registry import faults_of, is_simulated, port_of
 from txt1.link.base import End, Port
 from txt1.model.kinematics import move_along_arc
 from txt1.model.odometry import Odometry
@@ -301,16 +302,8 @@ class WaveshareHal(PlainHal):
 
 def create(config: Config) -> WaveshareHal:
     """The rover's board behind the configured line."""
-    from numpy.random import SeedSequence
-
-    from txt1.hal.registry import HOST_LINE, PORTS, port_of
-    from txt1.link.impairments import faulty
-
     options = checked(WaveshareOptions, config.hal_options, "hal_options")
     if config.geometry.steering != "skid":
         raise ConfigError("geometry.steering: a Waveshare rover has sides that run at two speeds; choose skid")
-    seed = SeedSequence([config.own_seed, HOST_LINE])
-    return WaveshareHal(
-        port_of(config, options.baud, "txt1 device waveshare"), options, config.geometry,
-        lambda end: faulty(end, config.serial.fault, seed), simulated=config.serial.port in PORTS.ours,
-    )  # fmt: skip
+    port = port_of(config, options.baud, "txt1 device waveshare")
+    return WaveshareHal(port, options, config.geometry, faults_of(config), is_simulated(config))
