@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from txt1.board.board import Board
 from txt1.commands import say
 from txt1.errors import ConfigError
 from txt1.robot import Robot
-
-if TYPE_CHECKING:
-    from txt1.ros.python import RosPython
+from txt1.ros.install import outdated
+from txt1.ros.node import node_beside
+from txt1.ros.python import RosPython, home, ros1, ros2
 
 NODE: Final = "txt1.ros.ros2:main"
 RosNode = Callable[[Robot], AbstractAsyncContextManager[Any]]
@@ -35,7 +35,6 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     """Return what makes the robot a node of ROS 2, if it is to be one; raises ConfigError where there is no ROS 2."""
     if not arguments.ros2:
         return None
-    from txt1.ros.node import node_beside
     from txt1.ros.robot_end import Ros2RobotEnd
 
     python = ros2_python()
@@ -46,7 +45,7 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
             "namespace": arguments.ros2_namespace or "", "offers": desk.offers, "stamped": arguments.ros2_stamped,
             "stale": desk.stale, "virtual": arguments.speed is not None, "parameters": desk.parameters(),
         }  # fmt: skip
-        return node_beside(robot.runtime, desk, NODE, python.program, python.environment, options)
+        return node_beside(robot.runtime, desk, NODE, python, options)
 
     return node
 
@@ -58,23 +57,19 @@ def board_node(arguments: argparse.Namespace) -> BoardNode | None:
             raise ConfigError("--ros2-namespace: there is no node; add --ros2")
         return None
     from txt1.ros.board import BoardDesk
-    from txt1.ros.node import node_beside
 
     python = ros2_python()
 
     def node(board: Board) -> AbstractAsyncContextManager[Any]:
         desk = BoardDesk(board)
         options = {"name": "txt1_board", "namespace": arguments.ros2_namespace or "", "offers": desk.offers}
-        return node_beside(board.runtime, desk, NODE, python.program, python.environment, options)
+        return node_beside(board.runtime, desk, NODE, python, options)
 
     return node
 
 
 def ros2_python() -> RosPython:
     """Return the Python for a node of ROS 2, and say which; raises ConfigError."""
-    from txt1.ros.install import outdated
-    from txt1.ros.python import home, ros2
-
     python = ros2()
     say(f"the node runs under {python.where}")
     if python.ours and outdated(home()):
@@ -86,16 +81,13 @@ def ros1_node(arguments: argparse.Namespace) -> RosNode | None:
     """Return what makes the robot the original's node of ROS 1, if it is to be; raises ConfigError without ROS 1."""
     if not arguments.ros1:
         return None
-    from txt1.ros.node import node_beside
     from txt1.ros.original import Ros1Desk
-    from txt1.ros.python import ros1
 
     python = ros1()
-    options = {"virtual": arguments.speed is not None}
 
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
         desk = Ros1Desk(robot)
-        given = options | {"parameters": desk.parameters()}
-        return node_beside(robot.runtime, desk, "txt1.ros.ros1:main", python.program, python.environment, given)
+        options = {"virtual": arguments.speed is not None, "parameters": desk.parameters()}
+        return node_beside(robot.runtime, desk, "txt1.ros.ros1:main", python, options)
 
     return node

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final, Protocol
 
 from txt1.bridges.registry import RESTART, SILENCE, warning
+from txt1.ros.python import RosPython
 from txt1.runtime import Runtime
 from txt1.sidecar import TELEMETRY_PERIOD, Request, Sidecar
 
@@ -36,8 +37,7 @@ async def node_beside(
     runtime: Runtime,
     desk: NodeDesk,
     target: str,
-    python: Sequence[str],
-    environment: Mapping[str, str],
+    python: RosPython,
     options: Mapping[str, object],
 ) -> AsyncIterator[Sidecar]:
     """A node at work until the block is left.
@@ -46,8 +46,8 @@ async def node_beside(
     """
     beside = Sidecar(
         target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
-        tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python, str(START)), environment=environment,
-        niceness=0, prompt=True,
+        tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python.program, str(START)),
+        environment=python.environment, niceness=0, prompt=True,
     )  # fmt: skip
     try:
         node = target.rpartition(":")[0].rpartition(".")[2]
