@@ -61,7 +61,7 @@ def blocking_calls_fail() -> Iterator[BlockBuster]:
         may_block(blockbuster, "txt1/hal/registry.py", "create", "names")
         may_block(blockbuster, "txt1/sensors/registry.py", "create")
         may_block(blockbuster, "txt1/kernel/loop.py", "shutdown_default_executor")  # waits for the recorder's thread
-        may_block(blockbuster, "txt1/record/recorder.py", "_hand_over")  # in virtual time nothing is late by it
+        may_block(blockbuster, "txt1/record/recorder.py", "_hand_over")  # at full speed nothing is late by it
         may_block(blockbuster, "tests/patience.py", "lateness")
         yield blockbuster
 

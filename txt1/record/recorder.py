@@ -1,7 +1,8 @@
 """The recorder: whatever a robot's bus carries, in batches, to where it is kept or shown.
 
 In the loop it only keeps references. Every batch goes to another thread, which makes bytes of it and writes them. On
-the real clock a writer that falls behind loses batches, which are counted; in virtual time the simulation waits.
+the real clock a writer that falls behind loses batches, which are counted. At full speed nobody is late, so the loop
+does all of it itself: taking turns with a thread for the interpreter would cost more.
 """
 
 import asyncio
@@ -22,7 +23,7 @@ BATCH: Final = 0.5
 BATCH_MAX: Final = 5.0
 """s of the robot's time in a batch at full speed."""
 BACKLOG: Final = 20
-"""Batches that may wait for the writer: more are lost on the real clock, and waited for in virtual time."""
+"""Batches that may wait for the writer on the real clock; more are lost."""
 
 
 class Sink(Protocol):
@@ -60,6 +61,7 @@ class Recorder:
         self._loop = asyncio.get_running_loop()
         self._virtual = isinstance(self._loop, VirtualTimeLoop)
         speed = self._loop.speed if isinstance(self._loop, VirtualTimeLoop) else 1.0
+        self._full_speed = speed is None
         if batch is None:
             batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
         # half a cycle less, as times are rounded
@@ -97,8 +99,7 @@ class Recorder:
 
     async def _finish(self) -> None:
         self._leave()
-        # the last batch goes behind all before it
-        self._submit()
+        self._hand_over(backlog=len(self._jobs))
         await self.written()
 
     async def written(self) -> None:
@@ -113,7 +114,7 @@ class Recorder:
         # only between two cycles, so that a failure is raised in the telemetry task and in no other
         if time >= self._until and topic.rule is Rule.CYCLE:
             self._until = time + self._batch_time
-            self._hand_over()
+            self._hand_over(backlog=len(self._jobs) if self._virtual else BACKLOG)
             if self._failure is not None:
                 raise self._failure
             if self.dropped and not self._told:
@@ -121,23 +122,23 @@ class Recorder:
                 self._runtime.state.tell(time, "the recording loses messages: the disk is full or too slow")
         self._messages.append((time, topic, value))
 
-    def _hand_over(self) -> None:
-        """Give the batch to the writer; where that is too far behind, wait in virtual time, else lose the batch."""
-        while self._jobs and (self._jobs[0].done() or (self._virtual and len(self._jobs) > BACKLOG)):
-            self._jobs.popleft().result()
-        if len(self._jobs) <= BACKLOG:
-            self._submit()
-        else:
+    def _hand_over(self, backlog: int) -> None:
+        """Have the batch written, or lose it where more batches than `backlog` are waiting already."""
+        while self._jobs and self._jobs[0].done():
+            self._jobs.popleft()
+        if len(self._jobs) > backlog:
             lost = Counter(topic for _, topic, _ in self._messages)
             self._overflowed += lost.total()
             self._lost += lost
-            self._messages = []
+        elif self._full_speed:
+            self._write(self._messages, self._lost)
+            self._lost = Counter()
+        else:
+            self._jobs.append(self._writer.submit(self._write, self._messages, self._lost))
+            self._lost = Counter()
+        self._messages = []
 
-    def _submit(self) -> None:
-        self._jobs.append(self._writer.submit(self._write, self._messages, self._lost))
-        self._messages, self._lost = [], Counter()
-
-    # -- in the writer's thread --------------------------------------------------------------------------------
+    # -- in the writer's thread, or at full speed in the loop ---------------------------------------------------
 
     def _write(self, messages: Sequence[Message], lost_before: Counter[Topic[Any]]) -> None:
         if self._failure is not None:
