@@ -69,7 +69,7 @@ class CommandSource:
         """Ask for a speed in m/s and a yaw rate in rad/s, until the source's time-out after `time`.
 
         A command that is not zero takes the wheel or holds it, if no other source keeps it from this one; zeros stop
-        the robot and hold nothing. Beyond +-1.5 m/s and abs(v) / R_min commands are clipped and counted. Its author
+        the robot and hold nothing. Beyond safety.v_max and abs(v) / R_min commands are clipped and counted. Its author
         gave it at `time`, s of the run; None is now.
 
         Returns whether it is the robot's set-point now; a refused one is counted.

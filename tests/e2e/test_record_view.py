@@ -26,6 +26,7 @@ from websockets.sync.client import ClientConnection, connect
 from tests.patience import LIMIT, TXT1, S
 from txt1.cli import execute
 from txt1.config import Config
+from txt1.control.hand import DEFAULT_HAND
 from txt1.errors import ConfigError
 from txt1.kernel.loop import run
 from txt1.record import options
@@ -189,7 +190,7 @@ def test_a_command_that_waited_for_the_loop_is_as_old_as_it_is() -> None:
                 sent.append(loop.time())
 
         try:
-            view.drive(lambda v, omega, since: age.set_result(since), 0.56)
+            view.drive(lambda v, omega, since: age.set_result(since), DEFAULT_HAND)
             commanding = loop.run_in_executor(None, command)
             while not sent or loop.time() < sent[0] + 0.3:
                 pass  # the loop is busy

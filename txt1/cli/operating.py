@@ -68,8 +68,7 @@ async def _operate(
 ) -> None:
     """Bring the robot up with all that was asked for, and watch it to the end."""
     async with app.robot(config, additions=asked) as robot:
-        pivots = config.geometry.steering == "skid"
-        teleop = Teleop(config.teleop.speed, config.teleop.turn, config.geometry.radius_min, pivots)
+        teleop = Teleop(config.teleop.speed, config.hand())
         if arguments.duration is not None:
             robot.runtime.scheduler.end_at(arguments.duration)
         keys = {name: key.meaning for name, key in robot.keys.items()}

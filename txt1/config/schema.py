@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from txt1 import additions
+from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.control.open_loop import SpeedMap
 from txt1.control.parameters import KnownCar, Limits, Safety
 from txt1.control.pid import Gains
@@ -204,9 +205,9 @@ class CommanderConfig(Section):
 class TeleopConfig(Section):
     """Driving from the keyboard."""
 
-    speed: Annotated[float, Field(ge=0.1, le=1.5)] = 0.5
-    """Speed at the start, m/s; + and - change it."""
-    turn: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    speed: Annotated[float, Field(ge=0.1, le=10.0)] = 0.5
+    """Speed at the start, m/s; + and - change it, up to safety.v_max."""
+    turn: Annotated[float, Field(gt=0.0, le=1.0)] = DEFAULT_HAND.turn
     """Share of the largest yaw rate that a and d ask for."""
 
 
@@ -325,6 +326,13 @@ class Config(Section):
         return Limits(
             **asdict(self.safety), radius_min=0.0 if self.geometry.steering == "skid" else self.geometry.radius_min
         )
+
+    def hand(self) -> Hand:
+        """What a hand on this car may ask for."""
+        body, safety = self.geometry, self.safety
+        pivots = body.steering == "skid"
+        radius = max(body.radius_min, 0.5 * body.track_width) if pivots else body.radius_min
+        return Hand(safety.v_max, safety.omega_max, radius, pivots, self.teleop.turn)
 
 
 def _section(name: str, value: Any, recorded: bool) -> Any:

@@ -27,7 +27,6 @@ from txt1.fleet.selection import KEYS, Selection
 from txt1.fleet.stopping import Standing
 from txt1.record.options import LOG
 from txt1.ui import tty
-from txt1.ui.teleop import Teleop
 from txt1.ui.terminal import Terminal
 from txt1.web.options import WEB, WebPage, web_page
 
@@ -106,9 +105,6 @@ async def _operate(
         if page is not None:
             await _serve(fleet, page, arguments, bridges)
         helm = Selection(fleet)
-        teleop = Teleop(
-            robots[0].config.teleop.speed, robots[0].config.teleop.turn, robots[0].config.geometry.radius_min
-        )
 
         async def prepare() -> None:
             await fleet.get_ready(arm=arguments.arm)
@@ -117,7 +113,7 @@ async def _operate(
 
         preparing = asyncio.ensure_future(prepare())
         more = {"n": helm.next, "e": helm.toggle_esc}
-        terminal = partial(Terminal, helm, helm, app.beat, teleop, shown=KEYS, more=more)
+        terminal = partial(Terminal, helm, helm, app.beat, helm.teleop, shown=KEYS, more=more)
         lines = asyncio.ensure_future(_lines(fleet)) if view_of(arguments) == "lines" else None
         others = [robot.runtime.scheduler.ended for robot in robots[1:]]
         view = "nothing" if view_of(arguments) == "lines" else view_of(arguments)

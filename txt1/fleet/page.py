@@ -14,6 +14,7 @@ from contextlib import suppress
 from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
+from txt1.control.hand import DEFAULT_HAND
 from txt1.errors import CommandRefused
 from txt1.fleet.members import Member
 from txt1.telemetry.snapshot import plain
@@ -97,6 +98,6 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
         "/driver": {"name": one.driver},
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),
-        "/capabilities": None,  # marks what is all that there is
+        "/capabilities": {"hand": DEFAULT_HAND._asdict()},  # nobody tells what another's car is like
     }
     return {"name": one.name, "time": time, "topics": topics}

@@ -7,6 +7,7 @@ from txt1.fleet.fleet import Fleet
 from txt1.fleet.members import FLEET, member_of
 from txt1.hal.base import Button
 from txt1.telemetry.snapshot import Snapshot
+from txt1.ui.teleop import Teleop
 from txt1.ui.viewer import DRIVING
 
 KEYS = {"SPACE": "stop all", "n": "next robot", **{key: word for key, word in DRIVING.items() if key not in ("SPACE",)}}
@@ -20,11 +21,15 @@ class Selection:
         self._robots = list(fleet.robots.values())
         self._keys = [robot.source("keys") for robot in self._robots]
         self._at = 0
+        config = self._robots[0].config
+        self.teleop = Teleop(config.teleop.speed, config.hand())
+        """The driving keys, as the car at hand obeys them."""
 
     def next(self) -> None:
         """Let go of this robot, and take the next one."""
         self.release()
         self._at = (self._at + 1) % len(self._robots)
+        self.teleop.hand = self._robots[self._at].config.hand()
 
     @property
     def snapshot(self) -> Snapshot:

@@ -12,5 +12,5 @@ from txt1.robot import Robot
 @asynccontextmanager
 async def beside(robot: Robot, pad: PadParameters) -> AsyncIterator[None]:
     """Let gamepads drive as long as the block is at work."""
-    async with bridge(robot, "gamepad", asdict(pad) | {"radius_min": robot.config.geometry.radius_min}):
+    async with bridge(robot, "gamepad", asdict(pad) | {"hand": robot.config.hand()._asdict()}):
         yield

@@ -2,9 +2,11 @@
 
 import os
 import select
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Final
 
+from txt1.control.hand import Hand
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
@@ -89,10 +91,10 @@ class Devices:
         return PadState(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
 
 
-def main(robot: Connection, radius_min: float = 0.56, **parameters: Any) -> None:
+def main(robot: Connection, hand: Mapping[str, Any], **parameters: Any) -> None:
     """Command what the pads' hands want until the robot's process ends; `parameters` are those of `PadParameters`."""
     given = PadParameters(**parameters)
-    devices, pads = Devices(given.mapping), Pads(given, radius_min)
+    devices, pads = Devices(given.mapping), Pads(given, Hand(**hand))
     known: dict[int, str] = {}
     driving = False
     try:

@@ -66,7 +66,7 @@ def _show(devices: Devices, config: Config, duration: float | None) -> None:
     """Print a line a pad, again and again."""
     from txt1.gamepad.bridge import now
 
-    pads, ends = Pads(config.section(PadParameters), config.geometry.radius_min), now() + (duration or 1e9)
+    pads, ends = Pads(config.section(PadParameters), config.hand()), now() + (duration or 1e9)
     told: dict[int, str] = {}
     while now() < ends:
         readings = devices.look()

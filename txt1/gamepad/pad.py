@@ -1,4 +1,4 @@
-"""What a gamepad's buttons and axes mean: a dead-man, the original's rule for speed and yaw rate, and a few buttons.
+"""What a gamepad's buttons and axes mean: a dead-man, two axes for the hand rule (`txt1.control.hand`), a few buttons.
 
 Buttons and axes go by SDL's names of a game controller (a, b, leftx, righttrigger ...), the same on every pad. No clock
 and no device in here: `now` is s on any clock.
@@ -6,9 +6,10 @@ and no device in here: `now` is s on any clock.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import copysign, inf, isfinite
+from math import inf
 from typing import Final, NamedTuple
 
+from txt1.control.hand import Hand, shaped
 from txt1.units import Positive
 
 BUTTONS: Final = (
@@ -17,15 +18,14 @@ BUTTONS: Final = (
 )  # fmt: skip
 AXES: Final = ("leftx", "lefty", "rightx", "righty", "lefttrigger", "righttrigger")
 HOLD: Final = 0.5  # s that the arm button is held
-DEAD: Final = 0.1  # share of an axis around its middle that counts as none
 
 
 @dataclass(frozen=True, slots=True)
 class PadParameters:
     """Driving with a gamepad; buttons and axes by SDL's names, the same on every pad."""
 
-    speed: Positive = 1.5
-    """Speed at full deflection, m/s: the original's."""
+    speed: Positive | None = None
+    """Speed at full deflection, m/s; null: the car's fastest, safety.v_max."""
     dead_man: str = "a"
     """Nothing moves unless it is held; its release stops the robot."""
     stop: str = "b"
@@ -67,22 +67,13 @@ class Wish(NamedTuple):
     manual: bool = False
 
 
-def shaped(value: float) -> float:
-    """An axis without its dead middle, -1 to 1; one that is no number is at rest."""
-    if not isfinite(value):
-        return 0.0
-    size = min(1.0, max(0.0, (abs(value) - DEAD) / (1.0 - DEAD)))
-    return copysign(size, value)
-
-
-def velocity(reading: PadState, parameters: PadParameters, radius_min: float) -> tuple[float, float]:
-    """The original's rule: v = speed times one axis, omega = abs(v) / R_min times the other; m/s and rad/s."""
+def velocity(reading: PadState, parameters: PadParameters, hand: Hand) -> tuple[float, float]:
+    """Return the velocity that a pad's axes ask of this car, m/s and rad/s."""
     axes = reading.axes
     ahead = shaped(axes.get(parameters.forward, 0.0)) - shaped(axes.get(parameters.reverse, 0.0))
     if ahead == 0.0:
         ahead = -shaped(axes.get(parameters.ahead, 0.0))
-    v = parameters.speed * ahead
-    return v, abs(v) / radius_min * -shaped(axes.get(parameters.steer, 0.0)) + 0.0  # never -0.0, which looks odd
+    return hand.velocity(parameters.speed or inf, ahead, -shaped(axes.get(parameters.steer, 0.0)))
 
 
 @dataclass(eq=False)
@@ -93,7 +84,7 @@ class Pad:
     """
 
     parameters: PadParameters
-    radius_min: float  # m
+    hand: Hand
     ready: bool = False  # the dead-man has been up
     _down: frozenset[str] = field(default_factory=frozenset)
     _arming: float = inf  # since when the arm button is held
@@ -114,7 +105,7 @@ class Pad:
         if arm:
             self._arming = inf  # once
         return Wish(
-            velocity(reading, p, self.radius_min) if held and self.ready and not silent else None,
+            velocity(reading, p, self.hand) if held and self.ready and not silent else None,
             p.stop in pressed,
             arm,
             p.screen in pressed,
@@ -125,8 +116,8 @@ class Pad:
 class Pads:
     """Several pads, of which one drives: the one whose dead-man was held first, until it is let go of."""
 
-    def __init__(self, parameters: PadParameters, radius_min: float) -> None:
-        self._parameters, self._radius_min = parameters, radius_min
+    def __init__(self, parameters: PadParameters, hand: Hand) -> None:
+        self._parameters, self._hand = parameters, hand
         self._pads: dict[int, Pad] = {}
         self.driver: int | None = None
         """The number of the pad that drives."""
@@ -137,7 +128,7 @@ class Pads:
             del self._pads[gone]
         wishes = {}
         for number, (reading, heard) in readings.items():
-            pad = self._pads.setdefault(number, Pad(self._parameters, self._radius_min))
+            pad = self._pads.setdefault(number, Pad(self._parameters, self._hand))
             wishes[number] = pad.take(reading, now, heard)
         if self.driver not in wishes or wishes[self.driver].velocity is None:
             self.driver = None

@@ -11,6 +11,7 @@ import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
 
 from txt1.commands import is_loopback
+from txt1.control.hand import Hand
 from txt1.errors import CommandRefused, ConfigError
 from txt1.kernel.clock import RealClock, seconds
 from txt1.record.encoder import Block
@@ -59,16 +60,16 @@ class LiveView:
         port = self._server.port
         self.address = f"ws://[{host}]:{port}" if ":" in host else f"ws://{host}:{port}"
 
-    def drive(self, drive: Drive, radius_min: float) -> None:
+    def drive(self, drive: Drive, hand: Hand) -> None:
         """Hand the velocities that clients ask for to `drive`, in the loop that is running now.
 
-        A car does not turn on the spot: a turn alone is driven forward on the smallest circle, of `radius_min` m.
+        A turn alone is driven as the car can, which `hand` knows.
         """
         loop = asyncio.get_running_loop()
 
         def drive_or_turn(v: float, omega: float, received_ns: int) -> None:
             with suppress(CommandRefused):  # counted by the safety gate
-                drive(v or radius_min * abs(omega), omega, seconds(_CLOCK.now_ns() - received_ns))
+                drive(*hand.on_the_spot(v, omega), seconds(_CLOCK.now_ns() - received_ns))
 
         def asked(v: float, omega: float) -> None:
             with suppress(RuntimeError):  # the loop has just been closed

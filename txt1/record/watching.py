@@ -23,7 +23,5 @@ async def beside(robot: Robot, asked: RecordingAsked) -> AsyncIterator[None]:
     """Let the live view drive, if it may."""
     if asked.view is not None:
         hand = robot.source("view")
-        asked.view.drive(
-            lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), robot.config.geometry.radius_min
-        )
+        asked.view.drive(lambda v, omega, age: hand.command(v, omega, max(0.0, robot.now - age)), robot.config.hand())
     yield

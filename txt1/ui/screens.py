@@ -155,7 +155,7 @@ def _help(viewer: Viewer, width: int, room: int) -> RenderableType:
         ("w s", "drive forwards, backwards"),
         ("a d", "steer left, right while driving; the wheel's side also in reverse"),
         ("", "a key counts for 0.7 s after its last press, then fades in 0.3 s"),
-        ("+ -", "speed of w and s, 0.1 to 1.5 m/s"),
+        ("+ -", "speed of w and s, from 0.1 m/s to the car's fastest"),
         ("← →", "screen: " + ", ".join(installed())),
         ("↑ ↓", "scroll the table of gains"),
         ("c", "joystick centre: controller or manual mode"),

@@ -7,7 +7,7 @@ from typing import Final
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 
-from txt1.hal.base import Capabilities, Outputs
+from txt1.hal.base import Outputs
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import SENSORS, SensorState
 from txt1.tasks import fields
@@ -40,8 +40,6 @@ from txt1.ui.text import (
 from txt1.ui.viewer import Viewer
 
 COUNTS_MAX: Final = 24000  # PWM counts at the end of the range: a pulse of 1 or 2 ms
-V_MAX: Final = 1.5  # m/s, full scale of the bar: what the controller accepts
-OMEGA_MAX: Final = V_MAX / 0.56  # rad/s, full scale of the bar: the tightest bend at full speed, (2.16)
 SPACED: Final = 20  # rows from which PWM and ENCODERS have blank rows
 _NUMBER: Final = Column(right=True)
 
@@ -50,7 +48,7 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
     """PWM for a body of width x rows cells: the six channels and the mode."""
     length = max(11, width - 32)
     spaced = rows >= SPACED
-    outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, Capabilities())
+    outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, fields.UNABLE)
     servos = (snapshot.get(fields.SERVOS) if can.servos else None) or (None, None)
     channels = zip(Outputs._fields, outputs[:5] if can.pwm else (None, None, None, *servos), strict=False)
     cells: list[tuple[str, ...]] = []
@@ -80,13 +78,14 @@ def encoders(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rende
 def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
     odometry, ticks = snapshot.get(ODOMETRY, Odometry()), snapshot.get(ENCODERS, fields.Encoders())
     x, y, theta = snapshot.get(POSE) or (None, None, None)
-    length = max(11, width - 34)
+    length, hand = max(11, width - 34), snapshot.get(fields.CAPABILITIES, fields.UNABLE).hand
+    v_max, omega_max = hand.velocity(hand.v_max, 1.0, 1.0)  # the bars' full scales: the tightest bend at full speed
     motion = (
         ("ticks right", number(ticks.right, 0), "per period"),
         ("ticks left", number(ticks.left, 0), "per period"),
         (),
-        ("v", number(odometry.v, 3), "m/s", centred_bar(odometry.v / V_MAX, length)),
-        ("omega", number(odometry.omega, 3), "rad/s", centred_bar(odometry.omega / OMEGA_MAX, length)),
+        ("v", number(odometry.v, 3), "m/s", centred_bar(odometry.v / v_max, length)),
+        ("omega", number(odometry.omega, 3), "rad/s", centred_bar(odometry.omega / omega_max, length)),
     )
     heading = None if theta is None else degrees(theta)
     pose = (
@@ -144,7 +143,7 @@ def in_force(snapshot: Snapshot) -> int | None:
     """
     loaded, control = snapshot.get(fields.GAIN_TABLE, GainTable()), snapshot.get(SETPOINT)
     sets = loaded.angular.sets
-    if control is None or not snapshot.get(fields.CAPABILITIES, Capabilities()).pwm or not loaded.loaded or not sets:
+    if control is None or not snapshot.get(fields.CAPABILITIES, fields.UNABLE).pwm or not loaded.loaded or not sets:
         return None
     expected = min(bisect_left([s.v_max for s in sets], snapshot.get(ODOMETRY, Odometry()).v), len(sets) - 1)
     equal = [index for index, s in enumerate(sets) if s.gains == control.gains]

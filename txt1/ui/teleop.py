@@ -5,18 +5,18 @@ and then its effect decays within DECAY seconds. Only the last of several held k
 therefore also renews a hold of w or s, or a bend could not be driven.
 
 ``a`` turns the steering wheel left, as in a car: forwards the robot turns left (omega > 0), and in reverse,
-the front wheels still pointing left, its yaw rate is negative. omega = steering * turn * v / R_min, with
-v's sign.
+the front wheels still pointing left, its yaw rate is negative.
 """
 
 from dataclasses import dataclass
 from math import inf
 from typing import Final
 
+from txt1.control.hand import DEFAULT_HAND, Hand
+
 HOLD: Final = 0.7  # s that a key counts as held after its last press
 DECAY: Final = 0.3  # s from the end of the hold to zero
 SPEED_MIN: Final = 0.1
-SPEED_MAX: Final = 1.5
 SPEED_STEP: Final = 0.1  # m/s
 _DRIVE: Final = {"w": 1, "s": -1}
 _STEER: Final = {"a": 1, "d": -1}
@@ -26,16 +26,14 @@ _STEER: Final = {"a": 1, "d": -1}
 class Teleop:
     """Velocity commands from key presses. Times are s of the run.
 
-    `speed` in m/s is that of w and s, which + and - change; `turn` the share, 0 to 1, of the yaw-rate limit
-    abs(v) / R_min, (2.16), that a and d ask for; `radius_min` is R_min, m. A rover that `pivots` turns as fast at rest.
+    `speed` in m/s is that of w and s, which + and - change up to the car's fastest; `hand` has the car's numbers.
     """
 
     speed: float = 0.5
-    turn: float = 0.8
-    radius_min: float = 0.56
-    pivots: bool = False
+    hand: Hand = DEFAULT_HAND
 
     def __post_init__(self) -> None:
+        self.speed = min(self.speed, self.hand.v_max)
         self.release()
 
     def release(self) -> None:
@@ -53,8 +51,8 @@ class Teleop:
             if now - pressed <= HOLD:
                 self._drive = direction, now
         elif key in ("+", "-"):
-            speed = self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP)
-            self.speed = round(min(SPEED_MAX, max(SPEED_MIN, speed)), 1)
+            speed = round(self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP), 1)
+            self.speed = min(self.hand.v_max, max(SPEED_MIN, speed))
         self._active |= key in _DRIVE or key in _STEER
 
     def command(self, now: float) -> tuple[float, float] | None:
@@ -69,5 +67,4 @@ class Teleop:
             for direction, pressed in (self._drive, self._steer)
         )
         self._active = bool(drive or steer)
-        v = self.speed * drive
-        return v, steer * self.turn * (self.speed if self.pivots else v) / self.radius_min
+        return self.hand.velocity(self.speed, drive, self.hand.turn * steer, wheel=True)

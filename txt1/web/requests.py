@@ -10,7 +10,7 @@ import asyncio
 import json
 from collections.abc import Callable, Mapping
 from itertools import chain
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Final
 
 from txt1.web.pages import Page, Pages, now
@@ -146,7 +146,7 @@ def _go(pages: Pages, page: Page, message: Message, present: float) -> None:
     """Drive along points, m, as long as the page says `hold`."""
     points = [[float(x), float(y)] for x, y in message["points"]]
     wanted = float(message.get("speed", 0.5))
-    if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, chain(*points))) and 0.0 < wanted <= 1.5):
+    if not (0 < len(points) <= POINTS_MAX and all(map(isfinite, (wanted, *chain(*points)))) and wanted > 0.0):
         raise ValueError("points or speed")
     if page.player is None and _fresh(page, message, present) is not None:
         if not page.car.wheel.drive(page.number, present):
@@ -169,7 +169,7 @@ def _gains(pages: Pages, page: Page, message: Message, present: float) -> None:
 
 def _limit(pages: Pages, page: Page, message: Message, present: float) -> None:
     limit = float(message["speed"])
-    if _operates(page) and 0.1 <= limit <= 1.5:
+    if _operates(page) and 0.1 <= limit < inf:
         pages.limit = limit
         pages.status()
 

@@ -12,6 +12,7 @@ pytest.importorskip("pygame", reason="pygame-ce is not installed: pip install 't
 
 from tests.unit.gamepad.test_pad import by_chance, does_what_the_manual_says
 from tests.unit.gamepad.virtual_pad import VirtualPad
+from txt1.control.hand import DEFAULT_HAND
 from txt1.gamepad.bridge import Devices
 from txt1.gamepad.command import described, mapping_line, moved
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
@@ -80,7 +81,7 @@ def test_a_pad_does_what_the_manual_says_in_a_thousand_random_sequences(devices:
 
 
 def test_a_pad_that_is_unplugged_is_gone_at_once_and_one_more_is_found(devices: Devices) -> None:
-    pads = Pads(PadParameters(), 0.56)
+    pads = Pads(PadParameters(), DEFAULT_HAND)
     first = VirtualPad()
     pads.take(devices.look(), 0.0)
     first.push("lefty", -1.0)

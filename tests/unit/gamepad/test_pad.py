@@ -9,9 +9,10 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from txt1.gamepad.pad import AXES, BUTTONS, DEAD, HOLD, Pad, PadParameters, Pads, PadState, Wish, velocity
+from txt1.control.hand import DEAD, DEFAULT_HAND
+from txt1.gamepad.pad import AXES, BUTTONS, HOLD, Pad, PadParameters, Pads, PadState, Wish, velocity
 
-R = 0.56
+R = DEFAULT_HAND.radius
 ORIGINAL = PadParameters()
 
 axis = st.floats(-1.0, 1.0) | st.sampled_from([0.0, 1.0, -1.0, DEAD, -DEAD])
@@ -45,7 +46,7 @@ def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, PadState]])
 
 
 def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
-    pad, now = Pad(ORIGINAL, R), 0.0
+    pad, now = Pad(ORIGINAL, DEFAULT_HAND), 0.0
     before: frozenset[str] = frozenset()
     up = False  # the dead-man has been up since the pad came
     since = inf  # when the arm button went down
@@ -79,7 +80,7 @@ def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
 @settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.dictionaries(st.integers(0, 2), readings)), max_size=25))
 def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, PadState]]]) -> None:
-    pads, now, driver = Pads(ORIGINAL, R), 0.0, None
+    pads, now, driver = Pads(ORIGINAL, DEFAULT_HAND), 0.0, None
     stops: dict[int, bool] = {}
     for pause, there in sequence:
         now += pause
@@ -90,7 +91,7 @@ def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float,
             assert "a" in there[pads.driver].buttons
         assert (wish.velocity is None) == (pads.driver is None)
         if pads.driver is not None:
-            assert wish.velocity == velocity(there[pads.driver], ORIGINAL, R)
+            assert wish.velocity == velocity(there[pads.driver], ORIGINAL, DEFAULT_HAND)
         pressed = {number: "b" in reading.buttons for number, reading in there.items()}
         assert wish.stop == any(down and not stops.get(number, False) for number, down in pressed.items())
         stops, driver = pressed, pads.driver
@@ -100,15 +101,19 @@ HELD = PadState(frozenset({"a"}), {"lefty": -1.0})
 
 
 def test_full_deflection_is_the_original_s_speed_and_left_is_left() -> None:
-    assert repr(velocity(HELD, ORIGINAL, R)) == "(1.5, 0.0)"
-    assert velocity(PadState(axes={"lefty": -1.01, "leftx": -1.01}), ORIGINAL, R) == (1.5, 1.5 / R), "a pad that is off"
-    assert velocity(PadState(axes={"lefty": 1.0, "leftx": -1.0}), ORIGINAL, R) == (-1.5, 1.5 / R)
-    assert velocity(PadState(axes={"leftx": -1.0}), ORIGINAL, R) == (0.0, 0.0), "a car does not turn on the spot"
-    assert velocity(PadState(axes={"lefty": nan, "leftx": inf}), ORIGINAL, R) == (0.0, 0.0)
+    assert repr(velocity(HELD, ORIGINAL, DEFAULT_HAND)) == "(1.5, 0.0)"
+    assert velocity(PadState(axes={"lefty": -1.01, "leftx": -1.01}), ORIGINAL, DEFAULT_HAND) == (1.5, 1.5 / R), (
+        "a pad that is off"
+    )
+    assert velocity(PadState(axes={"lefty": 1.0, "leftx": -1.0}), ORIGINAL, DEFAULT_HAND) == (-1.5, 1.5 / R)
+    assert velocity(PadState(axes={"leftx": -1.0}), ORIGINAL, DEFAULT_HAND) == (0.0, 0.0), (
+        "a car does not turn on the spot"
+    )
+    assert velocity(PadState(axes={"lefty": nan, "leftx": inf}), ORIGINAL, DEFAULT_HAND) == (0.0, 0.0)
 
 
 def test_a_dead_man_that_was_down_from_the_first_does_not_count() -> None:
-    pad = Pad(ORIGINAL, R)
+    pad = Pad(ORIGINAL, DEFAULT_HAND)
     assert pad.take(HELD, 0.0, 0.0) == Wish()
     assert pad.take(HELD, 1.0, 1.0) == Wish()
     pad.take(PadState(), 1.1, 1.1)
@@ -116,7 +121,7 @@ def test_a_dead_man_that_was_down_from_the_first_does_not_count() -> None:
 
 
 def test_a_pad_that_reports_all_the_time_is_gone_when_it_is_silent() -> None:
-    pad = Pad(replace(ORIGINAL, silence=0.2), R)
+    pad = Pad(replace(ORIGINAL, silence=0.2), DEFAULT_HAND)
     pad.take(PadState(), 0.0, 0.0)
     assert pad.take(HELD, 0.1, 0.1).velocity is not None
     assert pad.take(HELD, 0.25, 0.1).velocity is not None
@@ -127,13 +132,13 @@ def test_a_pad_that_reports_all_the_time_is_gone_when_it_is_silent() -> None:
 
 
 def test_a_pad_is_silent_only_after_its_time() -> None:
-    pad = Pad(replace(ORIGINAL, silence=0.25), R)
+    pad = Pad(replace(ORIGINAL, silence=0.25), DEFAULT_HAND)
     pad.take(PadState(), 0.0, 0.0)
     assert pad.take(HELD, 0.25, 0.0).velocity is not None
 
 
 def test_the_arm_button_arms_once_when_it_was_held_for_half_a_second() -> None:
-    pad, start = Pad(ORIGINAL, R), PadState(frozenset({"start"}))
+    pad, start = Pad(ORIGINAL, DEFAULT_HAND), PadState(frozenset({"start"}))
     assert [pad.take(start, now, now).arm for now in (1.0, 1.25, 1.484375, 1.5, 1.75, 3.0)] == [
         *[False] * 3,
         True,
@@ -144,7 +149,7 @@ def test_the_arm_button_arms_once_when_it_was_held_for_half_a_second() -> None:
 
 
 def test_a_pad_that_waits_takes_over_only_when_it_is_pressed_anew() -> None:
-    pads = Pads(ORIGINAL, R)
+    pads = Pads(ORIGINAL, DEFAULT_HAND)
     pads.take({1: (PadState(), 0.0), 2: (PadState(), 0.0)}, 0.0)
     pads.take({1: (HELD, 0.1), 2: (PadState(), 0.1)}, 0.1)
     pads.take({1: (HELD, 0.2), 2: (HELD, 0.2)}, 0.2)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from txt1.config.schema import TeleopConfig
+from txt1.control.hand import DEFAULT_HAND
 from txt1.ui.teleop import DECAY, HOLD, Teleop
 
 
@@ -37,7 +38,7 @@ def test_repeats_keep_it_going() -> None:
 
 
 def test_steering_keeps_driving_alive_because_only_the_last_key_repeats() -> None:
-    teleop = Teleop(speed=0.5, turn=0.8)
+    teleop = Teleop(speed=0.5)
     teleop.key("w", 0.0)
     for i in range(1, 20):
         teleop.key("a", 0.2 * i)
@@ -95,7 +96,7 @@ def test_release_lets_go_at_once() -> None:
     assert teleop.command(0.0) is None
 
 
-@pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.5), (2.0, 0.5), (float("nan"), 0.5), (0.5, 1.1)])
+@pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.5), (20.0, 0.5), (float("nan"), 0.5), (0.5, 1.1)])
 def test_impossible_settings_are_refused(speed: float, turn: float) -> None:
     with pytest.raises(ValueError):
         TeleopConfig(speed=speed, turn=turn)
@@ -107,7 +108,7 @@ presses = st.lists(st.tuples(st.sampled_from("wasd+-x"), st.floats(0.0, 1.0)), m
 @settings(max_examples=60)
 @given(presses, st.floats(0.1, 1.5), st.floats(0.0, 1.0))
 def test_no_sequence_of_keys_exceeds_the_limits(keys: list[tuple[str, float]], speed: float, turn: float) -> None:
-    teleop = Teleop(speed, turn)
+    teleop = Teleop(speed, DEFAULT_HAND._replace(turn=turn))
     now = 0.0
     for key, pause in keys:
         now += pause

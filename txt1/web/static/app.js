@@ -56,7 +56,11 @@ function telemetry(snapshot) {
   if (snapshot.name !== know.name || snapshot.time < know.time - 1) forget()
   know.time = snapshot.time
   know.name = snapshot.name
-  if ("/capabilities" in snapshot.topics) know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
+  if ("/capabilities" in snapshot.topics) {
+    know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
+    drive.hand = know.topics["/capabilities"]?.hand ?? null
+    limitSpeed()
+  }
   else Object.assign(know.topics, snapshot.topics)
   for (const { time, text } of snapshot.topics["/events"] ?? []) {
     if (/^episode \d+: /.test(text)) know.learning.episodes.set(`${time} ${text}`, text)
@@ -114,9 +118,7 @@ function message({ page, told, files }) {
     const before = know.page
     know.page = page
     if (page.number !== before.number) subscribe()
-    const limit = page.limit ?? 1.5
-    $("speed").max = limit
-    if (drive.speed > limit) setSpeed(limit)
+    limitSpeed()
     robots()
   }
   if (files) know.files = files
@@ -234,6 +236,13 @@ function setSpeed(value) {
   drive.speed = value
   $("speed").value = value
   $("speed-value").textContent = $("speed").ariaValueText = `${value.toFixed(1)} m/s`
+}
+
+// No faster than the car, nor than this page may drive it.
+function limitSpeed() {
+  const limit = Math.min(know.page.limit ?? Infinity, drive.hand?.v_max ?? Infinity)
+  if (limit < Infinity) $("speed").max = limit
+  if (drive.speed > limit) setSpeed(limit)
 }
 
 function changeSpeed(by) {

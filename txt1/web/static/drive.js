@@ -1,41 +1,33 @@
 // Driving by stick, keys and gamepad: each is a dead-man, and whatever takes the page out of sight lets go of all of them.
 
+import { Gamepad } from "./gamepad.js"
+import { axes, shaped, velocity } from "./hand.js"
+
 const PERIOD = 40  // ms between two commands
 const STALL = 200  // ms without a turn after which nobody knows what the hand wanted meanwhile
 const DEAF = 400  // ms without telemetry after which the robot may long have stopped: it does not go on by itself
-const RADIUS = 0.56  // m, the smallest circle
-const TURN = 0.8  // share of the largest yaw rate that a and d ask for
-const DEAD = 0.08  // share of a stick's way around its middle that counts as none
 const HOLD = 500  // ms that arming takes
-const DEAD_MAN = 0, STOP = 1, ARM = 9, TRIGGER = 7  // buttons of a standard gamepad: A, B, start, right trigger
 const KEYS = { w: "w", a: "a", s: "s", d: "d", ArrowUp: "w", ArrowLeft: "a", ArrowDown: "s", ArrowRight: "d" }
-
-export function shaped(value) {
-  const size = Math.min(1, Math.max(0, (Math.abs(value) - DEAD) / (1 - DEAD)))
-  return Math.sign(value) * size
-}
-
-// The original's rule: v by one axis, omega = |v| / R times the other; ahead and left are positive.
-export function velocity(ahead, left, speed) {
-  const v = shaped(ahead) * speed
-  return { v, omega: Math.abs(v) / RADIUS * shaped(left) || 0 }
-}
 
 export class Drive {
   #pointer = null  // {id, ahead, left} while the stick is held
   #keys = new Set()
-  #pad = { ready: false, stopped: false, arming: 0 }
+  #pad = new Gamepad({ stop: () => this.stop(), arm: () => this.link.command({ do: "arm" }) })
   #active = false
   #last = performance.now()
   #route = false
   speed = 0.5
+  hand = null  // the car's numbers for the hand rule; until the robot has told them, nothing drives
 
   // `elements`: stick, knob, arm; `changed` is told by what the page drives
   constructor(link, elements, changed) {
     this.link = link
     this.elements = elements
     this.changed = changed
-    this.#listen()
+    this.#listenToStick()
+    this.#listenToArm()
+    this.#listenToKeys()
+    this.#listenToPage()
     setInterval(() => this.#tick(), PERIOD)
   }
 
@@ -65,45 +57,20 @@ export class Drive {
 
   get driving() { return this.#active || this.#route }
 
-  #command() {
-    if (this.#pointer) return velocity(this.#pointer.ahead, this.#pointer.left, this.speed)
-    if (this.#keys.size) {
-      const has = (key) => (this.#keys.has(key) ? 1 : 0)
-      const v = (has("w") - has("s")) * this.speed
-      return { v, omega: (has("a") - has("d")) * TURN * v / RADIUS || 0 }
-    }
-    return this.#gamepad()
-  }
-
-  #gamepad() {
-    const pad = [...(navigator.getGamepads?.() ?? [])].find((each) => each?.connected && each.mapping === "standard")
-    if (!pad || document.hidden || !document.hasFocus()) {
-      this.#pad.ready = false
-      return null
-    }
-    const pressed = (button) => pad.buttons[button]?.pressed ?? false
-    if (pressed(STOP) && !this.#pad.stopped) this.stop()
-    this.#pad.stopped = pressed(STOP)
-    if (pressed(ARM)) this.#pad.arming ||= performance.now()
-    else this.#pad.arming = 0
-    if (this.#pad.arming > 0 && performance.now() - this.#pad.arming >= HOLD) {
-      this.#pad.arming = -1  // once
-      this.link.command({ do: "arm" })
-    }
-    if (!pressed(DEAD_MAN)) {
-      this.#pad.ready = true
-      return null
-    }
-    if (!this.#pad.ready) return null
-    const pull = pad.buttons[TRIGGER]?.value ?? 0
-    return velocity(pull > DEAD ? pull : -pad.axes[1], -pad.axes[0], this.speed)
+  // What a hand holds: both axes, and whether left is that of a steering wheel; null where it holds nothing.
+  #held() {
+    if (this.#pointer) return { ahead: shaped(this.#pointer.ahead), left: shaped(this.#pointer.left) }
+    if (!this.#keys.size) return this.#pad.look()
+    const has = (key) => (this.#keys.has(key) ? 1 : 0)
+    return { ahead: has("w") - has("s"), left: (has("a") - has("d")) * this.hand?.turn, wheel: true }
   }
 
   #tick() {
     const now = performance.now()
     if (this.driving && (now - this.#last > STALL || now - this.link.heard > DEAF)) this.letGo()
     this.#last = now
-    const command = this.#command()
+    const held = this.#held()
+    const command = held && this.hand && velocity(this.hand, this.speed, held.ahead, held.left, held.wheel)
     if (command) {
       this.#route = false
       this.#active = true
@@ -120,12 +87,7 @@ export class Drive {
   #show(command = null) {
     const { stick, knob } = this.elements
     const reach = stick.clientWidth / 2 - knob.clientWidth / 2
-    let ahead = 0, left = 0
-    if (this.#pointer) ({ ahead, left } = this.#pointer)
-    else if (command && this.speed) {
-      ahead = command.v / this.speed
-      left = command.v ? command.omega * RADIUS / Math.abs(command.v) : 0
-    }
+    const { ahead, left } = this.#pointer ?? (command ? axes(this.hand, this.speed, command) : { ahead: 0, left: 0 })
     knob.style.transform = `translate(${-left * reach}px, ${-ahead * reach}px)`
     stick.classList.toggle("held", command !== null)
     this.changed(this.#pointer ? "stick" : this.#keys.size ? "keys" : command ? "gamepad" : this.#route ? "route" : "")
@@ -140,8 +102,8 @@ export class Drive {
     }, HOLD)
   }
 
-  #listen() {
-    const { stick, knob, arm } = this.elements
+  #listenToStick() {
+    const { stick, knob } = this.elements
     const place = (event) => {
       const box = stick.getBoundingClientRect()
       const reach = box.width / 2 - knob.clientWidth / 2
@@ -169,7 +131,10 @@ export class Drive {
       })
     }
     stick.addEventListener("contextmenu", (event) => event.preventDefault())
+  }
 
+  #listenToArm() {
+    const { arm } = this.elements
     arm.addEventListener("pointerdown", (event) => {
       if (event.button) return
       if (arm.dataset.armed) this.link.send({ do: "disarm" })
@@ -179,7 +144,9 @@ export class Drive {
       arm.addEventListener(kind, () => this.#holdArm(false))
     }
     arm.addEventListener("contextmenu", (event) => event.preventDefault())
+  }
 
+  #listenToKeys() {
     addEventListener("keydown", (event) => {
       if (event.key === " " && !typing(event.target)) {
         event.preventDefault()
@@ -193,7 +160,7 @@ export class Drive {
       if (key) {
         this.#keys.add(key)
         this.#tick()
-      } else if (event.key === "m" && !arm.dataset.armed) this.#holdArm(true)
+      } else if (event.key === "m" && !this.elements.arm.dataset.armed) this.#holdArm(true)
       else if (event.key === "+" || event.key === "-") this.elements.speed(event.key === "+" ? 0.1 : -0.1)
     })
     addEventListener("keyup", (event) => {
@@ -201,7 +168,9 @@ export class Drive {
       if (key && this.#keys.delete(key)) this.#tick()
       if (event.key === "m") this.#holdArm(false)
     })
+  }
 
+  #listenToPage() {
     for (const kind of ["blur", "pagehide"]) addEventListener(kind, () => this.letGo())
     for (const kind of ["visibilitychange", "freeze"]) {
       document.addEventListener(kind, () => {
