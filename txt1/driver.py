@@ -1,6 +1,6 @@
 """The driver: the host's half of driving. It sends the set-point of whoever drives to the board, 20 times a second."""
 
-from math import inf, isfinite, nan
+from math import isfinite, nan
 from typing import Final
 
 from txt1.control.commander import Commander, Driver
@@ -79,12 +79,11 @@ class CommandSource:
         wheel = self._wheel
         now = wheel.runtime.now
         given = now if time is None else time
-        if not (type(v) is type(omega) is float and -inf < v + omega < inf):  # seldom
-            try:
-                v, omega = finite("velocity command", v=v, omega=omega)
-            except CommandRefused:
-                wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
-                raise
+        try:
+            v, omega = finite("velocity command", v=v, omega=omega)
+        except CommandRefused:
+            wheel.runtime.post(Velocity(nan, nan), now)  # the gate counts it
+            raise
         try:
             taken = wheel.commander.command(self.name, v, omega, given, now)
         except ValueError as error:

@@ -89,17 +89,6 @@ class Commander:
         Raises ValueError: a number is not finite, or `time` lies in the future.
         """
         source, moves = self._sources[name], v != 0.0 or omega != 0.0
-        if (
-            source is self._driver
-            and moves
-            and -inf < v + omega < inf
-            and source.spoke <= time <= now
-            and source.held <= time
-            and now - source.held <= source.timeout + 1e-9
-        ):  # it drives on: what follows would do the same
-            source.spoke = source.held = time
-            self._setpoint = SetPoint(v, omega, time)
-            return True
         if not (isfinite(v) and isfinite(omega) and isfinite(time) and time <= now + SKEW):
             raise ValueError(f"v={v!r}, omega={omega!r}, given at {time!r} s: finite numbers, and no later than now")
         driver = self._driver_at(now)

@@ -22,10 +22,10 @@ class AcknowledgedGains:
         self.missing = False
         self._frame: bytes | None = None
         self._answered: Callable[[bool], None]
-        self._due = -inf  # of the run
+        self._due: float  # of the run, once there is a line
         self._heal_due = inf  # of the loop
         self._asked = False  # sent, and not answered yet
-        self._rejections = 0
+        self._rejections: int
 
     def load(self, frame: bytes, answered: Callable[[bool], None]) -> None:
         """Send this PID set from now on."""
