@@ -18,9 +18,9 @@ from time import sleep
 from typing import Final
 
 from benchmarks.rounds import table
-from txt1.cli.workers import Cluster, Workers
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.kernel.processors import processors
+from txt1.trials.workers import Cluster, Workers
 
 PLACE: Final = "tcp://127.0.0.1:18787"
 EMPTY: Final = 1000  # trials that do nothing

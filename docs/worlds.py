@@ -15,6 +15,7 @@ from typing import Any, Final
 from rigs import page_parts
 from studies.learners import suite
 from studies.learners.__main__ import main as study
+from txt1.learning.experiment import LEARNED
 
 HERE: Final = Path(__file__).parent
 WORLDS: Final = HERE.parent / "config" / "worlds"
@@ -64,7 +65,7 @@ def losses(results: Sequence[dict[str, Any]]) -> str:
     return (
         f"Above {NEAR:g} times its floor: {', '.join(named[:lost]) or 'none'}. Within that: {len(every) - lost} of "
         f"{len(every)} worlds, the farthest of them {', '.join(named[lost : lost + SHOWN])}. Of all {count} episodes "
-        f"after the {suite.LEARNED}th {failed} failed, of those before {before}.\n"
+        f"after the {LEARNED}th {failed} failed, of those before {before}.\n"
     )
 
 
@@ -85,8 +86,8 @@ def thesis(result: dict[str, Any]) -> str:
     """What many trials in the thesis's world came to."""
     one = suite.figures(result)
     return (
-        f"After the {suite.LEARNED}th episode {one['failures']} of {one['episodes']} failed, before it "
-        f"{one['failures_before']} of {suite.LEARNED * result['trials']}; {one['to_floor']:.4f} times the floor "
+        f"After the {LEARNED}th episode {one['failures']} of {one['episodes']} failed, before it "
+        f"{one['failures_before']} of {LEARNED * result['trials']}; {one['to_floor']:.4f} times the floor "
         f"({one['to_floor_95'][0]:.4f} to {one['to_floor_95'][1]:.4f}), {one['to_optimum']:.3f} times the optimum; "
         f"at the second repetition {one['to_optimum_at_2']:.3f} times the optimum. {source([result])}.\n"
     )

@@ -6,7 +6,6 @@ A run that breaks one is cut down to the fewest faults that still do; a command 
 import argparse
 import asyncio
 import hashlib
-import json
 import re
 import sys
 from collections import Counter, defaultdict
@@ -17,10 +16,11 @@ from typing import Any, Final, NamedTuple
 from torture import page
 from torture.strikes import KINDS, STRIKES, Strike, plan
 from torture.struck_robot import Desk, on_the_desk
-from txt1.cli.workers import OPTIONS, progress, workers_of
-from txt1.commands import add, signals_to
+from txt1.commands import OK, add
+from txt1.kernel import loop
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
-from txt1.kernel.loop import run
+from txt1.trials.run import Rows, run
+from txt1.trials.workers import OPTIONS, workers_of
 
 ROOT: Final = Path(__file__).parents[1]
 DURATION: Final = 20.0  # s of a run
@@ -48,7 +48,7 @@ def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURA
 
     broken = ""
     try:
-        run(on_the_desk(kind, seed, duration, act), speed="max")
+        loop.run(on_the_desk(kind, seed, duration, act), speed="max")
     except Exception as error:
         cause = error.__cause__ or error
         broken = f"{type(cause).__name__}: {cause}"
@@ -56,15 +56,15 @@ def once(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURA
     return Result(broken, cycles, moving)
 
 
-def struck(text: str) -> str:
+def struck(told: tuple[str, int, float]) -> dict[str, Any]:
     """One run of a campaign by its kind, seed and duration, and what came of it with the fewest faults; JSON both."""
-    kind, seed, duration = json.loads(text)
+    kind, seed, duration = told
     strikes = plan(kind, seed, duration)
     result = once(kind, seed, strikes, duration)
     row = {"kind": kind, "seed": seed, "strikes": [each.name for each in strikes], **result._asdict()}
     if result.broken:
         row["only"] = shortest(kind, seed, strikes, duration)
-    return json.dumps(row)
+    return row
 
 
 def shortest(kind: str, seed: int, strikes: Sequence[Strike], duration: float = DURATION) -> list[int]:
@@ -112,36 +112,32 @@ def main(words: Sequence[str] | None = None) -> int:
     if options.seed is not None:
         return _again(options.kind or KINDS[0], options.seed, options.only, options.duration)
     code = sources()
-    done = {(row["kind"], row["seed"]): row for row in kept_rows(options.kept, code)}
+    rows = Rows(options.kept)
+    done = {(row["kind"], row["seed"]): row for row in rows.read() if row["code"] == code}
     began = stopwatch_ns()
-    options.kept.parent.mkdir(parents=True, exist_ok=True)
     broken = sum(bool(row["broken"]) for row in done.values())
     everything = ((PATTERN[seed % len(PATTERN)], seed) for seed in range(options.runs))
-    missing = {
-        seed: json.dumps([kind, seed, options.duration]) for kind, seed in everything if (kind, seed) not in done
-    }
-    came: list[int] = []
+    missing = {seed: [kind, seed, options.duration] for kind, seed in everything if (kind, seed) not in done}
 
-    def ended() -> bool:
-        late = options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes
-        return bool(came) or late
+    def late() -> bool:
+        return options.minutes is not None and (stopwatch_ns() - began) / NS_PER_S > 60.0 * options.minutes
 
-    with signals_to(lambda number, _: came.append(number)), options.kept.open("a") as rows:
-        for seed, text in workers_of(options).each(struck, missing, ended):
-            row = {"code": code, **json.loads(text)}
-            if row["broken"]:
-                broken += 1
-                strikes = plan(row["kind"], seed, options.duration)
-                print(f"{row['broken']}\n  {command(row['kind'], seed, row['only'], options.duration)}", flush=True)
-                for k in row["only"]:
-                    print(f"  {k}: {strikes[k]}", flush=True)
-            print(json.dumps(row), file=rows, flush=True)
-            done[row["kind"], seed] = row
-            progress(len(done), options.runs)
-            if len(done) % 200 == 0:
-                print(f"{len(done)} runs, {broken} broken, {(stopwatch_ns() - began) / NS_PER_S:.0f} s", flush=True)
-    if came:
-        return 128 + came[0]
+    def keep(seed: int, row: dict[str, Any]) -> None:
+        nonlocal broken
+        if row["broken"]:
+            broken += 1
+            strikes = plan(row["kind"], seed, options.duration)
+            print(f"{row['broken']}\n  {command(row['kind'], seed, row['only'], options.duration)}", flush=True)
+            for k in row["only"]:
+                print(f"  {k}: {strikes[k]}", flush=True)
+        done[row["kind"], seed] = {"code": code, **row}
+        rows.add(done[row["kind"], seed])
+        if len(done) % 200 == 0:
+            print(f"{len(done)} runs, {broken} broken, {(stopwatch_ns() - began) / NS_PER_S:.0f} s", flush=True)
+
+    ended = run(struck, missing, workers_of(options), keep, bar="campaign", until=late)
+    if ended != OK:
+        return ended
     text = table(list(done.values()))
     print(text)
     if options.page:
@@ -165,12 +161,6 @@ def _again(kind: str, seed: int, only: str | None, duration: float) -> int:
     result = once(kind, seed, strikes, duration)
     print(result.broken or f"held: {result.moving} of {result.cycles} cycles in motion")
     return 1 if result.broken else 0
-
-
-def kept_rows(file: Path, code: str) -> list[dict[str, Any]]:
-    """What came out so far, with the sources as they are."""
-    rows = map(json.loads, file.read_text().splitlines()) if file.exists() else ()
-    return [row for row in rows if row["code"] == code]
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

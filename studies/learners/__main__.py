@@ -2,8 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,11 @@ from studies.learners.floor import floor_of
 from studies.learners.suite import Each
 from txt1 import cli
 from txt1.cli.options import CONFIGURATION, SEED, VEHICLE, loaded
-from txt1.cli.workers import OPTIONS, workers_of
-from txt1.commands import OK, add_actions, busy, count, flag, names, path, say, signals_to, takes, unused
+from txt1.commands import OK, add_actions, busy, count, flag, names, path, say, takes, unused
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.trial import starts, task_of
+from txt1.trials.run import run
+from txt1.trials.workers import OPTIONS, workers_of
 
 TRIALS = {
     "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
@@ -76,12 +76,12 @@ def worlds(arguments: argparse.Namespace) -> int:
 
     lines = len(arguments.agent) * len(some)
     say(f"a line a learner and world, {lines} in all; Ctrl-C ends it, --out {out} --resume carries on")
-    with _elsewhere(arguments) as (each, came):
-        suite.run_all(
-            some, arguments.agent, arguments.trials, arguments.episodes, config.seed, out, each, arguments.resume, tell
-        )
+    _, code = suite.run_all(
+        some, arguments.agent, arguments.trials, arguments.episodes, config.seed, out, _each(arguments),
+        arguments.resume, tell,
+    )  # fmt: skip
     say(f"the table is in {out / 'table.md'}, the raw results beside it")
-    return 128 + came[0] if came else OK
+    return code
 
 
 def contenders(arguments: argparse.Namespace) -> int:
@@ -91,20 +91,17 @@ def contenders(arguments: argparse.Namespace) -> int:
     def tell(line: dict[str, Any]) -> None:
         print(f"{line['contender']:<10} trial {line['trial']:<4} {compare.told(line)}", flush=True)
 
-    with _elsewhere(arguments) as (each, came):
-        compare.compare(file, arguments.agent, config, arguments.trials, arguments.episodes, config.seed, each, tell)
+    _, code = compare.compare(
+        file, arguments.agent, config, arguments.trials, arguments.episodes, config.seed, _each(arguments), tell
+    )
     print(file.with_suffix(".md").read_text(encoding="utf-8"))
     say(f"raw results in {file}, the table and a figure beside it")
-    return 128 + came[0] if came else OK
+    return code
 
 
-@contextmanager
-def _elsewhere(arguments: argparse.Namespace) -> Iterator[tuple[Each, list[int]]]:
-    """Do work where it was asked for, until it is done or a signal has come, which then is in the list."""
-    came: list[int] = []
-    machines = workers_of(arguments)
-    with signals_to(lambda number, _: came.append(number)):
-        yield lambda work, texts: machines.each(work, texts, lambda: bool(came)), came
+def _each(arguments: argparse.Namespace) -> Each:
+    """Return the runner of trials, where they were asked to be done."""
+    return lambda work, trials, keep: run(work, trials, workers_of(arguments), keep)
 
 
 ACTIONS = {

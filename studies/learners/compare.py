@@ -30,9 +30,11 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault, MissingExtra
 from txt1.learning.agents import LEARNERS, make
 from txt1.learning.best_time import known_floor
-from txt1.learning.provenance import provenance
+from txt1.learning.experiment import LEARNED
 from txt1.learning.qtable import replace_file
 from txt1.learning.trial import starts, stream, task_of
+from txt1.trials.provenance import provenance
+from txt1.trials.run import Rows
 
 FORMAT: Final = "txt1 comparison"
 TRAINED: Final = ("ppo", "dqn")  # of Stable-Baselines3
@@ -43,14 +45,13 @@ VARIANTS: Final[dict[str, tuple[str, dict[str, Any]]]] = {  # contenders that ar
 ALL: Final = ("thesis", "thesis-10", "sweeps", "pilot", "neural", "taxis", *TRAINED)
 CHECKPOINTS: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10_000.0, 20_000.0)  # s driven
 TRAIN, TEST = 7, 8  # mark streams of random values
-LEARNED: Final = 7  # episodes after which a learner is judged
 SKILL: Final = 10  # episodes in a row that have to succeed, in so many times their floors together:
 SKILLED: Final = 1.25
 RESAMPLES: Final = 1000  # of the trials, for an interval of 95 %
 COLUMNS: Final = ("time_s", "success", "optimal_time_s", "floor_s")
 
 Line = dict[str, Any]
-Rows = NDArray[np.float64]  # of episodes, by COLUMNS
+Episodes = NDArray[np.float64]  # by COLUMNS, shape (episodes, 4)
 
 
 def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Line:
@@ -90,19 +91,19 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     return {**line, "curve": curve}
 
 
-def run_text(text: str) -> str:
-    """As `run`: its arguments and its result as JSON."""
-    name, number, config, episodes, seed = json.loads(text)
-    return json.dumps(run(name, number, Config.model_validate(config), episodes, seed), separators=(",", ":"))
+def run_told(told: Sequence[Any]) -> Line:
+    """As `run`: its arguments, and its result, as JSON values."""
+    name, number, config, episodes, seed = told
+    return run(name, number, Config.model_validate(config), episodes, seed)
 
 
 def compare(
     file: Path, names: Sequence[str], config: Config, count: int, episodes: int, seed: int, each: Each,
     tell: Callable[[Line], None] = lambda line: None,
-) -> list[Line]:  # fmt: skip
+) -> tuple[list[Line], int]:  # fmt: skip
     """Do the trials that the file does not hold yet, write each as it is done, then table and figure; all lines.
 
-    `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
+    `each` is `txt1.trials.run.run` with its workers; its exit code comes with the lines.
 
     A file that other code began is carried on, as contenders change one by one; each line has the hash of its code, and
     the table tells of all.
@@ -117,37 +118,34 @@ def compare(
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
     told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
-    lines = _begun(file, {**head, "provenance": provenance()})
+    rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance()})
     done = {(line["contender"], line["trial"]) for line in lines}
-    missing = [
-        (name, number) for number in range(1, count + 1) for name in names
-        if (name, number) not in done and (name not in TRAINED or number <= LONG)
-    ]  # fmt: skip
     whole = config.model_dump(mode="json")
-    texts = {number: json.dumps([*pair, whole, episodes, seed]) for number, pair in enumerate(missing)}
-    with file.open("a", encoding="utf-8") as kept:
-        for _, text in each(run_text, texts):
-            line = json.loads(text)
-            print(text, file=kept, flush=True)
-            lines.append(line)
-            tell(line)
+    missing = {
+        (name, number): [name, number, whole, episodes, seed] for number in range(1, count + 1) for name in names
+        if (name, number) not in done and (name not in TRAINED or number <= LONG)
+    }  # fmt: skip
+
+    def keep(_: tuple[str, int], line: Line) -> None:
+        rows.add(line)
+        lines.append(line)
+        tell(line)
+
+    code = each(run_told, missing, keep)
     report(file)
-    return lines
+    return lines, code
 
 
 def _begun(file: Path, head: Line) -> list[Line]:
     """The lines of a file that is to be carried on; a new one gets its first line."""
     if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(file, json.dumps(head) + "\n")
+        Rows(file).add(head)
         return []
     before, lines = read(file)
     known = {**before, "config": _as_today(before.get("config"))}
     for key in ("format", "seed", "episodes", "config"):
         if known.get(key) != json.loads(json.dumps(head[key])):
             raise ConfigError(f"{file}: was begun with another {key}; repeat that, or give another file")
-    whole = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
-    replace_file(file, json.dumps(before) + "\n" + whole)  # without a line that was cut off
     return lines
 
 
@@ -161,27 +159,17 @@ def _as_today(config: Any) -> Any:
 
 
 def read(file: Path) -> tuple[Line, list[Line]]:
-    """The first line of a raw file, and all others; one that was cut off at the end is left out."""
-    texts = file.read_text(encoding="utf-8").splitlines()
-    try:
-        head = json.loads(texts[0])
-        assert head["format"] == FORMAT
-    except (IndexError, ValueError, KeyError, TypeError, AssertionError):
+    """The first line of a raw file, and all others; one that was cut off is left out."""
+    head, *lines = Rows(file).read() or [None]
+    if not (isinstance(head, dict) and head.get("format") == FORMAT):
         raise ConfigError(f"{file}: is no comparison of this program; give another file") from None
-    lines = []
-    for number, text in enumerate(texts[1:], 2):
-        try:
-            lines.append(json.loads(text))
-        except ValueError:
-            if number < len(texts):
-                raise ConfigError(f"{file}: line {number} is damaged; delete it") from None
     return head, lines
 
 
 # -- figures --------------------------------------------------------------------------------------------------------
 
 
-def judged(lines: Sequence[Line]) -> list[Rows]:
+def judged(lines: Sequence[Line]) -> list[Episodes]:
     """The episodes by which each trial of a contender is judged: after the 7th, or at the last checkpoint."""
     found = []
     for line in lines:

@@ -24,13 +24,13 @@ from txt1.config.sources import with_values
 from txt1.errors import ConfigError, LightFault
 from txt1.learning.agents import make
 from txt1.learning.best_time import Floor, known_floor
-from txt1.learning.provenance import provenance
+from txt1.learning.experiment import LEARNED
 from txt1.learning.qtable import replace_file
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Episode
+from txt1.trials.provenance import provenance
 
 FORMAT: Final = "txt1 world result"
-LEARNED: Final = 7  # episodes after which a learner is judged
 DRAWN: Final = 4  # worlds drawn by a seed
 STAGES: Final = 4  # floors are computed for so many stages of a world that drifts
 BLOCK: Final = 100  # trials that are done side by side, by one processor, and kept when all is ended and carried on
@@ -51,7 +51,7 @@ RANGES: Final = {
 }
 
 
-Each = Callable[[Callable[[str], str], Mapping[int, str]], Iterable[tuple[int, str]]]
+Each = Callable[[Callable[[Any], Any], Mapping[Any, Any], Callable[[Any, Any], None]], int]
 
 
 class SuiteWorld(NamedTuple):
@@ -151,25 +151,24 @@ def _row(one: Episode, floor: Floor) -> list[float]:
     return [round(float(value), 6) for value in values]
 
 
-def run_text(text: str) -> str:
-    """As `run`: its arguments and its result as JSON."""
-    name, config, *rest = json.loads(text)
-    return json.dumps(run(SuiteWorld(name, Config.model_validate(config)), *rest))
+def run_told(told: Sequence[Any]) -> dict[str, Any]:
+    """As `run`: its arguments, and its result, as JSON values."""
+    name, config, *rest = told
+    return run(SuiteWorld(name, Config.model_validate(config)), *rest)
 
 
 def run_all(
     some: Sequence[SuiteWorld], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, each: Each,
     resume: bool, tell: Callable[[dict[str, Any]], None],
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> tuple[list[dict[str, Any]], int]:  # fmt: skip
     """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done.
 
-    `each` has a function from text to text do its work on texts by number, wherever, and gives results as they come.
+    `each` is `txt1.trials.run.run` with its workers; its exit code comes with the results.
     """
     sizes = [min(BLOCK, count - done) for done in range(0, count, BLOCK)]
     results: list[dict[str, Any]] = []
     blocks: dict[Path, dict[int, dict[str, Any]]] = {}
-    missing: list[tuple[Path, int]] = []
-    texts: dict[int, str] = {}
+    missing: dict[tuple[Path, int], list[Any]] = {}
     for agent in agents:
         for world in some:
             path = out / agent / f"{world.name}.json"
@@ -182,24 +181,26 @@ def run_all(
                     blocks[path][k] = _before(_part(path, k), size, episodes, seed, resume)
                     continue
                 config = world.config.model_dump(mode="json")
-                texts[len(missing)] = json.dumps([world.name, config, agent, 1 + k * BLOCK, size, episodes, seed])
-                missing.append((path, k))
+                missing[path, k] = [world.name, config, agent, 1 + k * BLOCK, size, episodes, seed]
             if len(blocks[path]) == len(sizes):  # more trials were asked for before, and ended
                 results.append(_joined(path, blocks[path]))
     out.mkdir(parents=True, exist_ok=True)
-    for number, text in each(run_text, texts):
-        path, k = missing[number]
+
+    def keep(place: tuple[Path, int], block: dict[str, Any]) -> None:
+        path, k = place
         path.parent.mkdir(exist_ok=True)
-        blocks[path][k] = json.loads(text)
+        blocks[path][k] = block
         if len(blocks[path]) < len(sizes):
-            replace_file(_part(path, k), text + "\n")
-            continue
+            replace_file(_part(path, k), json.dumps(block) + "\n")
+            return
         results.append(_joined(path, blocks[path]))
         tell(results[-1])
+
+    code = each(run_told, missing, keep)
     places = [(agent, world.name) for agent in agents for world in some]
     results.sort(key=lambda one: places.index((one["agent"], one["world"])))
     replace_file(out / "table.md", table(results))
-    return results
+    return results, code
 
 
 def _part(path: Path, k: int) -> Path:

@@ -23,7 +23,6 @@ from benchmarks.table_5_3 import TABLE_5_3
 from tests.e2e.conftest import ENDLESS
 from tests.patience import LIMIT, wait_until
 from txt1.cli import execute
-from txt1.cli.workers import Workers
 from txt1.config import load
 from txt1.errors import LightFault, TaskFault
 from txt1.hal.registry import create_sim
@@ -32,7 +31,6 @@ from txt1.learning import experiment, qtable
 from txt1.learning.agents import make
 from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
-from txt1.learning.provenance import code_hash
 from txt1.learning.qtable import StoredTable
 from txt1.learning.task import EPISODES, LearningTask
 from txt1.learning.trial import Episode, Phase, Trial, starts, task_of
@@ -40,6 +38,8 @@ from txt1.navigation import wheel_pose
 from txt1.robot import Robot
 from txt1.sensors.light import SimulatedLight
 from txt1.sim.lamp import LightSensors, PointLight, SensorFault, noise_for_jitter
+from txt1.trials.provenance import code_hash
+from txt1.trials.workers import Workers
 
 CONFIG = load().config
 SMALL = load(overrides=["learning.boundary=2.5"]).config

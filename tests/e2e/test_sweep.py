@@ -1,12 +1,9 @@
 """A sweep: every combination of some settings on many processors, into one table, the same wherever it is made."""
 
 import json
-import os
-import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,8 +13,6 @@ from studies.learners.__main__ import main as study
 from tests.patience import wait_until
 from torture.campaign import main as campaign
 from txt1.cli import execute
-from txt1.cli.workers import Cluster, on_dask, on_processes
-from txt1.errors import ConfigError
 from txt1.experiments.command.sweep import combinations, write_table
 
 RUN = ["--", "run", "--json", "--speed", "max", "--drive", "0.4,0.2", "--duration", "3"]
@@ -67,43 +62,6 @@ def test_a_sweep_goes_on_where_it_was_and_the_table_is_the_same(
 @pytest.mark.parametrize("words", [["seed=", *RUN], ["seed=1..2"], RUN])
 def test_a_sweep_of_nothing_is_refused(words: list[str], tmp_path: Path) -> None:
     assert execute(["sweep", "--out", str(tmp_path), *words]) == 2
-
-
-def test_beyond_loopback_a_cluster_has_tls() -> None:
-    pytest.importorskip("distributed", reason="Dask is not installed: the extra 'dask'")
-    with pytest.raises(ConfigError, match="over TLS only"):
-        list(on_dask(str, {}, Cluster("tcp://10.0.0.1:8786"), bool))
-    with pytest.raises(ConfigError, match="add --dask-ca"):
-        list(on_dask(str, {}, Cluster("tls://10.0.0.1:8786"), bool))
-
-
-def killed_at_first(text: str) -> str:
-    """A trial whose process is killed the first time that it is done."""
-    mark = Path(json.loads(text))
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return json.dumps(mark.name)
-
-
-def test_a_trial_whose_process_is_killed_is_done_again(tmp_path: Path) -> None:
-    trials = {number: json.dumps(str(tmp_path / f"trial{number}")) for number in range(2)}
-    results = dict(on_processes(killed_at_first, trials, 1, lambda: False))
-    assert results == {0: '"trial0"', 1: '"trial1"'}
-
-
-def hours(text: str) -> str:
-    """A trial that looks at nothing while it computes: says in a file that it has begun, and goes on for an hour."""
-    Path(json.loads(text)).touch()
-    threading.Event().wait()
-    return ""
-
-
-def test_a_trial_that_does_not_look_whether_it_is_to_end_does_not_hold_up_ctrl_c(tmp_path: Path) -> None:
-    begun = [tmp_path / str(number) for number in (1, 2, 3)]
-    trials = {number: json.dumps(str(file)) for number, file in enumerate(begun)}
-    assert list(on_processes(hours, trials, 1, begun[0].exists)) == []
-    assert not begun[2].exists()
 
 
 def listens() -> bool:

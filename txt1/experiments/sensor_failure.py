@@ -42,6 +42,7 @@ DRIFTS: Final = {ENCODERS: (0.05, 0.0), "imu": (0.05,), "gps": (2.0, 0.0), "vico
 SETTINGS: Final[dict[str, Any]] = {"slow": 0.0}  # the GPS's errors are white here: slow ones are no failure
 
 Array = NDArray[np.float64]
+Which = tuple[str, str, str]  # set-up, sensor, failure
 
 
 class Failing:
@@ -173,7 +174,7 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Failur
     )  # fmt: skip
 
 
-def plan(config: Config) -> list[tuple[str, str, str]]:
+def plan(config: Config) -> list[Which]:
     """Set-up, sensor and failure of every run."""
     return [
         (setup, sensor, failure)

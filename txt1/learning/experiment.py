@@ -26,12 +26,12 @@ from txt1.errors import ConfigError, QTableError
 from txt1.kernel.loop import Speed
 from txt1.learning import qtable
 from txt1.learning.best_time import Floor, known_floor
-from txt1.learning.provenance import code_hash, provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.learning.task import SIMULATED
 from txt1.learning.trial import Episode, Start, TrialResult, recorded_plan, robot_config
 from txt1.record.session import discard
+from txt1.trials.provenance import code_hash, provenance
 
 FORMAT: Final = "txt1 learning"
 VERSION: Final = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import pytest
 from studies.learners import compare
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.learning.provenance import provenance
+from txt1.trials.provenance import provenance
+from txt1.trials.run import run
 
 CONFIG = load().config
 QUICK, SLOW, LOST = [5.0, 1, 4.0, 4.5], [9.0, 1, 4.0, 4.5], [300.0, 0, 4.0, 4.5]  # time, success, optimum, floor
@@ -38,9 +39,9 @@ def test_a_failure_is_counted_and_is_in_no_ratio() -> None:
     assert one["driven"] == 7 * 300.0 + 4 * 5.0 + 300.0, "the robot drove them"
 
 
-def here(work: Callable[[str], str], texts: Mapping[int, str]) -> Iterator[tuple[int, str]]:
+def here(work: Callable[[Any], Any], trials: Mapping[Any, Any], keep: Callable[[Any, Any], None]) -> int:
     """Where the work is done: here."""
-    return ((number, work(text)) for number, text in texts.items())
+    return run(work, trials, None, keep)
 
 
 def test_who_is_skilled_has_ten_in_a_row_near_the_floor_and_the_seconds_before_count() -> None:
@@ -61,7 +62,7 @@ def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(t
 def test_a_file_that_holds_all_is_reported_on_and_a_line_that_was_cut_off_is_done_without(tmp_path: Path) -> None:
     file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([SLOW] * 12, number=2)])
     file.write_text(file.read_text() + '{"contender": "pil')
-    lines = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)
+    lines, _ = compare.compare(file, ["pilot"], CONFIG, 2, 12, 1, here)
     assert [each["trial"] for each in lines] == [1, 2]
     table = file.with_suffix(".md").read_text()
     assert "| pilot | 2 |" in table and "Code 0123 (pilot)" in table, "other code than this is told"
@@ -93,7 +94,7 @@ def test_what_was_begun_otherwise_is_not_carried_on(tmp_path: Path, other: dict[
 def test_a_file_that_did_not_know_a_value_yet_is_carried_on_with_its_default(tmp_path: Path) -> None:
     older = CONFIG.model_dump(mode="json", exclude={"seed": True, "sim": {"battery"}})
     file = raw(tmp_path / "a.jsonl", [line([QUICK] * 12)], config=older)
-    assert len(compare.compare(file, ["pilot"], CONFIG, 1, 12, 1, here)) == 1
+    assert len(compare.compare(file, ["pilot"], CONFIG, 1, 12, 1, here)[0]) == 1
     assert compare.read(file)[0]["config"] == older, "it says what it was begun with"
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,10 @@ from txt1.errors import ConfigError
 from txt1.learning import pilot, thesis
 from txt1.learning.agents import make
 from txt1.learning.experiment import KEPT
-from txt1.learning.provenance import provenance
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import TURN, LearningConfig
 from txt1.learning.trial import Trial, starts, task_of
+from txt1.trials.provenance import provenance
 
 WORLDS = Path(__file__).parents[3] / "config" / "worlds"
 
@@ -70,25 +69,28 @@ def test_who_does_not_believe_the_sensors_has_no_figures() -> None:
 def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
     world, asked = suite.SuiteWorld("w", Config()), list[list[int]]()
 
-    def each(work: Callable[[str], str], texts: Mapping[int, str], last: int = 2) -> Iterator[tuple[int, str]]:
-        for number, text in list(texts.items())[-last:][::-1]:  # as they come
-            _, _, _, first, count, episodes, seed = json.loads(text)
+    def each(
+        work: Callable[[Any], Any], trials: Mapping[Any, Any], keep: Callable[[Any, Any], None], last: int = 2
+    ) -> int:
+        for key, told in list(trials.items())[-last:][::-1]:  # as they come
+            _, _, _, first, count, episodes, seed = told
             asked.append([first, count])
             rows = [[[0.0, 0.0, float(first + k), 1, 4.0, 5.0]] for k in range(count)]
             one = raw([[5.0]], [[1]]) | {"seed": seed, "trials": count, "episodes": episodes, "results": rows}
-            yield number, json.dumps({**one, "refused": None, "provenance": provenance()})
+            keep(key, {**one, "refused": None, "provenance": provenance()})
+        return 0
 
     suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, False, lambda _: None)
     assert asked == [[201, 50], [101, 100]]
     with pytest.raises(ConfigError, match="--resume carries on"):
         suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, False, lambda _: None)
-    (done,) = suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, True, lambda _: None)
+    ((done,), _) = suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, True, lambda _: None)
     assert asked[2:] == [[1, 100]]
     assert done["trials"] == 250 and [trial[0][2] for trial in done["results"]] == [*range(1, 251)]
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["w.json"]
-    first = lambda work, texts: each(work, dict([*texts.items()][:2]))  # noqa: E731
+    first = lambda work, trials, keep: each(work, dict([*trials.items()][:2]), keep)  # noqa: E731
     suite.run_all([world], ["a"], 250, 1, 7, tmp_path / "b", first, False, lambda _: None)
-    (done,) = suite.run_all([world], ["a"], 200, 1, 7, tmp_path / "b", each, True, lambda _: None)
+    ((done,), _) = suite.run_all([world], ["a"], 200, 1, 7, tmp_path / "b", each, True, lambda _: None)
     assert done["trials"] == 200 and len(asked) == 5, "those that are there are enough"
 
 

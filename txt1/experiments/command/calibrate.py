@@ -15,7 +15,6 @@ import yaml
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.options import ROBOT, loaded
-from txt1.cli.workers import progress
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
 from txt1.config.sources import flatten, vehicle_file
@@ -28,7 +27,10 @@ from txt1.hal.base import Hal
 from txt1.hal.channels import rewired
 from txt1.hal.registry import create
 from txt1.hal.sim import SimHal
+from txt1.kernel.processors import processors
 from txt1.robot import Robot
+from txt1.trials.run import run
+from txt1.trials.workers import Workers
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 HEAD: Final = (
@@ -119,30 +121,19 @@ def _practise(arguments: argparse.Namespace) -> int:
     if file is not None:
         run_folder.make(file.parent)
         cars = [car for car in simulated_operator.read_practised(file, config.vehicle) if car.seed in seeds]
-    for seed in sorted(set(seeds) - {car.seed for car in cars}):
-        seeded = config.model_copy(update={"seed": seed})
-        hal = create(simulated_operator.unknown_car(seeded, seed))
-        if not isinstance(hal, SimHal):
-            raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
-        app = App(arguments.speed or "max")
-        bench = Bench(
-            seeded, simulated_operator.SimulatedOperator(hal, seed), opener := _opener(app, hal), lambda values: None
-        )
-        verdicts: list[simulated_operator.DrivingVerdict] = []
+    given = [config.model_dump(mode="json"), arguments.speed or "max", arguments.step]
+    missing = {seed: [*given, seed] for seed in seeds if seed not in {car.seed for car in cars}}
 
-        async def all_of_it(
-            bench: Bench = bench, hal: SimHal = hal, opener: Any = opener, verdicts: Any = verdicts
-        ) -> None:
-            await calibrate(bench, arguments.step or steps(bench.config, hal))
-            verdicts.append(await simulated_operator.judge(hal, bench.config, opener))
-
-        code = app.run(all_of_it())
-        if not verdicts:
-            return code
-        cars.append(car := simulated_operator.Practised(seed, verdicts[0], bench.driving))
-        progress(len(cars), len(seeds))
+    def keep(seed: int, told: Sequence[Any]) -> None:
+        verdict, driving = told
+        cars.append(car := simulated_operator.Practised(seed, simulated_operator.DrivingVerdict(*verdict), driving))
         if file is not None:
             simulated_operator.write_practised(file, config.vehicle, car)
+
+    code = run(practised, missing, Workers(processors()), keep, bar="practice")
+    if code != OK:
+        return code
+    cars.sort(key=lambda car: car.seed)
     failed = [car for car in cars if not car.passes]
     for car in failed:
         print(f"seed {car.seed}: {car.verdict}, {car.driving:.0f} s of driving")
@@ -150,6 +141,26 @@ def _practise(arguments: argparse.Namespace) -> int:
     for line in simulated_operator.worst(cars):
         print(f"  {line}")
     return FAULT if failed else OK
+
+
+def practised(told: Sequence[Any]) -> list[Any]:
+    """Calibrate an unknown car; how it drives then, and the s of driving that it took. JSON values both."""
+    tree, speed, names, seed = told
+    config = Config.model_validate(tree).model_copy(update={"seed": seed})
+    hal = create(simulated_operator.unknown_car(config, seed))
+    if not isinstance(hal, SimHal):
+        raise ConfigError(f"--practice: the HAL '{config.hal}' is not a simulated car; choose --hal sim")
+    app = App(speed)
+    opener = _opener(app, hal)
+    bench = Bench(config, simulated_operator.SimulatedOperator(hal, seed), opener, lambda values: None)
+    verdicts: list[simulated_operator.DrivingVerdict] = []
+
+    async def all_of_it() -> None:
+        await calibrate(bench, names or steps(bench.config, hal))
+        verdicts.append(await simulated_operator.judge(hal, bench.config, opener))
+
+    app.run(all_of_it())
+    return [verdicts[0], bench.driving]
 
 
 def _opener(app: App, hal: Hal) -> Any:

@@ -2,19 +2,17 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import TaskProgressColumn, TimeElapsedColumn
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
-from txt1.cli.workers import OPTIONS, Workers, workers_of
-from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, signals_to, takes, unused
+from txt1.commands import DISARMED, FAULT, OK, add, count, flag, path, say, takes, unused
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.experiments import figures, metrics, report, run_folder, sensor_failure
@@ -24,6 +22,8 @@ from txt1.experiments.run_folder import FIGURE, Run
 from txt1.experiments.runner import ANOTHER, Experiment, Outcome, outcome_of
 from txt1.kernel.loop import Speed
 from txt1.record.options import LOG
+from txt1.trials.run import progress, run
+from txt1.trials.workers import OPTIONS, Workers, workers_of
 
 ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")  # the thesis's hall is larger than its learning room
 
@@ -102,20 +102,16 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
         figures.available()
     config, speed = configure(arguments)
     folder = run_folder.make(arguments.out or unused(Path("out") / sensor_failure.EXPERIMENT))
-    runs = dict(enumerate(sensor_failure.plan(config)))
-    done: dict[int, sensor_failure.FailureOutcome] = {}
-    came: list[int] = []
-    machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
-    with signals_to(lambda number, _: came.append(number)), progress_bar(sensor_failure.EXPERIMENT) as progress:
-        bar = progress.add_task(sensor_failure.EXPERIMENT, total=len(runs))
-        told = config.model_dump(mode="json")
-        texts = {number: json.dumps([told, speed, *which]) for number, which in runs.items()}
-        for number, text in machines.each(failed, texts, lambda: bool(came)):
-            done[number] = sensor_failure.outcome_of(json.loads(text))
-            progress.advance(bar)
-    if came:
-        return 128 + came[0]
-    outcomes = [done[number] for number in runs]
+    plan = sensor_failure.plan(config)
+    told, done = config.model_dump(mode="json"), dict[sensor_failure.Which, sensor_failure.FailureOutcome]()
+    workers = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
+    code = run(
+        failed, {which: [told, speed, *which] for which in plan}, workers,
+        lambda which, tree: done.update({which: sensor_failure.outcome_of(tree)}), bar=sensor_failure.EXPERIMENT,
+    )  # fmt: skip
+    if code != OK:
+        return code
+    outcomes = [done[which] for which in plan]
     sensor_failure.write(outcomes, folder)
     if not arguments.no_figure:
         sensor_failure.draw(outcomes, folder / FIGURE)
@@ -123,9 +119,9 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def failed(text: str) -> str:
-    """Drive one run with a sensor that fails, and return its outcome; JSON both."""
-    config, speed, *which = json.loads(text)
+def failed(told: Sequence[Any]) -> dict[str, Any]:
+    """Drive one run with a sensor that fails, and return its outcome; JSON values both."""
+    config, speed, *which = told
     outcomes: list[sensor_failure.FailureOutcome] = []
 
     async def work() -> None:
@@ -133,7 +129,7 @@ def failed(text: str) -> str:
 
     App(speed).run(work())
     (outcome,) = outcomes
-    return json.dumps(outcome._asdict() | {"trace": outcome.trace.tolist()})
+    return outcome._asdict() | {"trace": outcome.trace.tolist()}
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -182,9 +178,8 @@ def drive(
             experiment = Experiment(robot, profile, safe_end=safe_end, progressed=partial(setattr, task, "completed"))
             await experiment.run()
 
-    with progress_bar(bar) as progress:
-        progress.add_task(bar, total=1.0)
-        (task,) = progress.tasks  # written to by itself: the robot waits for no lock either
+    with progress(bar, 1.0, TaskProgressColumn(), TimeElapsedColumn()) as shown:
+        (task,) = shown.tasks  # written to by itself: the robot waits for no lock either
         code = app.run(work())
     if experiment is None:
         return None, code
@@ -203,41 +198,35 @@ def drive_all(
 
     They are in the order of the seeds, wherever they were driven. A signal ends it.
     """
-    if not machines.many:
-        outcomes: list[Outcome] = []
-        for number, seed in enumerate(seeds, 1):
-            seeded = config.model_copy(update={"seed": seed})
-            name = f"{bar}, {number} of {len(seeds)}"
-            outcome, code = drive(seeded, profile, speed, safe_end=safe_end, arm=arm, bar=name)
-            if outcome is not None:
-                outcomes.append(outcome)
-            if code != OK:
-                return outcomes, code
-        return outcomes, OK
-    given = profile.model_dump(mode="json"), config.model_dump(mode="json"), safe_end, arm
-    came: list[int] = []
     done: dict[int, tuple[Outcome | None, int]] = {}
-    with signals_to(lambda number, _: came.append(number)), progress_bar(bar) as progress:
-        task = progress.add_task(bar, total=len(seeds))
-        texts = {number: json.dumps([*given, seed]) for number, seed in enumerate(seeds)}
-        for number, text in machines.each(driven, texts, lambda: bool(came)):
-            told, code = json.loads(text)
-            done[number] = None if told is None else outcome_of(told), code
-            progress.advance(task)
-    if came:
-        return [], 128 + came[0]
-    codes = [done[number][1] for number in sorted(done)]
-    last = next((number for number, code in enumerate(codes) if code != OK), len(codes) - 1)
-    found = [done[number][0] for number in range(last + 1)]
-    return [each for each in found if each is not None], codes[last]
+    if machines.many:
+        given = profile.model_dump(mode="json"), config.model_dump(mode="json"), safe_end, arm
+        told = {seed: [*given, seed] for seed in seeds}
+        code = run(driven, told, machines, lambda seed, outcome: done.update({seed: outcome}), bar=bar)
+        if code != OK:
+            return [], code
+        done = {seed: (None if told is None else outcome_of(told), code) for seed, (told, code) in done.items()}
+    else:
+        for number, seed in enumerate(seeds, 1):
+            seeded, name = config.model_copy(update={"seed": seed}), f"{bar}, {number} of {len(seeds)}"
+            done[seed] = drive(seeded, profile, speed, safe_end=safe_end, arm=arm, bar=name)
+            if done[seed][1] != OK:
+                break
+    outcomes = []
+    for outcome, code in (done[seed] for seed in seeds if seed in done):
+        if outcome is not None:
+            outcomes.append(outcome)
+        if code != OK:
+            return outcomes, code
+    return outcomes, OK
 
 
-def driven(text: str) -> str:
-    """Drive an experiment in simulation as fast as possible, and return its outcome and exit code; JSON both."""
-    profile, config, safe_end, arm, seed = json.loads(text)
+def driven(told: Sequence[Any]) -> list[Any]:
+    """Drive an experiment in simulation as fast as possible; its outcome and exit code. JSON values both."""
+    profile, config, safe_end, arm, seed = told
     seeded = Config.model_validate(config).model_copy(update={"seed": seed})
     outcome, code = drive(seeded, Profile.model_validate(profile), "max", safe_end=safe_end, arm=arm)
-    return json.dumps([None if outcome is None else outcome.json(), code])
+    return [None if outcome is None else outcome.json(), code]
 
 
 def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
@@ -248,10 +237,3 @@ def repeated(label: str, profile: Profile, outcomes: Sequence[Outcome]) -> Run:
     mean = outcomes[0]._replace(recording=mean_of(recordings))
     steps = [step._asdict() for step in metrics.repeated_steps(recordings)]
     return Run(label, profile, mean.recording, metrics.measure(mean, profile) | {"steps": steps})
-
-
-def progress_bar(name: str) -> Progress:
-    """Return a bar on standard error, drawn by a thread of its own: the robot waits for no terminal."""
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn()
-    shown = bool(name) and sys.stderr.isatty()
-    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown, refresh_per_second=4)

@@ -4,7 +4,7 @@ import argparse
 import csv
 import itertools
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -13,12 +13,13 @@ from typing import Any, Final
 
 from txt1 import commands
 from txt1.cli import execute, parsed
-from txt1.cli.workers import OPTIONS, progress, workers_of
-from txt1.commands import FAULT, OK, flag, path, say, signals_to, takes
+from txt1.commands import FAULT, OK, flag, path, say, takes
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.kernel.clock import stopwatch_ns
-from txt1.learning.provenance import provenance
+from txt1.trials.provenance import provenance
+from txt1.trials.run import Rows, run
+from txt1.trials.workers import OPTIONS, workers_of
 
 OUT: Final = "{out}"  # among a trial's words: a folder of its own, whose metrics.json is its result
 MEASURED: Final = ("wall", "run_time", "lateness", "tasks.")  # of the processor's time: never the same
@@ -55,46 +56,41 @@ def main(arguments: argparse.Namespace) -> int:
     trials = dict(enumerate(combinations(dict(map(_setting, given)))))
     about = {"settings": given, "command": command, **provenance()}
     done = _begun(arguments.out, about, arguments.resume)
-    texts = {
-        number: json.dumps([*command, *(word for pair in own.items() for word in ("--set", "=".join(pair)))])
+    missing = {
+        number: [*command, *(word for pair in own.items() for word in ("--set", "=".join(pair)))]
         for number, own in trials.items()
         if number not in done
     }
-    came: list[int] = []
-    began = stopwatch_ns()
-    with (
-        signals_to(lambda number, _: came.append(number)),
-        (arguments.out / ROWS).open("a", encoding="utf-8") as rows,
-    ):
-        rows.write("\n")  # behind a line that was being written when all ended
-        for number, text in workers_of(arguments).each(trial, texts, lambda: bool(came)):
-            done[number] = json.loads(text)
-            rows.write(json.dumps({"trial": number, **done[number]}) + "\n")
-            rows.flush()
-            progress(len(done), len(trials))
+    began, rows = stopwatch_ns(), Rows(arguments.out / ROWS)
+
+    def keep(number: int, result: dict[str, Any]) -> None:
+        done[number] = result
+        rows.add({"trial": number, **result})
+
+    code = run(trial, missing, workers_of(arguments), keep, bar="sweep")
     write_table(arguments.out / TABLE, trials, done)
     elapsed = (stopwatch_ns() - began) / 1e9
-    say(f"{len(done)} of {len(trials)} trials, {len(texts)} asked for, in {elapsed:.1f} s: {arguments.out / TABLE}")
-    if came:
-        return 128 + came[0]
+    say(f"{len(done)} of {len(trials)} trials, {len(missing)} asked for, in {elapsed:.1f} s: {arguments.out / TABLE}")
+    if code != OK:
+        return code
     failed = [number for number, result in done.items() if result["code"] != OK]
     if failed:
         say(f"{len(failed)} trials ended with another exit code than 0, the first is {min(failed)}")
     return FAULT if failed else OK
 
 
-def trial(text: str) -> str:
-    """Do a command of these words, as JSON, and return its exit code and what it printed or measured, likewise."""
+def trial(words: Sequence[str]) -> dict[str, Any]:
+    """Do a command of these words, and return its exit code and what it printed or measured."""
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()) as printed:
         out = Path(folder, "out")
-        code = execute([word.replace(OUT, str(out)) for word in json.loads(text)])
+        code = execute([word.replace(OUT, str(out)) for word in words])
         measured = out / "metrics.json"
         shown = measured.read_text(encoding="utf-8") if measured.exists() else printed.getvalue()
     try:
         result = json.loads(shown)
     except ValueError:
         result = None
-    return json.dumps({"code": code, "result": result})
+    return {"code": code, "result": result}
 
 
 def combinations(settings: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
@@ -126,15 +122,7 @@ def _begun(folder: Path, about: Mapping[str, Any], resume: bool) -> dict[int, di
             raise ConfigError(f"{folder}: another sweep, or one of other code; choose another folder with --out")
     run_folder.make(folder)
     file.write_text(json.dumps(about, indent=1), encoding="utf-8")
-    done: dict[int, dict[str, Any]] = {}
-    if (folder / ROWS).exists():
-        for line in (folder / ROWS).read_text(encoding="utf-8").splitlines():
-            try:
-                row = json.loads(line)
-            except ValueError:  # it was being written when all ended
-                continue
-            done[row.pop("trial")] = row
-    return done
+    return {row.pop("trial"): row for row in Rows(folder / ROWS).read()}
 
 
 def write_table(file: Path, trials: Mapping[int, Mapping[str, str]], done: Mapping[int, Mapping[str, Any]]) -> None:

@@ -8,19 +8,20 @@ from rich.console import Console
 
 from txt1.cli.app import App, get_ready
 from txt1.cli.options import ARM, ROBOT
-from txt1.cli.workers import OPTIONS, Workers, workers_of
 from txt1.commands import OK, add, count, flag, path, say, takes
 from txt1.config import Config
 from txt1.config.schema import ControlConfig, GainsConfig, GainSetConfig
 from txt1.errors import CommandRefused
 from txt1.experiments import figures, report, run_folder
-from txt1.experiments.command.experiment import configure, drive_all, progress_bar, repeated
+from txt1.experiments.command.experiment import configure, drive_all, repeated
 from txt1.experiments.identify import Plant, identify, try_out
 from txt1.experiments.profile import load_profile
 from txt1.experiments.run_folder import Run
 from txt1.experiments.runner import END_OF_PROFILE, INTERRUPTED
 from txt1.experiments.tune import CANDIDATES, angular_gains, linear_gains
 from txt1.kernel.loop import Speed
+from txt1.trials.run import progress
+from txt1.trials.workers import OPTIONS, Workers, workers_of
 
 TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
 
@@ -79,9 +80,8 @@ def main(arguments: argparse.Namespace) -> int:
 def _proposed(plant: Plant, config: Config) -> ControlConfig:
     """The gains that do best on the model of the vehicle, beginning with the configured ones."""
     old, motor_max = config.control, config.safety.motor_max
-    with progress_bar("trying gains on its model") as bar:
-        task = bar.add_task("trying gains on its model", total=CANDIDATES)
-        tried = partial(bar.advance, task)
+    with progress("trying gains on its model", CANDIDATES) as bar:
+        tried = partial(bar.advance, bar.task_ids[0])
         linear = linear_gains(plant, config.geometry, old.linear.gains(), motor_max, tried)
         angular = angular_gains(plant, config.geometry, old.schedule(), tried)
     return ControlConfig(

@@ -5,11 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from txt1.cli.options import ARM, ROBOT, loaded, robot_speed
-from txt1.cli.workers import OPTIONS, workers_of
 from txt1.commands import DISARMED, OK, add, count, flag, path, say, takes, unused
 from txt1.errors import MissingExtra, NotArmed, Txt1Error
 from txt1.learning import experiment, plots
@@ -19,6 +16,8 @@ from txt1.learning.command.trials import conduct
 from txt1.learning.experiment import Plan
 from txt1.learning.trial import Episode, task_of
 from txt1.record.options import LOG
+from txt1.trials.run import progress
+from txt1.trials.workers import OPTIONS, workers_of
 
 
 def _moved(study: str) -> dict[str, Any]:
@@ -64,14 +63,12 @@ def main(arguments: argparse.Namespace) -> int:
     machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
 
     out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))
-    console = Console(stderr=True)
-    columns = BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn()
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=plan.trials * plan.episodes, now="the robot gets ready")
+    with progress("the robot gets ready", plan.trials * plan.episodes) as bar:
 
         def watch(trial: int, one: Episode) -> None:
             how = "reached the light" if one.success else "lost it"
-            progress.update(bar, advance=1, now=f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s")
+            now = f"trial {trial}, episode {one.number}: {how} after {one.time:.1f} s"
+            bar.update(bar.task_ids[0], advance=1, description=now)
 
         results, ended = conduct(plan, out, arguments.resume, watch, machines)
     if results:

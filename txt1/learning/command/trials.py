@@ -1,17 +1,15 @@
 """The trials of `txt1 learn`: on a robot each, one after the other or side by side in processes."""
 
 import asyncio
-import json
 import signal
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final
 
 from txt1.cli.app import App, get_ready
-from txt1.cli.workers import HERE, Workers, stopped
-from txt1.commands import signals_to
+from txt1.commands import OK
 from txt1.config import Config
 from txt1.errors import ConfigError, NotArmed, Overruled, Txt1Error
 from txt1.learning.agent import Agent
@@ -42,7 +40,10 @@ from txt1.learning.trial import (
     stream,
     task_of,
 )  # fmt: skip
+from txt1.trials.run import run
+from txt1.trials.workers import Workers, stopped
 
+HERE: Final = Workers()
 BEGIN: Final = 4.0  # s of the run at which a trial in simulation begins; by then the robot is ready
 Ended = signal.Signals | Txt1Error | None  # why there are no more trials; None: all are complete
 
@@ -66,42 +67,38 @@ def conduct(
     missing = sorted(set(range(1, plan.trials + 1)) - {one.trial for one in kept if one.complete})
     begun = {one.trial: one for one in kept if not one.complete}
     logs = recordings(plan, missing, begun, resume)
-    came: list[signal.Signals] = []
-    ended: Ended = None
-    with signals_to(lambda number, _: came.append(signal.Signals(number))):
-        try:
-            if machines.many and plan.simulated and (len(missing) > 1 or machines.cluster is not None):
-                _side_by_side(plan, logs, out, watch, machines, missing, lambda: bool(came))
-            else:
-                for number in missing:
-                    if not came:
-                        done, before, log = partial(watch, number), begun.get(number), logs.get(number)
-                        on_robot(plan, number, done=done, before=before, out=out, log=log)
-        except Txt1Error as error:
-            ended = error
-    results = load_results(out)
-    if came and not (len(results) >= plan.trials and all(one.complete for one in results)):
-        ended = came[0]
-    return results, ended
 
-
-def _side_by_side(
-    plan: Plan, logs: dict[int, Path], out: Path, watch: Watch, machines: Workers, missing: Sequence[int],
-    ended: Callable[[], bool],
-) -> None:  # fmt: skip
-    told = plan._replace(log=None)._asdict() | {"config": plan.config.model_dump(mode="json")}
-    texts = {n: json.dumps([told, n, str(logs[n].absolute()) if n in logs else None]) for n in missing}
-    for number, text in machines.each(simulated, texts, ended):
+    def keep(number: int, text: str) -> None:
         file = result_file(out, number)
         replace_file(file, text)
         for episode in load_result(file).episodes:
             watch(number, episode)
 
+    def here(number: int) -> None:
+        done, before, log = partial(watch, number), begun.get(number), logs.get(number)
+        on_robot(plan, number, done=done, before=before, out=out, log=log)
 
-def simulated(text: str) -> str:
-    """Do a trial of a plan in simulation, given as JSON with its number and its log, and return its file's content."""
-    told, number, log = json.loads(text)
-    plan = Plan(**told | {"config": Config.model_validate(told["config"])})
+    code = OK
+    ended: Ended = None
+    try:
+        if machines.many and plan.simulated and (len(missing) > 1 or machines.cluster is not None):
+            told = plan._replace(log=None)._asdict() | {"config": plan.config.model_dump(mode="json")}
+            texts = {n: [told, n, str(logs[n].absolute()) if n in logs else None] for n in missing}
+            code = run(simulated, texts, machines, keep)
+        else:
+            code = run(here, dict(zip(missing, missing, strict=True)), None, lambda *_: None)
+    except Txt1Error as error:
+        ended = error
+    results = load_results(out)
+    if code != OK and not (len(results) >= plan.trials and all(one.complete for one in results)):
+        return results, signal.Signals(code - 128)
+    return results, ended
+
+
+def simulated(told: Sequence[Any]) -> str:
+    """Do a trial of a plan in simulation, given with its number and its log, and return its file's content."""
+    tree, number, log = told
+    plan = Plan(**tree | {"config": Config.model_validate(tree["config"])})
     with TemporaryDirectory() as folder:
         out = Path(folder)
         result_file(out, number).parent.mkdir()

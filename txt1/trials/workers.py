@@ -1,15 +1,20 @@
 """Trials on many processors: processes of this computer, or the workers of a Dask cluster.
 
-A trial is a function of one module, from text to text, JSON both: nothing of ours is pickled. Dask itself pickles what
-it sends about, so beyond loopback it is asked for TLS. A trial whose process or worker is killed is done again.
+A trial is a function of one module, from JSON values to JSON values. They travel as text: nothing of ours is pickled.
+Dask itself pickles what it sends about, so beyond loopback it is asked for TLS. A trial whose process or worker is
+killed is done again.
+
+Processes are spawned, deaf to signals: a Ctrl-C goes to all of a terminal's processes, and only their parent is to act
+on it. It then tells them by an event; a trial that looks at it (`stopped`) ends by itself, one that does not is killed
+after `GRACE`. A process that finds its parent gone ends, whatever it does.
 """
 
 import argparse
+import json
 import multiprocessing
 import os
 import queue
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, wait
@@ -17,12 +22,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from txt1.commands import SIGNALS, count, existing, takes
 from txt1.errors import ConfigError, MissingExtra, Txt1Error
 from txt1.kernel.processors import processors
-from txt1.learning.provenance import code_hash
+from txt1.trials.provenance import code_hash
 
 AGAIN: Final = 5  # times that a pool is made anew because one of its processes was killed
 POLL: Final = 0.1  # s of real time between two looks whether it is to end
@@ -36,9 +41,9 @@ OPTIONS: Final = {
     "--dask-key": takes("FILE", "its key", existing),
 }
 
-Work = Callable[[str], str]
-Trials = Mapping[int, str]  # what each is told, by its number
-Results = Iterator[tuple[int, str]]  # as they come
+K = TypeVar("K")
+Work = Callable[[Any], Any]
+Ended = Callable[[], bool]  # whether it is to end
 
 
 class Cluster(NamedTuple):
@@ -61,18 +66,16 @@ class Workers(NamedTuple):
         """Whether trials are done anywhere but here."""
         return self.jobs > 1 or self.cluster is not None
 
-    def each(self, work: Work, trials: Trials, ended: Callable[[], bool]) -> Results:
-        """Each trial's number and result as it comes, until all are done or it is to end; what was begun then is lost.
+    def each(self, work: Work, trials: Mapping[K, Any], ended: Ended) -> Iterator[tuple[K, Any]]:
+        """Each trial's key and result as it comes, until all are done or it is to end; what was begun then is lost.
 
         Raises an error of a trial; Txt1Error: processes are killed again and again; ConfigError: the cluster is not
         there, unsafe, or has other code than ours; MissingExtra.
         """
+        texts = {key: json.dumps(told) for key, told in trials.items()}
         if self.cluster is None:
-            return on_processes(work, trials, self.jobs, ended)
-        return on_dask(work, trials, self.cluster, ended)
-
-
-HERE: Final = Workers()  # one after the other, in this process
+            return on_processes(work, texts, self.jobs, ended)
+        return on_dask(work, texts, self.cluster, ended)
 
 
 def workers_of(arguments: argparse.Namespace, *, alone: bool = False) -> Workers:
@@ -92,8 +95,8 @@ def stopped() -> bool:
 _stop: Any = None
 
 
-def on_processes(work: Work, trials: Trials, jobs: int, ended: Callable[[], bool]) -> Results:
-    """As `Machines.each`."""
+def on_processes(work: Work, trials: Mapping[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
+    """As `Workers.each`; what the trials are told is text."""
     left = dict(trials)
     for _ in range(AGAIN):
         with suppress(BrokenProcessPool):
@@ -102,18 +105,18 @@ def on_processes(work: Work, trials: Trials, jobs: int, ended: Callable[[], bool
     raise Txt1Error("processes that do trials are killed again and again, perhaps for lack of memory; use fewer --jobs")
 
 
-def _pooled(work: Work, left: dict[int, str], jobs: int, ended: Callable[[], bool]) -> Results:
+def _pooled(work: Work, left: dict[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
     context = multiprocessing.get_context("spawn")
     with _deaf():  # here the process is born that tidies up after the others
         stop = context.Event()
     pool = ProcessPoolExecutor(min(jobs, max(1, len(left))), context, _enter, (stop,))
-    futures: dict[Any, int] = {}
+    futures: dict[Any, K] = {}
     try:
         with _deaf():
-            futures |= {pool.submit(work, text): number for number, text in left.items()}
-        for number, result in _as_they_come(futures, ended):
-            del left[number]
-            yield number, result
+            futures |= {pool.submit(_done, work, text): key for key, text in left.items()}
+        for key, result in _as_they_come(futures, ended):
+            del left[key]
+            yield key, result
     except BrokenProcessPool:
         _kill()
         raise
@@ -131,14 +134,18 @@ def _kill() -> None:
         child.kill()
 
 
-def _as_they_come(futures: dict[Any, int], ended: Callable[[], bool]) -> Results:
+def _done(work: Work, text: str) -> str:
+    return json.dumps(work(json.loads(text)))
+
+
+def _as_they_come(futures: dict[Any, K], ended: Ended) -> Iterator[tuple[K, Any]]:
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     for future in list(futures):
         future.add_done_callback(done.put)
     while futures and not ended():
         with suppress(queue.Empty):
             future = done.get(timeout=POLL)
-            yield futures.pop(future), future.result()
+            yield futures.pop(future), json.loads(future.result())
 
 
 @contextmanager
@@ -165,8 +172,8 @@ def _enter(stop: Any) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def on_dask(work: Work, trials: Trials, cluster: Cluster, ended: Callable[[], bool]) -> Results:
-    """As `Machines.each`."""
+def on_dask(work: Work, trials: Mapping[K, str], cluster: Cluster, ended: Ended) -> Iterator[tuple[K, Any]]:
+    """As `Workers.each`; what the trials are told is text."""
     try:
         dask: Any = import_module("distributed")
     except ImportError:
@@ -192,17 +199,9 @@ def on_dask(work: Work, trials: Trials, cluster: Cluster, ended: Callable[[], bo
             raise ConfigError(f"--dask: other code than here on {', '.join(sorted(others))}; install the same version")
         if any(threads > 1 for threads in client.nthreads().values()):
             raise ConfigError("--dask: a trial needs a process of its own; start the workers with --nthreads 1")
-        futures = {client.submit(work, text, pure=False): number for number, text in trials.items()}
+        futures = {client.submit(_done, work, text, pure=False): key for key, text in trials.items()}
         left = list(futures)
         try:
             yield from _as_they_come(futures, ended)
         finally:
             client.cancel(left)
-
-
-def progress(done: int, of: int) -> None:
-    """Draw a bar on a terminal."""
-    if sys.stderr.isatty():
-        width = 30 * done // of
-        end = "\n" if done == of else ""
-        print(f"\r{'█' * width}{'·' * (30 - width)} {done} of {of}", end=end, file=sys.stderr, flush=True)
