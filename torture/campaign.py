@@ -5,7 +5,6 @@ A run that breaks one is cut down to the fewest faults that still do; a command 
 
 import argparse
 import asyncio
-import hashlib
 import re
 import sys
 from collections import Counter, defaultdict
@@ -19,10 +18,11 @@ from torture.struck_robot import Desk, on_the_desk
 from txt1.commands import OK, add
 from txt1.kernel import loop
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
+from txt1.trials.provenance import code_hash
 from txt1.trials.run import Rows, run
 from txt1.trials.workers import OPTIONS, workers_of
 
-ROOT: Final = Path(__file__).parents[1]
+OWN: Final = [Path(__file__).with_name(f"{name}.py") for name in ("struck_robot", "strikes")]
 DURATION: Final = 20.0  # s of a run
 PATTERN: Final = ("sim", "ours", "sim", "original", "sim")  # whose turn it is: the simulation is the cheapest
 
@@ -89,13 +89,6 @@ def _kind_of(broken: str) -> str:
     return re.sub(r"[-+.0-9e]+", "0", broken)
 
 
-def sources() -> str:
-    """A short text that is another when the robot's sources, or the faults, are others."""
-    own = (ROOT / "torture" / f"{name}.py" for name in ("struck_robot", "strikes"))
-    files = [*sorted((ROOT / "txt1").rglob("*.py")), *own]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
-
-
 def main(words: Sequence[str] | None = None) -> int:
     """Run a campaign, or one of its runs again; 1 if something broke."""
     parser = argparse.ArgumentParser(prog="python -m torture campaign", description=__doc__)
@@ -111,7 +104,7 @@ def main(words: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     if options.seed is not None:
         return _again(options.kind or KINDS[0], options.seed, options.only, options.duration)
-    code = sources()
+    code = code_hash(*OWN)
     rows = Rows(options.kept)
     done = {(row["kind"], row["seed"]): row for row in rows.read() if row["code"] == code}
     began = stopwatch_ns()

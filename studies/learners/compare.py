@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from studies.learners import OWN
 from studies.learners.floor import floor_of
 from studies.learners.lockstep import trials
 from studies.learners.suite import Each
@@ -62,7 +63,7 @@ def run(name: str, number: int, config: Config, episodes: int, seed: int) -> Lin
     """
     floor, task = known_floor(config) or floor_of(config), task_of(config)
     where = starts(seed, number, episodes)
-    line: Line = {"contender": name, "trial": number, "code": provenance()["code"]}
+    line: Line = {"contender": name, "trial": number, "code": provenance(*OWN)["code"]}
     curve: list[tuple[float, list[list[float]]]] = []
 
     def rows(outcomes: Sequence[tuple[float, bool]]) -> list[list[float]]:
@@ -118,7 +119,7 @@ def compare(
             LEARNERS.place("agent", VARIANTS.get(name, (name, {}))[0])
     told = completed(config).model_dump(mode="json", exclude={"seed"})
     head = {"format": FORMAT, "version": 1, "seed": seed, "episodes": episodes, "columns": COLUMNS, "config": told}
-    rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance()})
+    rows, lines = Rows(file), _begun(file, {**head, "provenance": provenance(*OWN)})
     done = {(line["contender"], line["trial"]) for line in lines}
     whole = config.model_dump(mode="json")
     missing = {

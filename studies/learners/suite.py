@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.learners import OWN
 from studies.learners.floor import floor_of
 from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
@@ -136,7 +137,7 @@ def run(world: SuiteWorld, agent: str, first: int, count: int, episodes: int, se
         "seed": seed,
         "trials": count,
         "episodes": episodes,
-        "provenance": provenance(),
+        "provenance": provenance(*OWN),
         "config": completed(config).model_dump(mode="json", exclude={"seed"}),
         "floor_exists": all(each.exists for each in floor),
         "refused": refused,  # why the learner does not believe these sensors, and the trials were broken off
@@ -213,7 +214,7 @@ def _before(path: Path, count: int, episodes: int, seed: int, resume: bool) -> d
     if not resume:
         raise ConfigError(f"--out: holds {path} already; --resume carries on, or give another")
     before: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if before["provenance"]["code"] != provenance()["code"]:
+    if before["provenance"]["code"] != provenance(*OWN)["code"]:
         raise ConfigError(f"--resume: {path} came from other code; give another directory")
     if (before["trials"], before["episodes"], before["seed"]) != (count, episodes, seed):
         raise ConfigError(f"--resume: {path} has other trials, episodes or seed; give another directory")

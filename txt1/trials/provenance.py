@@ -1,28 +1,42 @@
-"""What a result came from: versions, platform, and a hash of the program's code."""
+"""What a result came from: versions, platform, and a hash of the code that made it."""
 
 import hashlib
 import platform
 import sys
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Final
 
-PACKAGES = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
+PACKAGES: Final = ("txt1", "numpy", "numba", "pydantic", "stable-baselines3", "torch")
+SHOWS: Final = (
+    "__main__.py", "bridges/", "cli/", "experiments/figures.py", "experiments/report.py", "fleet/console.py",
+    "fleet/page.py", "fleet/screen.py", "gamepad/", "learning/plots.py", "record/", "ros/", "sidecar.py", "ui/", "web/",
+)  # fmt: skip
+"""What only shows, keeps or passes on what a robot does; no result is another by it. All else is hashed."""
+BRINGS_UP: Final = "cli/app.py"  # the front's part that a result does depend on
 
 
 @cache
-def code_hash() -> str:
-    """SHA-256 of all of the package's Python files, in order of their paths; the first 16 digits."""
+def code_hash(*more: Path) -> str:
+    """SHA-256 of the package's code that makes results (see `SHOWS`), and of more files; the first 16 digits."""
+    return hash_of(Path(__file__).parents[1], more)
+
+
+def hash_of(root: Path, more: Iterable[Path] = ()) -> str:
+    """As `code_hash`, of a package in this folder."""
     digest = hashlib.sha256()
-    root = Path(__file__).parents[1]
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes() + b"\0")
+    files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
+    made = {name: path for name, path in files.items() if name == BRINGS_UP or not name.startswith(SHOWS)}
+    for name, path in sorted((made | {f"beside/{path.name}": path for path in more}).items()):
+        digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 
-def provenance() -> dict[str, str]:
-    """Versions of what a result depends on, the platform, and the code's hash."""
-    found = {"code": code_hash(), "python": sys.version.split()[0], "platform": platform.platform()}
+def provenance(*more: Path) -> dict[str, str]:
+    """Versions of what a result depends on, the platform, and the code's hash, of more files, too."""
+    found = {"code": code_hash(*more), "python": sys.version.split()[0], "platform": platform.platform()}
     for name in PACKAGES:
         try:
             found[name] = version(name)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from studies.learners import compare
+from studies.learners import OWN, compare
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.trials.provenance import provenance
@@ -27,7 +27,7 @@ def line(rows: list[list[float]], name: str = "pilot", number: int = 1) -> dict[
 def raw(file: Path, lines: list[dict[str, Any]], **other: Any) -> Path:
     told = CONFIG.model_dump(mode="json", exclude={"seed"})
     head = {"format": compare.FORMAT, "version": 1, "seed": 1, "episodes": 12, "columns": compare.COLUMNS,
-            "config": told, "provenance": provenance()} | other  # fmt: skip
+            "config": told, "provenance": provenance(*OWN)} | other  # fmt: skip
     file.write_text("".join(json.dumps(each) + "\n" for each in [head, *lines]))
     return file
 

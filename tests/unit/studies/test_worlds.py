@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.learners import suite
+from studies.learners import OWN, suite
 from studies.learners.floor import floor_of
 from studies.learners.lockstep import trials, world_at
 from txt1.config import Config, completed, load
@@ -77,7 +77,7 @@ def test_many_trials_are_kept_by_blocks_and_carried_on(tmp_path: Path) -> None:
             asked.append([first, count])
             rows = [[[0.0, 0.0, float(first + k), 1, 4.0, 5.0]] for k in range(count)]
             one = raw([[5.0]], [[1]]) | {"seed": seed, "trials": count, "episodes": episodes, "results": rows}
-            keep(key, {**one, "refused": None, "provenance": provenance()})
+            keep(key, {**one, "refused": None, "provenance": provenance(*OWN)})
         return 0
 
     suite.run_all([world], ["a"], 250, 1, 7, tmp_path, each, False, lambda _: None)
