@@ -8,6 +8,7 @@ from itertools import pairwise
 from statistics import median
 from typing import Final
 
+from txt1.cli import doctor_hal
 from txt1.cli.app import App
 from txt1.cli.options import CONFIGURATION, HALS, LINE, VEHICLE, loaded
 from txt1.cli.remark import Remark, judged
@@ -186,23 +187,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Say in words what is wrong with the ports and the line to the board."""
+    """Say in words what is wrong with the ports and the line to the board, or with another hardware layer."""
     config = loaded(arguments).config
     found: list[bool] = []
-    if config.hal != "serial":
-        return _look_at(config, arguments.duration)
-    if config.serial.port is None:
-        found = [remark.show() for remark in ports()]
-        arguments.port = only_candidate()
-        config = loaded(arguments).config
-    port = port_of(config)
-    print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")
-    app = App("max" if config.serial.port in PORTS.ours else None)
+    if config.hal == "serial":
+        if config.serial.port is None:
+            found = [remark.show() for remark in ports()]
+            arguments.port = only_candidate()
+            config = loaded(arguments).config
+        port = port_of(config)
+        print(f"talking to {port.address} at {config.serial.baud} baud; set-points are 0, so nothing moves")
+        at_once = config.serial.port in PORTS.ours
+        looking = _at_line(port, config, arguments.duration)
+    else:
+        brought = DOCTORS.make("hal", config.hal, config) if config.hal in DOCTORS.ours else ()
+        before = [*(ports() if is_on_a_line(config.hal) else ()), *doctor_hal.computer(), *brought]
+        found = [remark.show() for remark in before]
+        print(f"opening the HAL '{config.hal}' for {arguments.duration:g} s; its outputs are neutral, so nothing moves")
+        at_once = is_simulated(config)
+        looking = doctor_hal.examined(create(config), arguments.duration)
 
     async def look() -> None:
-        findings = await examine(port, config.loops().pid_set(), arguments.duration)
-        found.extend(remark.show() for remark in remarks(findings, config.serial.baud))
+        found.extend(remark.show() for remark in await looking)
 
+    app = App("max" if at_once else None)
     if app.run(look()) != OK:
         return app.code
     real_time().show()
@@ -210,26 +218,5 @@ def main(arguments: argparse.Namespace) -> int:
     return OK if all(found) else FAULT
 
 
-def _of(config: Config) -> Iterator[Remark]:
-    """Return what the addition of a hardware layer finds out about the computer, if it brings that."""
-    if config.hal in DOCTORS.ours:
-        yield from DOCTORS.make("hal", config.hal, config)
-
-
-def _look_at(config: Config, duration: float) -> int:
-    """Say in words what is wrong with another hardware layer than the board's, and with the computer it is on."""
-    from txt1.cli import doctor_hal
-
-    before = [*(ports() if is_on_a_line(config.hal) else ()), *doctor_hal.computer(), *_of(config)]
-    found = [remark.show() for remark in before]
-    print(f"opening the HAL '{config.hal}' for {duration:g} s; its outputs are neutral, so nothing moves")
-    app = App("max" if is_simulated(config) else None)
-
-    async def look() -> None:
-        found.extend(remark.show() for remark in await doctor_hal.examined(create(config), duration))
-
-    if app.run(look()) != OK:
-        return app.code
-    real_time().show()
-    print("all is well" if all(found) else "see the lines marked with !")
-    return OK if all(found) else FAULT
+async def _at_line(port: Port, config: Config, duration: float) -> list[Remark]:
+    return list(remarks(await examine(port, config.loops().pid_set(), duration), config.serial.baud))
