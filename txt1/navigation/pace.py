@@ -1,6 +1,5 @@
 """The speed of a drive: as given, or the one that saves time or energy."""
 
-from enum import StrEnum
 from typing import Final
 
 from txt1.config import Config
@@ -8,13 +7,6 @@ from txt1.errors import CommandRefused
 from txt1.sim.battery import economical_speed
 
 SURE: Final = 1.0  # m/s up to which `follow` and `go_to` were tried to keep to their way
-
-
-class Saving(StrEnum):
-    """What a drive is to save."""
-
-    TIME = "time"
-    ENERGY = "energy"
 
 
 def pace(speed: float | str, config: Config) -> float:
@@ -25,9 +17,6 @@ def pace(speed: float | str, config: Config) -> float:
     if not isinstance(speed, str):
         return speed
     most = min(config.safety.v_max, SURE)
-    match speed:
-        case Saving.TIME:
-            return most
-        case Saving.ENERGY:
-            return economical_speed(config.sim.battery, most)
-    raise CommandRefused(f"speed {speed!r}: give m/s, or one of {', '.join(Saving)}")
+    if speed not in ("time", "energy"):
+        raise CommandRefused(f"speed {speed!r}: give m/s, or one of time, energy")
+    return most if speed == "time" else economical_speed(config.sim.battery, most)
