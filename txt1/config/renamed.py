@@ -1,6 +1,6 @@
 """Settings that have another name now: in recordings they are translated, in files they are refused by the new name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any, Final
 
@@ -34,24 +34,14 @@ def translated(tree: Mapping[str, Any], renamed: Mapping[str, str] | None = None
         found[name_now(key, renamed) or key] = found.pop(key)
     for old, now in renamed.items():
         *sections, last = old.split(".")
-        holder = _section(found, sections)
-        if holder is not None and last in holder:
+        holder: Any = found
+        for name in sections:
+            holder = holder.get(name) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and last in holder:
             value = holder.pop(last)
             *sections, last = now.split(".")
-            _make(found, sections)[last] = value
+            holder = found
+            for name in sections:
+                holder = holder.setdefault(name, {})
+            holder[last] = value
     return found
-
-
-def _section(tree: dict[str, Any], path: Sequence[str]) -> dict[str, Any] | None:
-    """The section at a path; None where there is none."""
-    here: Any = tree
-    for name in path:
-        here = here.get(name) if isinstance(here, dict) else None
-    return here if isinstance(here, dict) else None
-
-
-def _make(tree: dict[str, Any], path: Sequence[str]) -> dict[str, Any]:
-    """The section at a path, made where there is none."""
-    for name in path:
-        tree = tree.setdefault(name, {})
-    return tree
