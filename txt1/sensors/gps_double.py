@@ -5,9 +5,8 @@ from math import hypot, pi
 from typing import Any
 
 from txt1.link.base import Link
-from txt1.link.station import Station
 from txt1.sensors.base import Reading
-from txt1.sensors.double import Talker
+from txt1.sensors.double import Double, Talker
 from txt1.sensors.geodesy import Grid
 from txt1.sensors.gps_gpsd import CONFIDENCE
 from txt1.sensors.readings import FixReading
@@ -86,23 +85,18 @@ def receiver() -> Talker:
     return Talker(nmea)
 
 
-class FakeGpsd:
+class FakeGpsd(Double):
     """gpsd's end of a connection: reports go to a client that watches."""
 
     def __init__(self) -> None:
-        self._station = Station()
-        self._rest = b""
+        super().__init__()
         self._watched = False
 
     def connected(self, link: Link) -> None:
         """Greet a client."""
-        self._rest, self._watched = b"", False
-        self._station.connected(link)
+        self._watched = False
+        super().connected(link)
         self._tell(VERSION)
-
-    def lost(self, reason: str) -> None:
-        """Go on without a client."""
-        self._station.lost(reason)
 
     def received(self, data: bytes) -> None:
         """Obey ?WATCH; anything else is passed over."""
@@ -125,4 +119,4 @@ class FakeGpsd:
             self._tell(report(reading))
 
     def _tell(self, told: dict[str, Any]) -> None:
-        self._station.send(json.dumps(told).encode() + b"\r\n")
+        self.send(json.dumps(told).encode() + b"\r\n")

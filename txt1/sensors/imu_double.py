@@ -2,9 +2,8 @@
 
 from typing import Final
 
-from txt1.link.base import Link
-from txt1.link.station import Station
 from txt1.sensors.base import Reading
+from txt1.sensors.double import Double
 from txt1.sensors.imu_3dmgx2 import (
     CONFIRMED,
     GAUSS,
@@ -24,23 +23,13 @@ IDENTIFIERS: Final = {0: "6223-4220", 1: "6223-00001", 2: "3DM-GX2", 3: "5g 300d
 LONGEST: Final = {CONFIRMED: 4, IDENTIFIER: 2}  # bytes of a command that has more than one
 
 
-class FakeImu:
+class FakeImu(Double):
     """The device's end of the line."""
 
     def __init__(self) -> None:
-        self._station = Station()
-        self._rest = b""
+        super().__init__()
         self._repeated: int | None = None  # the command that is carried out again and again
         self._now: Reading[ImuReading] | None = None
-
-    def connected(self, link: Link) -> None:
-        """Take the link; what an earlier host has started goes on, as with the real one."""
-        self._rest = b""
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without a host."""
-        self._station.lost(reason)
 
     def received(self, data: bytes) -> None:
         """Carry out commands; bytes that are none are passed over."""
@@ -58,20 +47,20 @@ class FakeImu:
         """Measure."""
         self._now = reading
         if self._repeated is not None:
-            self._station.send(self._reply(self._repeated))
+            self.send(self._reply(self._repeated))
 
     def _obey(self, command: int, rest: bytes) -> None:
         if command in (PLAIN, MAGNETIC):
-            self._station.send(self._reply(command))
+            self.send(self._reply(command))
         elif command == CONFIRMED and rest[:2] == b"\xc1\x29":
             self._repeated = rest[2] if rest[2] in (PLAIN, MAGNETIC) else None
             confirmed = bytes((CONFIRMED, rest[2])) + self._ticks().to_bytes(4)
-            self._station.send(confirmed + checksum(confirmed).to_bytes(2))
+            self.send(confirmed + checksum(confirmed).to_bytes(2))
         elif command == STOP:
             self._repeated = None
         elif command == IDENTIFIER:
             name = bytes((IDENTIFIER, rest[0])) + IDENTIFIERS.get(rest[0], "").encode().rjust(16)
-            self._station.send(name + checksum(name).to_bytes(2))
+            self.send(name + checksum(name).to_bytes(2))
 
     def _ticks(self) -> int:
         return 0 if self._now is None else round(self._now.time * TICKS["gx2"]) & 0xFFFFFFFF

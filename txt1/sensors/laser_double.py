@@ -3,11 +3,9 @@
 from math import isfinite, tau
 from typing import Final
 
-from txt1.link.base import Link
-from txt1.link.station import Station
 from txt1.sensors import laser_ld19
 from txt1.sensors.base import Reading
-from txt1.sensors.double import Talker
+from txt1.sensors.double import Double, Talker
 from txt1.sensors.laser_scip import BLOCK, check_character, encode
 from txt1.sensors.readings import Scan
 
@@ -34,24 +32,14 @@ def listing(values: dict[str, str]) -> bytes:
     return b"".join(text + b";" + bytes((check_character(text),)) + b"\n" for text in texts)
 
 
-class FakeScip:
+class FakeScip(Double):
     """The scanner's end of the line."""
 
     def __init__(self) -> None:
-        self._station = Station()
-        self._rest = b""
+        super().__init__()
         self._echo: bytes | None = None  # of the request for scans that is carried out, without the number left
         self._left = 0  # scans still to be sent; 0 is without end
         self._once: list[bytes] = []  # requests for the next scan
-
-    def connected(self, link: Link) -> None:
-        """Take the link."""
-        self._rest = b""
-        self._station.connected(link)
-
-    def lost(self, reason: str) -> None:
-        """Go on without a host."""
-        self._station.lost(reason)
 
     def received(self, data: bytes) -> None:
         """Carry out commands."""
@@ -98,7 +86,7 @@ class FakeScip:
             self._answer(command, b"0E")
 
     def _answer(self, echo: bytes, status: bytes, data: bytes = b"") -> None:
-        self._station.send(echo + b"\n" + line(status) + data + b"\n")
+        self.send(echo + b"\n" + line(status) + data + b"\n")
 
     def _data(self, request: bytes, reading: Reading[Scan]) -> bytes:
         """Time stamp and ranges of the steps that are asked for, in lines of 64 characters."""

@@ -2,39 +2,35 @@
 
 from txt1.errors import HalError
 from txt1.link.base import Link
-from txt1.link.station import Station
 from txt1.sensors import vrpn
 from txt1.sensors.base import Reading
+from txt1.sensors.double import Double
 from txt1.sensors.mocap_vrpn import MILLIMETRE
 from txt1.sensors.readings import TrackerReading
 
 SENDER, POSE, PONG, CONTROL = 1, 1, 2, 0  # our numbers of the subject, the types, and the server itself
 
 
-class FakeVicon:
+class FakeVicon(Double):
     """The server's end of a connection."""
 
     def __init__(self, subject: str = "txt01") -> None:
+        super().__init__()
         self._subject = subject
-        self._station = Station()
         self._splitter: vrpn.Splitter | None = None
         self._names = vrpn.Names()
 
     def connected(self, link: Link) -> None:
         """Greet a client, and tell it our names."""
         self._splitter, self._names = vrpn.Splitter(), vrpn.Names()
-        self._station.connected(link)
+        super().connected(link)
         names = (
             (vrpn.SENDER_NAME, CONTROL, "VRPN Control"),
             (vrpn.SENDER_NAME, SENDER, self._subject),
             (vrpn.TYPE_NAME, POSE, vrpn.POSE_TYPE),
             (vrpn.TYPE_NAME, PONG, vrpn.PONG_TYPE),
         )
-        self._station.send(vrpn.COOKIE + b"".join(vrpn.pack(vrpn.name_message(*each)) for each in names))
-
-    def lost(self, reason: str) -> None:
-        """Go on without a client."""
-        self._station.lost(reason)
+        self.send(vrpn.COOKIE + b"".join(vrpn.pack(vrpn.name_message(*each)) for each in names))
 
     def received(self, data: bytes) -> None:
         """Answer pings; a client that does not speak VRPN is not heard."""
@@ -49,11 +45,11 @@ class FakeVicon:
             if self._names.note(message) or self._names.types.get(message.type) != vrpn.PING_TYPE:
                 continue
             if self._names.senders.get(message.sender) == self._subject:
-                self._station.send(vrpn.pack(vrpn.VrpnMessage(message.time, SENDER, PONG, b"")))
+                self.send(vrpn.pack(vrpn.VrpnMessage(message.time, SENDER, PONG, b"")))
 
     def show(self, reading: Reading[TrackerReading]) -> None:
         """Tell a pose."""
         value = reading.value
         place = (each / MILLIMETRE for each in (value.x, value.y, value.z))
         body = vrpn.POSE.pack(0, 0, *place, *value.orientation)
-        self._station.send(vrpn.pack(vrpn.VrpnMessage(reading.time, SENDER, POSE, body)))
+        self.send(vrpn.pack(vrpn.VrpnMessage(reading.time, SENDER, POSE, body)))
