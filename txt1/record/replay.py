@@ -1,4 +1,40 @@
-"""What was given to a robot when it was recorded, given again: messages, readings, the hardware's reports, steps."""
+"""Stand-ins that give a runtime again what was given to it when it was recorded.
+
+How it works
+============
+
+`txt1.record.verify` says what a replay is. Here are its four stand-ins and the order in which they give things.
+
+**Order is all.** Two inputs at the same time may have different effects, depending on the task that ran between them.
+So the recorder notes with each input the count of task steps before it (`step`), and that count decides here. Time only
+says when to look. The scheduler counts its steps in the replay as it did then.
+
+Inputs fall into two groups, by who gave them (`source`):
+
+- *From outside* (`source` is empty): an operator, a bridge, a program's own coroutine. They came between two steps.
+  `Script` keeps them in one queue, in the order of the recording.
+- *In a step* (`source` is the name of a task): a task of the user's, or the task that reads a sensor. They came in the
+  course of that task's step. Each source has a queue of its own, and takes from it in its own step: `Script._repeat`
+  stands for a user's task, `RecordedSensor` for a sensor's driver.
+
+**In virtual time** two things may bring an input from outside due. `Following` calls `Script.give_due` behind every
+step; that gives what came right behind that step. An input in an instant without any step needs a timer
+(`Script.start`). The timer is set `EARLY` ahead of the tasks' timers of the same nanosecond, so that an input which
+came before the steps of its instant is not late. If it came behind them, its `step` is still ahead, and the timer is
+set again, until the steps have run. A step that never comes would make that go on for ever: behind `TURNS_MAX` turns
+the clock is moved on by one nanosecond, and the input is given then.
+
+**On the real clock** there is no timer at all. `verify` goes through the recorded steps, calls `Script.give_up_to` for
+the inputs ahead of each, and `StepByStep.step` to run it at its recorded time.
+
+**Hardware** reports again (`RecordedHal`) what it reported: a reading, or the error that it raised. `expect` gets the
+reports of a step ahead of that step. A report that nobody reads in the replay still counts as the newest state, since
+the tasks of then saw it before the next step. Commands to the hardware do nothing, as the outputs are compared already.
+
+What was refused then (not armed, a fault of the hardware, a value out of range) is refused again, so `Script.give`
+passes over exactly these errors. An error of a user's own task is recorded as "failure" and raised again.
+
+"""
 
 from __future__ import annotations
 
@@ -62,7 +98,8 @@ class RecordedHal:
 
     def expect(self, reports: Sequence[Report]) -> None:
         """Report this in the course of what comes next."""
-        while self._reports:  # what nobody has read is how it is now, all the same
+        # what nobody has read is how it is now, all the same
+        while self._reports:
             self._inputs = self._reports.popleft().value or self._inputs
         self._reports.extend(reports)
 
@@ -119,7 +156,8 @@ class RecordedSensor:
         reading = None
         while self._due():
             time, what = self._given.popleft()
-            if isinstance(what, Input):  # such as a look at where a simulated robot is
+            # an input from within a sensor is, for example, a look at where a simulated robot is
+            if isinstance(what, Input):
                 self._script.give(time, what)
             elif what.kind == "fails":
                 raise HalError(what.text)
@@ -154,7 +192,8 @@ class Script:
             (self.of(each.what.source) if inside else self._outside).append(each)
         self._end_step = self._outside[-1].what.step if self.has_end else None
         self.ended: asyncio.Future[None] = self._loop.create_future()
-        self._turns = 0  # of the loop in which an input was waiting in vain
+        # turns of the loop in which an input was waiting in vain
+        self._turns = 0
         self.failure: RecordingError | None = None
         """The reason why the recording cannot be given again."""
 
@@ -185,7 +224,8 @@ class Script:
         """Give what came before the first step, and set a timer for what came next."""
         try:
             self.give_due()
-        except RecordingError as error:  # in a timer, where it would only be logged
+        except RecordingError as error:
+            # in a timer it would only be logged
             self.ended.set_exception(error)
             return
         if self._outside:
@@ -200,11 +240,13 @@ class Script:
         outside = self._outside
         while outside:
             (time, given), now = outside[0], self._runtime.now
-            if time > now or (time == now and given.step > self.steps):  # behind its time it is given in any case
+            # behind its time it is given in any case
+            if time > now or (time == now and given.step > self.steps):
                 break
             self.give(*outside.popleft())
         if self._end_step == self.steps:
-            self._scheduler.end_at(self._runtime.now)  # no step came any more
+            # no step came any more
+            self._scheduler.end_at(self._runtime.now)
 
     def give_up_to(self, step: int) -> None:
         """Give the inputs from outside that came behind this step or one before it."""
@@ -220,7 +262,8 @@ class Script:
             if isinstance(runtime.hal, RecordedHal):
                 runtime.hal.expect([given])
             return
-        with suppress(NotArmed, HalError, ValueError):  # what was refused then is refused now
+        # what was refused then is refused now
+        with suppress(NotArmed, HalError, ValueError):
             self._do(given)
 
     def _do(self, given: Input) -> None:
@@ -260,7 +303,8 @@ class Script:
         async for _ in ticks:
             while inputs and inputs[0].what.step <= self.steps:
                 time, what = inputs.popleft()
-                if isinstance(what, Input):  # nobody here consumes the readings of a user's sensor
+                # nobody here consumes the readings of a user's sensor
+                if isinstance(what, Input):
                     self.give(time, what)
 
 

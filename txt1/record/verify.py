@@ -1,13 +1,43 @@
-"""The recorded inputs through the tasks once more, in virtual time, to see whether the robot does what it did.
+"""Run a recording's inputs through the tasks once more, in virtual time, to see whether the robot does what it did.
 
-Everything that came from outside is in the recording, exactly, with its time and the number of the step behind which it
-came: messages and actions (`/input`), the sensors' readings and, of hardware, its reports (`/reports`). It is given
-again to a fresh runtime made from the recorded configuration, and what that one tells is compared with the recording
-message by message (`txt1.record.comparison`). So guards, the estimate and whatever else reads a sensor work as ever;
-only the sensors and the hardware beneath them are recorded ones (`txt1.record.replay`).
+How it works
+============
 
-In virtual time the scheduler runs the tasks at the very times of then, and simulated hardware is simulated anew. On the
-real clock every step is in the recording, too (`/steps`), and hardware reports what it reported.
+The tasks are a function: the same inputs, in the same order between the same steps, give the same outputs to the last
+bit. A recording holds the configuration, all inputs and all outputs. So a replay makes a fresh runtime of the
+configuration, gives it the inputs, and compares what it tells with what is recorded, message by message.
+
+**Inputs** come from four sides, and each is recorded with its time and with `step`, the number of task steps before it:
+
+==================================  ===========  ================================================================
+input                               topic        how it is given again
+==================================  ===========  ================================================================
+messages and actions of the user    `/input`     `replay.Script` calls the runtime: arm, stop, set-point ...
+a sensor's reading                  `/reports`   `replay.RecordedSensor` stands in the place of the driver
+a report of real hardware           `/reports`   `replay.RecordedHal` stands in the place of the HAL
+a task's step, on the real clock    `/steps`     `replay.StepByStep` stands in the place of the scheduler
+==================================  ===========  ================================================================
+
+Guards, the estimate and whatever else reads a sensor are the ordinary ones. Simulated hardware is simulated anew: it is
+a function of its inputs, too, so recording it would only hide a difference.
+
+**Two kinds of time** make two ways to run:
+
+- *Virtual time* (`_Again._follow`). The scheduler is deterministic there. It runs every task at the very time of the
+  recording by itself, so the steps are not in the recording. `replay.Following` only calls the script behind each step,
+  which gives the inputs that came behind that step.
+- *The real clock* (`_Again._take_steps`). When a task ran depended on the computer. So each step is recorded with its
+  time and the cycles missed before it, and is run when its turn comes; nothing waits for a clock.
+
+**The outputs** go from the fresh runtime's bus through an ordinary recorder into a `comparison.Comparison`, which takes
+the place of the file. It reads the recording once more from the front and holds each message against the next recorded
+one. Nothing is compared that may differ: what others told who command the robot, and on the real clock how long the
+tasks took. The first difference is the verdict. Causes are told before their effects, so it names the first topic that
+went another way.
+
+**Several robots** that were simulated together meet in one world, so they run again together. A recording of a robot
+that had others around it, alone in its file, is run without them, and their places are left out.
+
 """
 
 from __future__ import annotations
@@ -19,7 +49,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from txt1.errors import RecordingError, TaskFault
+from txt1.errors import TaskFault
 from txt1.hal.base import Hal
 from txt1.hal.registry import create, in_world
 from txt1.kernel.clock import NS_PER_S
@@ -27,7 +57,7 @@ from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
 from txt1.model.channels import Channels
 from txt1.record.comparison import Comparison, Difference
-from txt1.record.reading import robots_in
+from txt1.record.reading import robot_in, robots_in
 from txt1.record.recorded import Recorded, read
 from txt1.record.recorder import Recorder
 from txt1.record.replay import Following, RecordedHal, RecordedSensor, Script, StepByStep
@@ -48,7 +78,7 @@ class Verdict(NamedTuple):
     """Messages."""
     difference: Difference | None
     """The first; None if there is none."""
-    topics: dict[str, int] = {}  # noqa: RUF012 - never changed
+    topics: dict[str, int] = {}  # noqa: RUF012
     """The messages that were compared, by topic."""
     left_out: tuple[str, ...] = ()
     """The topics in the recording that were not compared, and those in its snapshots."""
@@ -67,8 +97,8 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
     Raises RecordingError: the file cannot be read, is no recording of txt1's, or not of what can be run again.
     """
     names = robots_in(path)
-    if robot is not None and robot not in names:
-        raise RecordingError(f"{path}: robot '{robot}' is not in it; choose one of: {', '.join(names) or 'none'}")
+    if robot is not None:
+        robot = robot_in(path, robot)
     robots = [read(path, name) for name in names]
     together = len(robots) > 1 and not robots[0].steps
     groups = [robots] if together else [[each] for each in robots if robot in (None, each.robot)]
@@ -106,7 +136,8 @@ class _Again:
         hal: Hal
         if recorded.reports and recorded.hardware is not None:
             hal = RecordedHal(*recorded.hardware).as_hal()
-            config = config.model_copy(update={"channels": Channels()})  # its reports are put right already
+            # what the channels' settings put right is so in the reports already
+            config = config.model_copy(update={"channels": Channels()})
         else:
             config = config if world is None else in_world(config, world)
             hal = create(config, world)
@@ -132,20 +163,24 @@ class _Again:
                 polled.needed = polled.sensor.needed
         self.comparison.begin()
         if any(what.kind == "task" and what.text.startswith("sensor ") for _, what in self._recorded.given):
-            self.comparison.leave_out(SENSORS)  # a program added some, which nobody has here
+            # a program added sensors, which nobody has here
+            self.comparison.leave_out(SENSORS)
         if self._alone:
-            self.comparison.leave_out(VEHICLES)  # the others have recordings of their own
+            # the others have recordings of their own
+            self.comparison.leave_out(VEHICLES)
         script, scheduler = self.script, self.runtime.scheduler
         if isinstance(scheduler, Following):
             if not script.has_end:
                 scheduler.end_at(self._recorded.last + 1.0 / NS_PER_S)
             scheduler.after = script.give_due
-            script.start()  # in this turn of the loop, ahead of the first step
+            # in this turn of the loop, ahead of the first step
+            script.start()
 
     async def run(self) -> None:
         """Run it to its end."""
         scheduler = self.runtime.scheduler
-        with suppress(TaskFault):  # it failed when it was recorded, too, or the messages differ
+        # a task that fails here failed when it was recorded, too, or the messages differ
+        with suppress(TaskFault):
             try:
                 if isinstance(scheduler, StepByStep):
                     await self._take_steps(scheduler)
@@ -153,7 +188,8 @@ class _Again:
                     await self._follow(scheduler)
             finally:
                 if self._recorded.reports:
-                    self.runtime.watch = None  # it stood, or not, in its own time
+                    # whether the hardware stood is in its reports; nobody waits for it here
+                    self.runtime.watch = None
                 await self.runtime.stop()
         await self.recorder.close()
         if self.script.failure is not None:
