@@ -87,15 +87,9 @@ class Snapshot:
 
     def encode(self) -> bytes:
         """This as one line of JSON, newline included; TypeError for a value that JSON has no word for."""
-        topics = {name: _entry(name, words) for name, words in self._plain.items()}
-        for name, value in self._values.items():
-            known, told = _LAST.get(name, _NOTHING)
-            if known is not value:
-                told = _entry(name, plain(value))
-                _LAST[name] = value, told  # many are the same as a second before
-            topics[name] = told
-        head = _JSON.encode({"version": VERSION, "time": self.time, "name": self.name})
-        return f'{head[:-1]},"topics":{{{",".join(topics.values())}}}}}\n'.encode("ascii")
+        topics = {**self._plain, **{name: plain(value) for name, value in self._values.items()}}
+        told = {"version": VERSION, "time": self.time, "name": self.name, "topics": topics}
+        return f"{_JSON.encode(told)}\n".encode("ascii")
 
     @classmethod
     def decode(cls, line: bytes | str) -> Snapshot:
@@ -116,20 +110,8 @@ SNAPSHOT: Final = declare(Topic(
     make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
 ))  # fmt: skip
 
-_NOTHING: Final = (object(), "")
-_LAST: Final[dict[str, tuple[Any, str]]] = {}  # of each topic the value that was encoded last, and as what
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))
-
-
-@cache
-def _key(name: str) -> str:
-    return f"{_JSON.encode(name)}:"
-
-
-def _entry(name: str, words: Any) -> str:
-    """A topic in JSON, to stand among others."""
-    return _key(name) + _JSON.encode(words)
 
 
 # -- values to JSON and back -----------------------------------------------------------------------------------
