@@ -21,6 +21,7 @@ from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
 from txt1.fleet.radio import Said
+from txt1.fleet.steering import DEFAULT_BODY, Body
 from txt1.model.kinematics import wrap_angle
 
 GAP: Final = 0.9  # d: between two centres at rest, m; a body is 0.51 m long
@@ -29,8 +30,7 @@ GAIN: Final = 0.8  # k, 1/s
 LOOK_AHEAD: Final = 0.6  # m, of the pursuit
 TRACK_STEP: Final = 0.05  # m between two points of the track
 TRACK_MAX: Final = 1000  # points of the track
-RADIUS_MIN: Final = 0.56  # m
-SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up
+SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up, if its car goes as fast
 CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
 
 
@@ -69,12 +69,12 @@ class Leader:
 class Follower:
     """Follows the robot called `ahead`."""
 
-    def __init__(self, ahead: str) -> None:
+    def __init__(self, ahead: str, body: Body = DEFAULT_BODY) -> None:
         self.needs = frozenset((ahead,))
         self.data: tuple[float, ...] = ()
         self.spacing: float | None = None
         """Distance to the one ahead along its track, m."""
-        self._ahead = ahead
+        self._ahead, self._body = ahead, body
         self._track: deque[tuple[float, float]] = deque(maxlen=TRACK_MAX)
 
     @property
@@ -105,13 +105,13 @@ class Follower:
         tail = hypot(ahead.x - track[-1][0], ahead.y - track[-1][1])
         self.spacing = left + along + tail
         v = ahead.v + GAIN * (self.spacing - GAP - HEADWAY * max(me.v, 0.0))
-        v = min(max(v, 0.0), SPEED_MAX)
+        v = min(max(v, 0.0), SPEED_MAX, self._body.v_max)
         if v < CREEP:
             return 0.0, 0.0
         goal = next((p for p in track if hypot(p[0] - me.x, p[1] - me.y) >= LOOK_AHEAD), (ahead.x, ahead.y))
         alpha = wrap_angle(atan2(goal[1] - me.y, goal[0] - me.x) - me.theta)
         curvature = 2.0 * sin(alpha) / max(hypot(goal[0] - me.x, goal[1] - me.y), LOOK_AHEAD)
-        limit = 1.0 / RADIUS_MIN
+        limit = 1.0 / self._body.radius
         return v, v * min(max(curvature, -limit), limit)
 
 

@@ -4,9 +4,11 @@ import asyncio
 from collections.abc import Callable
 from math import atan2
 
+from txt1.config import Config
 from txt1.driver import REFRESH
 from txt1.fleet.law import Law
 from txt1.fleet.radio import SILENCE, Medium, Said, placed
+from txt1.fleet.steering import Body
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 
@@ -53,6 +55,11 @@ class Cooperation:
         self.silent = silent
         self._source.release()
         self._robot.tell(f"cooperates no more: {silent} not heard for {SILENCE:g} s" if silent else "cooperates")
+
+
+def body_of(config: Config) -> Body:
+    """Return a robot's own body."""
+    return Body.of(config.geometry, config.safety.v_max)
 
 
 def see_simulated(robot: Robot) -> tuple[float, float] | None:

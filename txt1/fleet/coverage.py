@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import CLEAR, RADIUS_MIN, Helmsman
+from txt1.fleet.steering import DEFAULT_BODY, Body, Helmsman
 
 SQUARE: Final = 0.25  # m, side of a square
 SEEN: Final = 0.5  # m from a robot's centre, within which a square is visited
@@ -32,10 +32,12 @@ LOOK: Final = 5  # steps between two looks at who is where; nobody comes further
 class Coverage:
     """One robot's part; `speed` in m/s. It cannot do without any of the team: who is not heard cannot be avoided."""
 
-    def __init__(self, name: str, team: list[str], room: tuple[float, float], speed: float = 0.4) -> None:
+    def __init__(
+        self, name: str, team: list[str], room: tuple[float, float], speed: float = 0.4, body: Body = DEFAULT_BODY
+    ) -> None:
         self.needs = frozenset(team) - {name}
         self.data: tuple[float, ...] = ()
-        self._room, self._speed = room, speed
+        self._room, self._speed, self._body = room, speed, body
         xs, ys = (np.arange(-0.5 * side + 0.5 * SQUARE, 0.5 * side, SQUARE) for side in room)
         self._x, self._y = np.meshgrid(xs, ys, indexing="ij")
         self.visited: NDArray[np.float64] = np.full(self._x.shape, -np.inf)
@@ -43,7 +45,7 @@ class Coverage:
         self._goal: tuple[float, float] | None = None
         self._steps = 0
         self._looked = 0  # steps until the next look
-        self._helmsman = Helmsman(sorted(team).index(name), room)
+        self._helmsman = Helmsman(sorted(team).index(name), body, room)
 
     def share(self, now: float, within: float) -> float:
         """Share of the floor that was visited within so many s."""
@@ -76,11 +78,11 @@ class Coverage:
         dx, dy = self._x - me.x, self._y - me.y
         way = np.hypot(dx, dy)
         ahead, side = dx * cos(me.theta) + dy * sin(me.theta), dy * cos(me.theta) - dx * sin(me.theta)
-        within = way * way < 2.0 * RADIUS_MIN * abs(side)  # a turning circle: not to be reached on one arc
+        within = way * way < 2.0 * self._body.radius * abs(side)  # a turning circle: not to be reached on one arc
         worth = age / (way + TURN + BEHIND * (ahead < 0.0) + WITHIN * within)
         for other in heard.values():
             worth[np.hypot(self._x - other.x, self._y - other.y) < way] *= 0.3
         best = np.unravel_index(int(worth.argmax()), worth.shape)
-        borders = (0.5 * side - CLEAR - 0.02 for side in self._room)
+        borders = (0.5 * side - self._body.clear - 0.02 for side in self._room)
         x, y = (min(max(float(at[best]), -b), b) for at, b in zip((self._x, self._y), borders, strict=True))
         return x, y

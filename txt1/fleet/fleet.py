@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from txt1.config import Config, load
 from txt1.driver import REFRESH, SOURCES, CommandSource
 from txt1.errors import HalError, NotArmed
-from txt1.fleet.cooperation import Cooperation, see_simulated
+from txt1.fleet.cooperation import Cooperation, body_of, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.radio import Radio
@@ -134,7 +134,7 @@ class Fleet:
         air = air or Radio()
         room, team = (self.world.room.length, self.world.room.width), list(self.robots)
         for name, robot in self.robots.items():
-            law = make_law(name, team, room, settings)
+            law = make_law(name, team, room, settings, body_of(robot.config))
             self.cooperations[name] = Cooperation(robot, air.voice(name), law, see_simulated)
         for each in self.cooperations.values():
             each.begin()

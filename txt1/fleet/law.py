@@ -13,6 +13,7 @@ from txt1.fleet.coverage import Coverage
 from txt1.fleet.radio import Said
 from txt1.fleet.rendezvous import Rendezvous
 from txt1.fleet.search import Search
+from txt1.fleet.steering import DEFAULT_BODY, Body
 
 Rooms = tuple[float, float]  # length and width of the room, m
 
@@ -31,42 +32,30 @@ class Law(Protocol):
         """Numbers that the others have to know besides its pose and velocities."""
 
 
-def convoy(name: str, team: list[str], room: Rooms, **settings: Any) -> Law:
-    """The first of the team leads, each other one follows the one before it."""
+def _convoy(name: str, team: list[str], room: Rooms, body: Body, **settings: Any) -> Law:
     at = team.index(name)
-    return Leader(**settings) if at == 0 else Follower(team[at - 1])
+    return Leader(**settings) if at == 0 else Follower(team[at - 1], body=body, **settings)
 
 
-def rendezvous(name: str, team: list[str], room: Rooms, **settings: Any) -> Law:
-    """All meet on a circle around the middle that they agree on."""
-    return Rendezvous(name, team, **settings)
-
-
-def coverage(name: str, team: list[str], room: Rooms, **settings: Any) -> Law:
-    """All visit the whole floor again and again."""
-    return Coverage(name, team, room, **settings)
-
-
-def search(name: str, team: list[str], room: Rooms, **settings: Any) -> Law:
-    """All look for the light, and drive to it when one has seen it."""
-    return Search(name, team, room, **settings)
-
-
-LAWS: Final[dict[str, Callable[..., Law]]] = {
-    "convoy": convoy,
-    "rendezvous": rendezvous,
-    "coverage": coverage,
-    "search": search,
+LAWS: Final[Mapping[str, Callable[..., Law]]] = {
+    "convoy": _convoy,
+    "rendezvous": lambda name, team, room, body, **settings: Rendezvous(name, team, body=body, **settings),
+    "coverage": lambda name, team, room, body, **settings: Coverage(name, team, room, body=body, **settings),
+    "search": lambda name, team, room, body, **settings: Search(name, team, room, body=body, **settings),
 }
+"""By name: given are the robot's name, the team in its order, the room, its body, and the law's settings.
+
+In a convoy the first of the team leads, and each other one follows the one before it.
+"""
 
 
-def make_law(name: str, team: list[str], room: Rooms, settings: Mapping[str, Any]) -> Law:
-    """One robot's part in the law that ``cooperate`` names; raises ConfigError."""
+def make_law(name: str, team: list[str], room: Rooms, settings: Mapping[str, Any], body: Body = DEFAULT_BODY) -> Law:
+    """One robot's part in the law that ``cooperate`` names, for a car of this body; raises ConfigError."""
     given = dict(settings)
     law = given.pop("law", None)
     if law not in LAWS:
         raise ConfigError(f"cooperate.law: there is no law {law!r}; choose one of: {', '.join(LAWS)}")
     try:
-        return LAWS[law](name, team, room, **given)
+        return LAWS[law](name, team, room, body, **given)
     except TypeError as error:
         raise ConfigError(f"cooperate: {law}: {error}; see docs/fleet.md") from None

@@ -8,7 +8,7 @@ from math import inf
 from typing import Any, Final
 
 from txt1.errors import ConfigError
-from txt1.fleet.cooperation import Cooperation, see_simulated
+from txt1.fleet.cooperation import Cooperation, body_of, see_simulated
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, Member, member_of
 from txt1.fleet.radio import Said
@@ -63,8 +63,9 @@ class FleetLink:
 
     def cooperate(self, law: str, team: Sequence[str], **settings: Any) -> None:
         """Drive by a law with the others of a team; raises ConfigError."""
-        room = self._robot.config.sim.room
-        made = make_law(self._robot.config.name, list(team), (room.length, room.width), {"law": law, **settings})
+        config, given = self._robot.config, {"law": law, **settings}
+        room = config.sim.room.length, config.sim.room.width
+        made = make_law(config.name, list(team), room, given, body_of(config))
         self._cooperation = Cooperation(self._robot, self, made, see_simulated)
         self._cooperation.begin()
 

@@ -30,7 +30,7 @@ from math import atan2, cos, hypot, pi, sin
 from typing import Final
 
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import Helmsman
+from txt1.fleet.steering import DEFAULT_BODY, Body, Helmsman
 from txt1.model.kinematics import wrap_angle
 
 SPACING: Final = 2.0  # m between two slots: a car passes between two that stand
@@ -68,7 +68,9 @@ class Rendezvous:
 
     needs: frozenset[str] = frozenset()  # the graph may change: whoever is heard counts
 
-    def __init__(self, name: str, team: list[str], speed: float = 0.3, spacing: float = SPACING) -> None:
+    def __init__(
+        self, name: str, team: list[str], speed: float = 0.3, spacing: float = SPACING, body: Body = DEFAULT_BODY
+    ) -> None:
         self._number, self._count = sorted(team).index(name), len(team)
         self._team = frozenset(team)  # whoever else is heard claims no slot, or there would be too few
         self._speed, self._spacing = speed, spacing
@@ -81,7 +83,7 @@ class Rendezvous:
         self._enters = self._inside = False
         self._way: tuple[int | None, float, int] = None, 0.0, 0  # slot, shortest way there so far (m), steps since then
         self._claims: dict[str, tuple[float, ...]] = {}  # the last that each of the others has told
-        self._helmsman = Helmsman(self._number)
+        self._helmsman = Helmsman(self._number, body)
 
     @property
     def data(self) -> tuple[float, ...]:

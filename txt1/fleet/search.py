@@ -14,7 +14,7 @@ from typing import Final
 
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.radio import Said
-from txt1.fleet.steering import Helmsman
+from txt1.fleet.steering import DEFAULT_BODY, Body, Helmsman
 
 SEES: Final = 30.0  # lux: with the lamp of 135 lux at 1 m that is 2.1 m away
 LAMP: Final = 135.0  # lux at 1 m
@@ -25,12 +25,18 @@ class Search:
     """One robot's part; `speed` in m/s, the light is seen from `sees` lux on."""
 
     def __init__(
-        self, name: str, team: list[str], room: tuple[float, float], speed: float = 0.3, sees: float = SEES
+        self,
+        name: str,
+        team: list[str],
+        room: tuple[float, float],
+        speed: float = 0.3,
+        sees: float = SEES,
+        body: Body = DEFAULT_BODY,
     ) -> None:
-        self._cover = Coverage(name, team, room, speed)
+        self._cover = Coverage(name, team, room, speed, body)
         self.needs = self._cover.needs
         self._speed, self._sees = speed, sees
-        self._helmsman = Helmsman(sorted(team).index(name), room)
+        self._helmsman = Helmsman(sorted(team).index(name), body, room)
         self._told: tuple[float, float, float] | None = None  # lux, and where: m
 
     @property

@@ -9,15 +9,17 @@ from hypothesis import strategies as st
 
 from benchmarks.cars import Cars
 from benchmarks.cooperation import convoy, coverage, rendezvous
+from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.fleet.convoy import TRACK_MAX, Follower, amplification
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
-from txt1.fleet.steering import APART, allowed, toward
+from txt1.fleet.steering import DEFAULT_BODY, Body, allowed, toward
 
 PLACES = st.floats(-3.0, 3.0)
 SAID = st.builds(Said, PLACES, PLACES, st.floats(-pi, pi))
+TEAM = ["txt01", "txt02", "txt03"]
 FREQUENCIES = st.floats(0.001, 100.0)
 
 
@@ -52,7 +54,7 @@ def test_an_estimate_of_the_middle_stays_among_those_it_was_made_of(places: list
 @given(st.integers(2, 12))
 def test_slots_are_far_enough_apart_for_cars(count: int) -> None:
     places = [slot((0.0, 0.0), number, count) for number in range(count)]
-    assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * APART
+    assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * DEFAULT_BODY.apart
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -70,7 +72,7 @@ def test_a_room_is_covered_without_contact() -> None:
 def test_the_allowed_speed_is_no_more_than_was_asked_and_never_turns_round(
     me: Said, others: list[Said], v: float
 ) -> None:
-    limited = allowed(me, v, others, (6.0, 6.0))
+    limited = allowed(me, v, others, DEFAULT_BODY, (6.0, 6.0))
     assert abs(limited) <= abs(v) + 1e-12 and limited * v >= 0.0
 
 
@@ -79,21 +81,42 @@ def test_the_allowed_speed_is_no_more_than_was_asked_and_never_turns_round(
 def test_two_that_drive_at_one_another_each_take_half_of_the_room(one: Said, other: Said, v: float, w: float) -> None:
     for _ in range(100):
         before = hypot(one.x - other.x, one.y - other.y)
-        if before < APART:
+        if before < DEFAULT_BODY.apart:
             return
-        a, b = allowed(one, v, [other]), allowed(other, w, [one])
+        a, b = allowed(one, v, [other], DEFAULT_BODY), allowed(other, w, [one], DEFAULT_BODY)
         one, other = _moved(one, a), _moved(other, b)
-        assert hypot(one.x - other.x, one.y - other.y) >= min(before, APART) - 1e-3
+        assert hypot(one.x - other.x, one.y - other.y) >= min(before, DEFAULT_BODY.apart) - 1e-3
 
 
 def _moved(said: Said, v: float) -> Said:
     return said._replace(x=said.x + 0.02 * v * cos(said.theta), y=said.y + 0.02 * v * sin(said.theta))
 
 
-@given(SAID, PLACES, PLACES)
-def test_a_car_is_never_told_to_turn_more_sharply_than_it_can(me: Said, x: float, y: float) -> None:
-    v, omega = toward(me, x, y, 0.4)
-    assert abs(omega) <= abs(v) / 0.56 + 1e-9 and isfinite(omega)
+@given(SAID, PLACES, PLACES, st.floats(0.1, 2.0))
+def test_a_car_is_never_told_to_turn_more_sharply_than_it_can(me: Said, x: float, y: float, radius: float) -> None:
+    v, omega = toward(me, x, y, 0.4, DEFAULT_BODY._replace(radius=radius))
+    assert abs(omega) <= abs(v) / radius + 1e-9 and isfinite(omega)
+
+
+DRIVING = st.builds(Said, PLACES, PLACES, st.floats(-pi, pi), st.floats(-2.0, 2.0), st.just(0.0), data=st.just(()))
+
+
+@settings(max_examples=30, deadline=None)
+@pytest.mark.parametrize("law", LAWS)
+@given(st.floats(0.3, 1.0), st.floats(0.05, 0.5), DRIVING, st.lists(DRIVING, min_size=2, max_size=2))
+def test_each_law_drives_within_the_robot_s_own_circle_and_speed(
+    law: str, radius: float, v_max: float, me: Said, others: list[Said]
+) -> None:
+    mine = make_law("txt02", TEAM, (10.0, 8.0), {"law": law}, Body(radius, v_max, 0.3))
+    for _ in range(3):
+        v, omega = mine.step(me, dict(zip(("txt01", "txt03"), others, strict=True)), (100.0, 1.0))
+        assert abs(v) <= v_max + 1e-12
+        assert abs(omega) <= abs(v) / radius + 1e-9
+
+
+def test_a_body_reaches_to_its_farthest_corner() -> None:
+    assert DEFAULT_BODY == (0.56, 1.5, 0.32)
+    assert Body.of(load(None, ["vehicle=f1tenth"], {}, {}).config.geometry, 3.0) == (0.742, 3.0, 0.49)
 
 
 def test_who_is_silent_for_one_law_is_waited_for() -> None:
@@ -126,7 +149,6 @@ FAR = 1e6  # m: the largest number that is heard
 NUMBER = st.floats(-FAR, FAR) | st.floats(-20.0, 20.0)
 DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 5)
 HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
-TEAM = ["txt01", "txt02", "txt03"]
 
 
 @settings(max_examples=60, deadline=None)
