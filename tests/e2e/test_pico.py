@@ -16,7 +16,8 @@ from txt1.control.limits import Fault
 from txt1.errors import MissingExtra, NotArmed, StopNotVerified
 from txt1.experiments.identify import identify, try_out
 from txt1.hal.base import Button
-from txt1.hal.pico.double import Pico, PicoPort, interpreter
+from txt1.hal.double import DoublePort
+from txt1.hal.pico.double import Pico, interpreter
 from txt1.hal.serial import SerialHal
 from txt1.hal.serial import create as create_serial
 from txt1.link.base import Link, connect
@@ -47,8 +48,8 @@ async def robot_and_pico(*settings: str) -> AsyncIterator[tuple[Robot, Pico]]:
     hal = create_serial(config)
     async with Robot.open(hal, config=config) as robot:
         assert await robot.load_gains(timeout=60.0)
-        assert isinstance(hal, SerialHal) and isinstance(hal.port, PicoPort) and hal.port.pico is not None
-        yield robot, hal.port.pico
+        assert isinstance(hal, SerialHal) and isinstance(hal.port, DoublePort) and hal.port.device is not None
+        yield robot, hal.port.device
 
 
 def speed(pico: Pico) -> float:

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from math import copysign
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from txt1.config import Config
 from txt1.control.limits import Outputs
@@ -74,31 +74,37 @@ class SimulatedCar:
         self.hal.write(Outputs(round(motor), -round(steering), round(steering)), now)
 
 
-class Steps:
-    """A controller's loops while it has power: `step` is given the time since then, s, again and again."""
+class Controller(Station):
+    """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
 
-    def __init__(self, car: SimulatedCar, step: Callable[[float], None]) -> None:
-        self._car, self._step = car, step
+    def __init__(self, config: Config) -> None:
+        self.car = SimulatedCar(config)
+        self.line: End = self
+        """Its end of the line, where need be behind faults."""
         self._began = 0.0
         self._task: asyncio.Task[None] | None = None
+
+    def step(self, now: float) -> None:
+        """Do what its loops do, s since power-up."""
+        raise NotImplementedError
 
     @property
     def now(self) -> float:
         """Seconds since power-up."""
         return asyncio.get_running_loop().time() - self._began
 
-    async def begin(self) -> None:
-        """Begin them."""
+    async def power_up(self) -> None:
+        """Begin its loops."""
         self._began = asyncio.get_running_loop().time()
-        await self._car.hal.open()
+        await self.car.hal.open()
         self._task = asyncio.create_task(self._run())
 
-    async def end(self) -> None:
+    async def power_down(self) -> None:
         """End them; harmless when that is done already."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
-        await self._car.hal.close()
+        await self.car.hal.close()
 
     async def ended(self, duration: float | None = None) -> None:
         """Wait for so many seconds, or for ever; raises what went wrong inside."""
@@ -109,51 +115,23 @@ class Steps:
 
     async def _run(self) -> None:
         while True:
-            self._step(self.now)
+            self.step(self.now)
             await asyncio.sleep(LOOP_PERIOD)
 
 
-class Controller:
-    """A motor controller on the desk, with a simulated car behind it; `step` is its loops, `received` its ear."""
+class Powered(Protocol):
+    """A device on the desk that is powered up when a host opens its port."""
 
-    def __init__(self, config: Config) -> None:
-        self.car = SimulatedCar(config)
-        self.line: End = self
-        """Its end of the line, where need be behind faults."""
-        self.station = Station()
-        """Where it says something."""
-        self.steps = Steps(self.car, self.step)
-
-    def step(self, now: float) -> None:
-        """Do what its loops do, s since power-up."""
-        raise NotImplementedError
+    line: End
 
     async def power_up(self) -> None:
-        """Begin its loops."""
-        await self.steps.begin()
+        """Begin."""
 
     async def power_down(self) -> None:
-        """End them; harmless when that is done already."""
-        await self.steps.end()
-
-    async def ended(self, duration: float | None = None) -> None:
-        """Wait for so many seconds, or for ever; raises what went wrong inside."""
-        await self.steps.ended(duration)
-
-    def connected(self, link: Link) -> None:
-        """Take the link."""
-        self.station.connected(link)
-
-    def received(self, data: bytes) -> None:
-        """Do as the host says."""
-        raise NotImplementedError
-
-    def lost(self, reason: str) -> None:
-        """Go on without a link."""
-        self.station.lost(reason)
+        """End; harmless when that is done already."""
 
 
-D = TypeVar("D", bound=Controller)
+D = TypeVar("D", bound=Powered)
 
 
 class DoublePort(Generic[D]):

@@ -31,7 +31,6 @@ class Histogram:
 
     def __init__(self) -> None:
         self._counts = [0] * (_EXACT + _SUB * (64 - _SUB_BITS))
-        self._shift = self._first = 0  # of the last one's buckets: their width, and the place of the first
         self.max_ns = 0
 
     @property
@@ -41,18 +40,10 @@ class Histogram:
 
     def add(self, ns: int) -> None:
         """Count one duration in ns; a negative one counts as 0."""
-        bucket = ns >> self._shift
-        if not _SUB <= bucket < _EXACT:  # it is not near the last one
-            if ns < _EXACT:
-                ns = max(ns, 0)
-                self._shift = 0
-            else:
-                self._shift = ns.bit_length() - _SUB_BITS - 1
-            bucket = ns >> self._shift
-            self._first = self._shift << _SUB_BITS
-        self._counts[self._first + bucket] += 1
-        if ns > self.max_ns:
-            self.max_ns = ns
+        ns = max(ns, 0)
+        shift = max(ns.bit_length() - _SUB_BITS - 1, 0)
+        self._counts[(shift << _SUB_BITS) + (ns >> shift)] += 1
+        self.max_ns = max(self.max_ns, ns)
 
     def copy(self) -> Histogram:
         """Return one with the same counts, which stay as they are."""

@@ -1,24 +1,31 @@
-"""The part that all devices on the desk have in common: a link that comes and goes, and what is sent over it."""
+"""What all devices on the desk have in common: a link that comes and goes, and what is sent over it."""
 
 from txt1.link.base import Link
 
 
 class Station:
-    """Holds the link of a device on the desk; sends into the void while there is none."""
+    """A device on the desk, the end of its host's link; sends into the void while there is none."""
 
-    def __init__(self) -> None:
-        self._link: Link | None = None
+    link: Link | None = None
 
     def connected(self, link: Link) -> None:
         """Take the link."""
-        self._link = link
+        self.link = link
+
+    def received(self, data: bytes) -> None:
+        """Pass over bytes of the host; a device that has commands obeys them."""
 
     def lost(self, reason: str) -> None:
-        """Go on without one."""
-        del reason
-        self._link = None
+        """Go on without a host."""
+        self.link = None
+
+    def hang_up(self) -> None:
+        """Let go of the line."""
+        if self.link is not None:
+            self.link.close()
+            self.link = None
 
     def send(self, data: bytes) -> None:
         """Send, if somebody is there."""
-        if data and self._link is not None and self._link.up:
-            self._link.write(data)
+        if data and self.link is not None and self.link.up:
+            self.link.write(data)

@@ -11,17 +11,13 @@ from txt1.sensors.base import Reading
 class Double(Station):
     """A device on the desk: an end of a link that is shown the readings of a simulated sensor."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._rest = b""  # what came of a command that is not complete
+    # what came of a command that is not complete
+    _rest = b""
 
     def connected(self, link: Link) -> None:
         """Take the link; what an earlier host has started goes on."""
         self._rest = b""
         super().connected(link)
-
-    def received(self, data: bytes) -> None:
-        """Take bytes of the host; a device that has no commands passes over them."""
 
     def show(self, reading: Reading[Any]) -> None:
         """Tell the host of a reading, as the device would."""
@@ -32,7 +28,6 @@ class Talker(Double):
     """A device that sends its readings unasked, as `encode` makes bytes of them, and has no commands."""
 
     def __init__(self, encode: Callable[[Reading[Any]], bytes]) -> None:
-        super().__init__()
         self._encode = encode
 
     def show(self, reading: Reading[Any]) -> None:

@@ -89,7 +89,6 @@ class FakeGpsd(Double):
     """gpsd's end of a connection: reports go to a client that watches."""
 
     def __init__(self) -> None:
-        super().__init__()
         self._watched = False
 
     def connected(self, link: Link) -> None:

@@ -27,7 +27,6 @@ class FakeImu(Double):
     """The device's end of the line."""
 
     def __init__(self) -> None:
-        super().__init__()
         self._repeated: int | None = None  # the command that is carried out again and again
         self._now: Reading[ImuReading] | None = None
 

@@ -36,7 +36,6 @@ class FakeScip(Double):
     """The scanner's end of the line."""
 
     def __init__(self) -> None:
-        super().__init__()
         self._echo: bytes | None = None  # of the request for scans that is carried out, without the number left
         self._left = 0  # scans still to be sent; 0 is without end
         self._once: list[bytes] = []  # requests for the next scan

@@ -6,7 +6,7 @@ ADDITION = Addition(
     name="pico",
     wanted=lambda config: False,
     parts={
-        "txt1.ports": {"pico": "txt1.hal.pico.double:PicoPort"},
+        "txt1.ports": {"pico": "txt1.hal.pico.double:port"},
         "txt1.devices": {"pico": "txt1.hal.pico.double:Pico"},
     },
     commands={

@@ -18,12 +18,13 @@ from typing import IO, Final, NamedTuple
 
 from txt1.board.far_end import far_end
 from txt1.config import Config
-from txt1.errors import HalError, LinkLost, MissingExtra
+from txt1.errors import HalError, MissingExtra
 from txt1.hal.base import Button, Hal, Outputs
+from txt1.hal.double import DoublePort
 from txt1.hal.pico.installer import folder
 from txt1.hal.registry import create
-from txt1.link.base import End, Link, connect
 from txt1.link.impairments import paced
+from txt1.link.station import Station
 from txt1.protocol.messages import Switch
 
 CYCLE_PERIOD: Final = 0.02
@@ -73,7 +74,7 @@ def interpreter() -> str:
     return found
 
 
-class Pico:
+class Pico(Station):
     """A board with our firmware. It is the `End` of whatever link the host is on.
 
     Args:
@@ -88,7 +89,6 @@ class Pico:
         self.state = CycleReport()
         self.buttons = Button.NONE
         """The joystick's buttons that are held down."""
-        self._link: Link | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._cycles: asyncio.Task[None] | None = None
         self._counts = (0, 0)
@@ -187,9 +187,7 @@ class Pico:
                 screen,
             )
         )
-        if sent and self._link is not None:
-            with suppress(LinkLost):  # `lost` is on its way
-                self._link.write(sent)
+        self.send(sent)
 
     def _put(self, state: CycleReport) -> None:
         """Put out what the firmware says."""
@@ -204,25 +202,10 @@ class Pico:
 
     # -- the link's end --------------------------------------------------------------------------------------------
 
-    def connected(self, link: Link) -> None:
-        """A host may be at the other side."""
-        self._link = link
-
-    def lost(self, reason: str) -> None:
-        """The line is gone; the firmware's own rules do the rest."""
-        del reason
-        self._link = None
-
     def received(self, data: bytes) -> None:
         """Hand the firmware bytes of the host."""
         for start in range(0, len(data), CHUNK):
             self._exchange(0, (0, 0), (0, 0), data[start : start + CHUNK])
-
-    def hang_up(self) -> None:
-        """Let go of the line."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
 
 
 def _start() -> subprocess.Popen[bytes]:
@@ -250,24 +233,6 @@ def _read(pipe: IO[bytes], size: int) -> bytes:
     return data
 
 
-class PicoPort:
-    """A port with a Pico behind it, in the same time: ``serial.port: pico``."""
-
-    address = "pico"
-
-    def __init__(self, config: Config) -> None:
-        self._config = config
-        self.pico: Pico | None = None
-
-    async def open(self, end: End) -> Link:
-        """A link to the Pico, which is powered up first if need be; raises MissingExtra or HalError."""
-        if self.pico is None:
-            self.pico = Pico(self._config)
-            await self.pico.power_up()
-        return connect(end, self.pico.line)[0]
-
-    async def close(self) -> None:
-        """Power the Pico down."""
-        if self.pico is not None:
-            pico, self.pico = self.pico, None
-            await pico.power_down()
+def port(config: Config) -> DoublePort[Pico]:
+    """A port with a Pico behind it: ``serial.port: pico``; opening it raises MissingExtra or HalError."""
+    return DoublePort("pico", lambda: Pico(config))

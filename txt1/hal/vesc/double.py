@@ -52,7 +52,7 @@ class Vesc(Controller):
     @property
     def timed_out(self) -> bool:
         """Whether it has stopped as nothing has come for its time-out."""
-        return bool(self.timeout) and self.steps.now - self._heard > self.timeout
+        return bool(self.timeout) and self.now - self._heard > self.timeout
 
     def step(self, now: float) -> None:
         """Hold the speed, duty or current and the servo as they were told, until the time-out."""
@@ -90,23 +90,23 @@ class Vesc(Controller):
     def _obey(self, payload: bytes) -> None:
         command, body = payload[0], payload[1:]
         if command in _COMMANDS and len(body) >= 4:
-            self._heard = self.steps.now
+            self._heard = self.now
             self._command = PacketId(command)
             self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
         elif command == PacketId.SET_SERVO_POS and len(body) >= 2:
             self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
         elif command == PacketId.ALIVE:
-            self._heard = self.steps.now
+            self._heard = self.now
         elif command == PacketId.GET_VALUES:
-            self._send(self._values())
+            self.send(packet(self._values()))
         elif command == PacketId.FW_VERSION:
-            self._send(bytes((command, *self.firmware)) + b"410\0" + bytes(12) + bytes(3))
+            self.send(packet(bytes((command, *self.firmware)) + b"410\0" + bytes(12) + bytes(3)))
         elif command == PacketId.GET_APPCONF:
             settings = pack(">IBI", SIGNATURE, 0, round(1000.0 * self.timeout))
-            self._send(bytes((command,)) + settings.ljust(APPCONF, b"\0"))
+            self.send(packet(bytes((command,)) + settings.ljust(APPCONF, b"\0")))
 
     def _values(self) -> bytes:
-        self.step(self.steps.now)
+        self.step(self.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
             PacketId.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
@@ -115,9 +115,6 @@ class Vesc(Controller):
             0, 0, 250, 250, 250, 0, 0,
         )  # fmt: skip
         return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
-
-    def _send(self, payload: bytes) -> None:
-        self.station.send(packet(payload))
 
 
 def port(config: Config) -> DoublePort[Vesc]:

@@ -104,7 +104,7 @@ class Waveshare(Controller):
             except (ValueError, RecursionError):
                 continue
             if self._echoes:
-                self.station.send(text + b"\n")
+                self.send(text + b"\n")
             if isinstance(told, dict):
                 self._obey(told)
 
@@ -130,10 +130,10 @@ class Waveshare(Controller):
             self._echoes = bool(value)
 
     def _set(self, right: float, left: float, by_pwm: bool) -> None:
-        self._heard, self._sides, self._by_pwm = self.steps.now, (right, left), by_pwm
+        self._heard, self._sides, self._by_pwm = self.now, (right, left), by_pwm
 
     def _say(self, told: dict[str, Any]) -> None:
-        self.station.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
+        self.send(json.dumps(told, separators=(",", ":")).encode() + b"\r\n")
 
 
 def port(config: Config) -> DoublePort[Waveshare]:
