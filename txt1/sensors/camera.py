@@ -2,18 +2,19 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from math import inf
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen
+from numpy.typing import NDArray
 
 from txt1.config.sources import checked
 from txt1.errors import HalError, MissingExtra
 from txt1.sensors.base import Setup
 from txt1.sensors.frames import Frames
 from txt1.sensors.readings import CAMERA_MOUNT, Image, Mount, image_topic
-from txt1.sensors.sim_camera import jpeg
 from txt1.units import NotNegative, Positive, PositiveInt
 
 
@@ -37,6 +38,17 @@ class VideoOptions:
     """From exposure to arrival, s."""
     mount: tuple[float, float, float, float] = CAMERA_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
+
+
+def jpeg(picture: NDArray[np.uint8], quality: int = 75) -> bytes:
+    """A picture (height, width, 3) as JPEG; MissingExtra without the extra camera."""
+    try:
+        from PIL import Image as Pillow
+    except ImportError:
+        raise MissingExtra("pictures as JPEG", "camera") from None
+    data = BytesIO()
+    Pillow.fromarray(picture).save(data, "JPEG", quality=quality)
+    return data.getvalue()
 
 
 def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[Image]:

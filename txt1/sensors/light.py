@@ -12,6 +12,7 @@ from txt1.errors import ConfigError, HalError, MissingExtra
 from txt1.model.kinematics import wrap_angle
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SAMPLE_PERIOD, SENSOR_X, SENSOR_Y, SENSORS, Readings
 from txt1.sensors.base import Pose, Reading, Setup, reading_topic
+from txt1.sensors.twin import Twin, true_pose
 from txt1.sim.lamp import LightSensors, PointLight, noise_for_jitter
 from txt1.telemetry.messages import define
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -67,47 +68,28 @@ def compass(light: tuple[float, float]) -> See:
     return see
 
 
-class SimulatedLight:
+class SimulatedLight(Twin[Readings]):
     """The four sensors of a simulated robot, which see from its true pose, as `pose` returns it."""
 
-    period = SAMPLE_PERIOD
-    simulated = True
-
     def __init__(self, see: See, pose: Callable[[], Pose | None], name: str = "light") -> None:
-        self.topic = topic_of(name)
-        self._see, self._pose = see, pose
-        self._last = -inf
+        super().__init__(topic_of(name), SAMPLE_PERIOD, pose)
+        self._see = see
 
-    async def open(self) -> None:
-        """A new run may begin."""
-        self._last = -inf
-
-    async def close(self) -> None:
-        """Nothing to let go of."""
-
-    def read(self, now: float) -> Reading[Readings] | None:
+    def see(self, pose: Pose, now: float, before: float) -> Reading[Readings]:
         """The readings at `now`, lux."""
-        pose = self._pose()
-        if pose is None or now <= self._last:
-            return None
-        self._last = now
         return Reading(now, self._see(pose))
 
 
 def simulated(setup: Setup) -> SimulatedLight:
     """The driver ``sim_light``; options: ``seed`` (numbers that repeat its noise) and ``faults`` (see `eyes`)."""
     options = _known(setup, "seed", "faults")
-    if setup.pose is None:
-        raise HalError(
-            f"sensors.{setup.name}: simulated light sensors see from the true pose, which the HAL '{setup.config.hal}' "
-            "does not know; use another driver, such as phidgets_light"
-        )
+    pose = true_pose(setup)
     seed = options.get("seed", [setup.config.own_seed, 1, STREAM])
     try:
         see = eyes(setup.config, np.random.default_rng(np.random.SeedSequence(seed)), options.get("faults"))
     except (TypeError, ValueError) as error:
         raise ConfigError(f"sensors.{setup.name}.options: {error}") from None
-    return SimulatedLight(see, setup.pose, setup.name)
+    return SimulatedLight(see, pose, setup.name)
 
 
 def _known(setup: Setup, *names: str) -> Mapping[str, Any]:

@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from io import BytesIO
 from math import cos, inf, radians, sin
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -12,14 +11,15 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from txt1.config.sources import checked
-from txt1.errors import HalError, MissingExtra
+from txt1.errors import HalError
 from txt1.sensors.base import Pose, Reading, Setup
+from txt1.sensors.camera import jpeg
 from txt1.sensors.readings import CAMERA_MOUNT, DepthImage, Image, depth_topic, image_topic
-from txt1.sensors.sim_laser import Others, bodies
-from txt1.sensors.twin import true_pose
+from txt1.sensors.sim_laser import bodies
+from txt1.sensors.twin import Others, others_of, true_pose
 from txt1.sim.rays import shapes_of, walls_of
 from txt1.sim.room import Room
-from txt1.sim.view import Camera, Picture, Scene, distances, draw
+from txt1.sim.view import Camera, Scene, distances, draw
 from txt1.telemetry.topics import Topic
 from txt1.units import Positive, PositiveInt
 
@@ -114,57 +114,46 @@ class SimulatedCamera(Generic[T]):
             raise HalError(f"the picture cannot be drawn: {type(error).__name__}: {error}") from error
 
 
-def jpeg(picture: Picture, quality: int = 75) -> bytes:
-    """A picture (height, width, 3) as JPEG; MissingExtra without the extra camera."""
-    try:
-        from PIL import Image as Pillow
-    except ImportError:
-        raise MissingExtra("pictures as JPEG", "camera") from None
-    data = BytesIO()
-    Pillow.fromarray(picture).save(data, "JPEG", quality=quality)
-    return data.getvalue()
-
-
 def millimetres(distances: Any, range_min: float, range_max: float) -> bytes:
     """Distances (height, width) in m as `DepthImage.data`."""
     seen = (distances >= range_min) & (distances <= range_max)
     return bytes(np.where(seen, np.round(1000.0 * np.where(seen, distances, 0.0)), 0.0).astype("<u2").tobytes())
 
 
-def _scene_of(setup: Setup) -> Callable[[Sequence[Pose]], Scene]:
-    """The function that returns the scene with other vehicles at these poses; the rest of it never changes."""
+def photograph(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> Image:
+    """The picture from a pose."""
+    x, y, theta = eye
+    return Image(given.width, given.height, jpeg(draw(camera, scene, x, y, CAMERA_MOUNT.z, theta), given.quality))
+
+
+def measure(given: CameraOptions, camera: Camera, scene: Scene, eye: Pose) -> DepthImage:
+    """The distances from a pose."""
+    x, y, theta = eye
+    seen = distances(camera, scene, x, y, CAMERA_MOUNT.z, theta)
+    return DepthImage(given.width, given.height, millimetres(seen, given.range_min, given.range_max), camera.focal)
+
+
+def _camera(
+    setup: Setup, topic: Topic[T], expose: Callable[[CameraOptions, Camera, Scene, Pose], T]
+) -> SimulatedCamera[T]:
+    """A camera as configured, in the configured room; only the other vehicles in it ever move."""
+    given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
     sim, body = setup.config.sim, setup.config.geometry
+    camera = Camera(given.width, given.height, radians(given.field))
     walls, obstacles = walls_of(Room(sim.room.length, sim.room.width)), shapes_of(sim.obstacles)
-    return lambda others: Scene(walls, obstacles, bodies(others, body), sim.room.light)
+
+    def seen(eye: Pose, others: Sequence[Pose]) -> T:
+        return expose(given, camera, Scene(walls, obstacles, bodies(others, body), sim.room.light), eye)
+
+    return SimulatedCamera(topic, true_pose(setup), others_of(setup), seen, given.rate)
 
 
 def simulated(setup: Setup) -> SimulatedCamera[Image]:
     """The driver ``sim_camera``; options: those of `CameraOptions`."""
-    given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
-    camera, scene = Camera(given.width, given.height, radians(given.field)), _scene_of(setup)
     jpeg(np.zeros((1, 1, 3), np.uint8))  # tells now that the extra is missing
-
-    def expose(eye: Pose, others: Sequence[Pose]) -> Image:
-        x, y, theta = eye
-        picture = draw(camera, scene(others), x, y, CAMERA_MOUNT.z, theta)
-        return Image(given.width, given.height, jpeg(picture, given.quality))
-
-    return SimulatedCamera(image_topic(setup.name), true_pose(setup), _others_of(setup), expose, given.rate)
+    return _camera(setup, image_topic(setup.name), photograph)
 
 
 def simulated_depth(setup: Setup) -> SimulatedCamera[DepthImage]:
     """The driver ``sim_depth``; options: those of `CameraOptions`."""
-    given = checked(CameraOptions, setup.options, f"sensors.{setup.name}.options")
-    camera, scene = Camera(given.width, given.height, radians(given.field)), _scene_of(setup)
-
-    def expose(eye: Pose, others: Sequence[Pose]) -> DepthImage:
-        x, y, theta = eye
-        seen = distances(camera, scene(others), x, y, CAMERA_MOUNT.z, theta)
-        return DepthImage(given.width, given.height, millimetres(seen, given.range_min, given.range_max), camera.focal)
-
-    return SimulatedCamera(depth_topic(setup.name), true_pose(setup), _others_of(setup), expose, given.rate)
-
-
-def _others_of(setup: Setup) -> Others:
-    others: Others = getattr(setup.hal, "others", tuple)
-    return others
+    return _camera(setup, depth_topic(setup.name), measure)

@@ -11,7 +11,7 @@ from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.geodesy import Grid
 from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
-from txt1.sensors.twin import Absences, random_of, true_pose
+from txt1.sensors.twin import Absences, Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
 STILL = 0.1  # slower than this it has no direction, m/s
@@ -39,11 +39,8 @@ class GpsErrors:
     """Latitude and longitude of the room's origin, degrees; x is east and y north on the grid."""
 
 
-class SimulatedGps:
+class SimulatedGps(Twin[FixReading]):
     """A GPS on a vehicle whose true pose is `pose`."""
-
-    period = 0.2
-    simulated = True
 
     def __init__(
         self,
@@ -53,30 +50,19 @@ class SimulatedGps:
         rng: Generator,
         mount: Mount = GPS_MOUNT,
     ) -> None:
-        self.topic = fix_topic(name)
-        self._pose, self._errors, self._rng, self._mount = pose, errors, rng, mount
+        super().__init__(fix_topic(name), 0.2, pose)
+        self._errors, self._rng, self._mount = errors, rng, mount
         self._grid = Grid(*errors.datum)
         self._slow = [errors.slow * each for each in rng.standard_normal(2).tolist()]
         self._outages = Absences(errors.outages, errors.outage_every, errors.outage_length, rng)
-        self._last = (-inf, 0.0, 0.0)
+        self._place = 0.0, 0.0  # where it was, m
 
-    async def open(self) -> None:
-        """A new run may begin."""
-        self._last = (-inf, 0.0, 0.0)
-
-    async def close(self) -> None:
-        """Nothing to let go of."""
-
-    def read(self, now: float) -> Reading[FixReading] | None:
+    def see(self, pose: Pose, now: float, before: float) -> Reading[FixReading] | None:
         """The fix at `now`; None in an outage."""
-        pose, errors = self._pose(), self._errors
-        last, x0, y0 = self._last
-        if pose is None or now <= last:
-            return None
+        errors, (x0, y0), dt = self._errors, self._place, now - before
         # the antenna's place, its velocity since the last reading
         x, y = pose[0] + self._mount.x * cos(pose[2]), pose[1] + self._mount.x * sin(pose[2])
-        self._last = now, x, y
-        dt = now - last
+        self._place = x, y
         one, two, three, four, five, six = self._rng.standard_normal(6).tolist()
         decay = exp(-dt / errors.slow_time)
         step = errors.slow * sqrt(1.0 - decay * decay)

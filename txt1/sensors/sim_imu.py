@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import cos, exp, hypot, sin, sqrt
+from math import cos, exp, hypot, inf, sin, sqrt
 
 from numpy.random import Generator
 
@@ -10,7 +10,7 @@ from txt1.config.sources import checked
 from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, Vector, imu_topic
-from txt1.sensors.twin import random_of, true_pose
+from txt1.sensors.twin import Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
 JUMP = 5.0  # faster than this it was carried, m/s
@@ -56,14 +56,12 @@ def level() -> tuple[float, float]:
     return 0.0, 0.0
 
 
-class SimulatedImu:
+class SimulatedImu(Twin[ImuReading]):
     """An IMU on a vehicle whose true pose is `pose` and whose roll and pitch (rad) are `attitude`.
 
     Its reading is of the middle of three poses, a period before it arrives: rates and accelerations are their first
     and second differences there, exact to the second order.
     """
-
-    simulated = True
 
     def __init__(
         self,
@@ -75,9 +73,8 @@ class SimulatedImu:
         mount: Mount = IMU_MOUNT,
         attitude: Attitude = level,
     ) -> None:
-        self.topic = imu_topic(name)
-        self.period = period
-        self._pose, self._attitude, self._errors, self._rng, self._mount = pose, attitude, errors, rng, mount
+        super().__init__(imu_topic(name), period, pose)
+        self._attitude, self._errors, self._rng, self._mount = attitude, errors, rng, mount
         biases = rng.standard_normal(6).tolist()
         self._rate_bias = [errors.rate_bias * each for each in biases[:3]]
         self._bias = [errors.bias * each for each in biases[3:]]
@@ -85,27 +82,20 @@ class SimulatedImu:
         self._poses: list[tuple[float, float, float, float, float, float]] = []
         self._draws: list[float] = []
 
-    async def open(self) -> None:
-        """A new run may begin."""
-        self._poses.clear()
-
-    async def close(self) -> None:
-        """Nothing to let go of."""
-
-    def read(self, now: float) -> Reading[ImuReading] | None:
+    def see(self, pose: Pose, now: float, before: float) -> Reading[ImuReading] | None:
         """The reading of a period ago; None for the first two, and where it was carried elsewhere."""
-        pose = self._pose()
         poses = self._poses
-        if pose is None or (poses and now <= poses[-1][0]):
-            return None
+        if before == -inf:
+            poses.clear()
         poses.append((now, *pose, *self._attitude()))
         if len(poses) < 3:
             return None
-        before, here, after = poses
+        (
+            (t0, x0, y0, theta0, roll0, pitch0),
+            (t1, x1, y1, theta1, roll1, pitch1),
+            (t2, x2, y2, theta2, roll2, pitch2),
+        ) = poses
         del poses[0]
-        t0, x0, y0, theta0, roll0, pitch0 = before
-        t1, x1, y1, theta1, roll1, pitch1 = here
-        t2, x2, y2, theta2, roll2, pitch2 = after
         first, second = t1 - t0, t2 - t1
         vx0, vy0, w0 = (x1 - x0) / first, (y1 - y0) / first, wrap_angle(theta1 - theta0) / first
         vx1, vy1, w1 = (x2 - x1) / second, (y2 - y1) / second, wrap_angle(theta2 - theta1) / second

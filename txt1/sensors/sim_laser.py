@@ -14,14 +14,12 @@ from txt1.model.kinematics import wrap_angle
 from txt1.model.vehicle import Geometry
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
-from txt1.sensors.twin import random_of, true_pose
+from txt1.sensors.twin import Others, Twin, others_of, random_of, true_pose
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Box
 from txt1.sim.rays import Shapes, cast, edges_of, shapes_of, walls_of
 from txt1.sim.room import Room
 from txt1.units import NotNegative, Positive, PositiveInt, Share
-
-Others = Callable[[], Sequence[Pose]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +53,11 @@ def bodies(poses: Sequence[Pose], body: Geometry) -> Shapes:
     return edges_of(outline(Box(x, y, body.length, body.width, theta)) for x, y, theta in poses)
 
 
-class SimulatedLaser:
+class SimulatedLaser(Twin[Scan]):
     """A scanner on a vehicle whose true pose is `pose`, among fixed shapes and other vehicles at the poses `others`.
 
     The vehicle is seen where it was when the last sweep was read and where it is now; each beam leaves from in between.
     """
-
-    simulated = True
 
     def __init__(
         self,
@@ -74,35 +70,22 @@ class SimulatedLaser:
         body: Geometry = Geometry(),  # noqa: B008 - immutable
         mount: Mount = LASER_MOUNT,
     ) -> None:
-        self.topic = scan_topic(name)
-        self.period = parameters.turn_time
-        self._pose, self._others, self._shapes, self._body = pose, others, shapes, body
+        super().__init__(scan_topic(name), parameters.turn_time, pose)
+        self._others, self._shapes, self._body = others, shapes, body
         self._parameters, self._rng, self._mount = parameters, rng, mount
         beams = min(parameters.beams, parameters.steps)
         self._step = tau / parameters.steps
         self._angles = self._step * (np.arange(beams) - beams // 2)
         self._time_step = parameters.turn_time / parameters.steps
-        self._before: tuple[float, Pose] | None = None
+        self._old = 0.0, 0.0, 0.0  # the pose when the last sweep was read
 
-    async def open(self) -> None:
-        """A new run may begin."""
-        self._before = None
-
-    async def close(self) -> None:
-        """Nothing to let go of."""
-
-    def read(self, now: float) -> Reading[Scan] | None:
+    def see(self, pose: Pose, now: float, before: float) -> Reading[Scan] | None:
         """The sweep that ends at `now`."""
-        pose = self._pose()
-        if pose is None or (self._before is not None and now <= self._before[0]):
+        old, self._old = self._old, pose
+        if before == -inf:  # the first sweep begins
             return None
-        if self._before is None:  # the first sweep begins
-            self._before = now, pose
-            return None
-        then, old = self._before
-        self._before = now, pose
-        first = max(now - self._time_step * len(self._angles), then)
-        ranges = self._measured(old, pose, then, now, first)
+        first = max(now - self._time_step * len(self._angles), before)
+        ranges = self._measured(old, pose, before, now, first)
         p = self._parameters
         scan = Scan(
             float(self._angles[0]), self._step, self._time_step, ranges, p.range_min, p.range_max, None, self._mount
@@ -131,6 +114,5 @@ class SimulatedLaser:
 def simulated(setup: Setup) -> SimulatedLaser:
     """The driver ``sim_laser``; options: those of `LaserParameters`."""
     parameters = checked(LaserParameters, setup.options, f"sensors.{setup.name}.options")
-    others: Others = getattr(setup.hal, "others", tuple)
     shapes, body = standing(setup.config), setup.config.geometry
-    return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, random_of(setup), others, body)
+    return SimulatedLaser(setup.name, true_pose(setup), shapes, parameters, random_of(setup), others_of(setup), body)

@@ -10,7 +10,7 @@ from txt1.config.sources import checked
 from txt1.sensors.base import Pose, Reading, Setup
 from txt1.sensors.differentiator import Differentiator
 from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
-from txt1.sensors.twin import Absences, random_of, true_pose
+from txt1.sensors.twin import Absences, Twin, random_of, true_pose
 from txt1.units import NotNegative, Positive
 
 
@@ -30,11 +30,8 @@ class TrackerErrors:
     """Their mean length, s."""
 
 
-class SimulatedTracker:
+class SimulatedTracker(Twin[TrackerReading]):
     """A tracker that sees a vehicle whose true pose is `pose`."""
-
-    period = 0.01
-    simulated = True
 
     def __init__(
         self,
@@ -45,27 +42,17 @@ class SimulatedTracker:
         subject: str = "",
         mount: Mount = TRACKER_MOUNT,
     ) -> None:
-        self.topic = tracker_topic(name)
-        self._pose, self._errors, self._rng, self._subject, self._mount = pose, errors, rng, subject, mount
+        super().__init__(tracker_topic(name), 0.01, pose)
+        self._errors, self._rng, self._subject, self._mount = errors, rng, subject, mount
         self._occlusions = Absences(errors.occlusions, errors.occlusion_every, errors.occlusion_length, rng)
         self._differentiator = Differentiator()
         self._draws: list[float] = []
-        self._last = -inf
 
-    async def open(self) -> None:
-        """A new run may begin."""
-        self._last = -inf
-        self._differentiator = Differentiator()
-
-    async def close(self) -> None:
-        """Nothing to let go of."""
-
-    def read(self, now: float) -> Reading[TrackerReading] | None:
+    def see(self, pose: Pose, now: float, before: float) -> Reading[TrackerReading] | None:
         """The pose at `now`; None while it is occluded."""
-        pose, errors, draws = self._pose(), self._errors, self._draws
-        if pose is None or now <= self._last:
-            return None
-        self._last = now
+        errors, draws = self._errors, self._draws
+        if before == -inf:
+            self._differentiator = Differentiator()
         if not draws:
             draws = self._draws = self._rng.standard_normal(400).tolist()
         noise, mount = errors.noise, self._mount

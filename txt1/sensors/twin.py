@@ -1,13 +1,53 @@
-"""Parts of the simulated sensors: the true pose, random values of their own, and times without readings."""
+"""Parts of the simulated sensors: one that sees from the true pose, random values, and times without readings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import Generic, TypeVar
 
 from numpy.random import Generator, SeedSequence, default_rng
 
 from txt1.errors import HalError
-from txt1.sensors.base import Pose, Setup
+from txt1.sensors.base import Pose, Reading, Setup
+from txt1.telemetry.topics import Topic
 
+T = TypeVar("T")
+Others = Callable[[], Sequence[Pose]]
 STREAM = 7  # marks the random values of simulated sensors
+
+
+class Twin(Generic[T]):
+    """A simulated sensor on a vehicle whose true pose is `pose`; `see` makes a reading, once at an instant."""
+
+    simulated = True
+
+    def __init__(self, topic: Topic[T], period: float, pose: Callable[[], Pose | None]) -> None:
+        self.topic, self.period, self._pose = topic, period, pose
+        self._last = -inf
+
+    async def open(self) -> None:
+        """A new run may begin."""
+        self._last = -inf
+
+    async def close(self) -> None:
+        """Nothing to let go of."""
+
+    def read(self, now: float) -> Reading[T] | None:
+        """The reading at `now`; None when there is none."""
+        pose = self._pose()
+        if pose is None or now <= self._last:
+            return None
+        before, self._last = self._last, now
+        return self.see(pose, now, before)
+
+    def see(self, pose: Pose, now: float, before: float) -> Reading[T] | None:
+        """The reading at `now` and at this pose; `before` is when it looked last, -inf at the beginning of a run."""
+        raise NotImplementedError
+
+
+def others_of(setup: Setup) -> Others:
+    """The function that returns the poses of the other vehicles in its world."""
+    others: Others = getattr(setup.hal, "others", tuple)
+    return others
 
 
 def true_pose(setup: Setup) -> Callable[[], Pose | None]:
