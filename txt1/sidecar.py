@@ -1,13 +1,32 @@
 """A process beside the event loop: telemetry in, requests out, a heartbeat. Both ends of the line between them.
 
-Each sends one JSON object a line. The robot sends telemetry, and nothing before the last piece was received; the other
-process, ``python -m txt1.sidecar``, sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, with
-"request" and further fields when it wants something. Their "time" is the origin's, in ns of the monotonic clock.
+How it works
+------------
 
-Nothing that process does delays the robot: while the tasks run in real time it is read behind them and never wakes the
-loop, or, where it is `prompt`, as it writes, but not just before a tick; and of a flood a few messages at a time (the
-rest is dropped and counted, but for an emergency stop). A message too long or a heartbeat too late ends it, its memory
-is limited, and when it is silent its commands go stale by the ordinary rule.
+Screens and bridges draw, compress and wait for networks. None of that may delay the tasks. So each of them is a process
+of its own, and this module is the line to it: `Sidecar` is the robot's end, `Connection` the other one's.
+
+*What is said.* Both ends send one JSON object a line over a socket pair. The robot sends telemetry, the newest only,
+and nothing before the last piece was received: a slow reader gets fewer pieces, and none of them is old. The process
+sends ``{"time": ..., "received": ...}`` again and again, as its heartbeat, and adds "request" and further fields when
+it wants something. "time" is the origin's, in ns of the monotonic clock, which both processes share. So the robot knows
+how old a request is, however late it is read.
+
+*When it is read.* In real time, the task `serve` reads in its tick, behind all other tasks, and the socket never wakes
+the event loop. A process that is `prompt` is read as it writes, but not in the last moment before a tick. Without
+`serve`, such as before the robot starts, a timer looks after the line.
+
+*A flood.* A few messages are taken at once, and some more with each tick. The rest is dropped and counted. Only
+an emergency stop is never dropped: it is looked for in what is dropped, and in messages that are malformed.
+
+*What ends it.* A message too long, a heartbeat too late where `silence` says so, or its own end. Its memory is limited,
+and the system ends it first when memory runs out. A process that failed is started again, after longer and longer
+pauses, as often as `Restart` allows. A process that is silent loses the wheel by the ordinary rule: its commands go
+stale.
+
+*A life.* `_start` starts the process and makes the line. `_drop` hears it no more and says why, in the future `_end`.
+The coroutine `_live` waits for that, reaps the process, and starts it again or returns the reason. All other methods
+run in callbacks of the loop and never wait. Starting and reaping take milliseconds, so they are done in threads.
 """
 
 import asyncio

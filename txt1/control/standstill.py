@@ -1,5 +1,28 @@
 """Verify that a stop is one: the robot is watched until it stands, and what does not slow down is told more firmly.
 
+How it works
+------------
+
+A stop that was sent is not a stop. The line may lose it, a board may be in a mode that does not obey it, a loop may be
+wound up. So the speed is watched from the moment on at which nothing is to move the robot. Three questions are asked of
+it, some twenty times a second:
+
+1. *Does it slow down?* A speed that falls at least as fast as that of a vehicle that coasts is a stop on its way.
+2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. A speed that is
+   not known is never taken for 0.
+3. *Does it move without a command?* Then somebody else moves it, and that is told.
+
+If the answer to the first is no, the next stronger means is taken: zeros, which are sent all the time; then a PWM test
+of zeros, which goes past the loops; then the ESC off. There is no way back from a means to a weaker one within a stop.
+Each has GRACE, the time to show an effect, before the next one is taken, and is judged anew from the speed at its own
+beginning. While nothing can be sent and nothing is heard, the time of a means does not run.
+
+A robot that stood and is no longer seen is `UNSEEN`, not standing. So is one whose speed fell faster than any vehicle
+can brake: its encoders have lost their power, or it stands at a wall, and nobody knows which.
+
+The envelope
+------------
+
 From the instant t = 0 at which nothing moves it any more, a vehicle at v0 that coasts after a delay t0 obeys
 
     dv/dt = -(v + f) / tau        so that        v(t) = (v0 + f) exp(-(t - t0) / tau) - f,        not below 0

@@ -1,19 +1,31 @@
 """A robot, or a console without one, among others on a network: peer to peer over Zenoh, with no broker.
 
-Keys, all below ``txt1``: ``alive/NAME/ID`` is a liveliness token; ``state/NAME`` what a robot tells, 20 times a second;
-``ping/NAME`` and ``pong/NAME`` measure clocks; ``stop/FROM`` and ``stopped/FROM`` are the stop of all and its answers;
-``drive/NAME`` is a velocity for one; ``learned/NAME`` what a robot has learned, once a second. Messages are small JSON
-objects that may be lost: what matters is said again.
+How it works
+------------
+
+Every robot tells all others how it is, and every robot finds out by itself who is there. Nobody is the centre, so
+nobody's end ends the team. Messages are small JSON objects below the key ``txt1``. They may be lost, doubled or late:
+what matters is said again until it is answered, and what came is held against the sender's clock.
+
+| key | what it is |
+|---|---|
+| ``alive/NAME/ID`` | a liveliness token: it comes and goes with the session, so an end without a word is noticed |
+| ``state/NAME`` | what a robot tells, 20 times a second |
+| ``ping/NAME``, ``pong/NAME`` | measure clocks |
+| ``stop/FROM``, ``stopped/FROM`` | the stop of all, and its answers |
+| ``drive/NAME`` | a velocity for one |
+| ``learned/NAME`` | what a robot has learned, once a second |
 
 **Stop of all.** It is said every 20 ms until every robot that is alive, was heard in the last half minute or was named
 has answered that its gate is closed, then a little longer, in case somebody new is there. With a share p of all
 messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
 
-**Names** are unique: the one gives way
-that came later, by the clocks, or finds that another one tells its state already.
+**Names** are unique. Of two robots with one name, that one gives way that came later, by the clocks, or that finds the
+other's state told already.
 
-**Clocks.** Of the last pings the one with the shortest way there and back counts:
-offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
+**Clocks.** Each robot has its own, and a command's age is judged by its sender's. So the difference is measured: a ping
+carries the time at which it was sent, its answer the other's time. Of the last ones, the one with the shortest way
+there and back counts: offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
 
 **Where.** On loopback nothing is asked for. On an interface that is named a key is: a file with a password that all
 share (Zenoh's user and password), and it listens on that interface only.

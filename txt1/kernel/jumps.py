@@ -1,4 +1,32 @@
-"""How virtual time moves on within one turn of the event loop, and from one scheduler to the next."""
+"""How virtual time moves on within one turn of the event loop, and from one scheduler to the next.
+
+How it works
+------------
+
+In virtual time the clock stands still while anything runs. When nothing is left to run, the event loop would wait for
+its next timer. Instead it moves the clock there (`txt1.kernel.loop`). That is one jump, and a turn of the event loop
+belongs to it: look at the selector, take the timers that are due, call them one by one.
+
+For a robot that is simulated at full speed the next timer is nearly always a scheduler's. Then the turn does nothing
+but come back to the place that it came from. So the scheduler makes the jump itself: it asks `Jumps.to` to move the
+clock, and runs on. This must not change what happens, or in which order. Hence `to` says no, and does nothing, whenever
+the event loop would do something else first:
+
+- something is ready to be called now;
+- a timer of the event loop is due at that instant or before it;
+- another scheduler is due at that instant or before it;
+- a thread is still computing what belongs to the present instant;
+- it is time to ask the operating system for signals and input, once in POLL_EVERY jumps;
+- the run is paced: it is to take real time, so the event loop has to wait.
+
+After a no, the scheduler returns to the event loop with a timer, and all goes the ordinary way. Both ways bring about
+the same run to the last bit.
+
+*Several schedulers* share one loop: a team of robots, or a robot and its virtual board. A timer for each would take the
+event loop's turn for each. So they have one timer together. Their next instants wait in a heap, `_due`, by time and
+then by number. `_dispatch` calls the first, and as long as the loop would do nothing else it moves the clock to the
+next one and calls that. A scheduler that is called puts itself into the heap again with `call_at`.
+"""
 
 from __future__ import annotations
 

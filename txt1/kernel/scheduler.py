@@ -12,8 +12,36 @@ Cycle k of a periodic task is due at ``t0 + k * period`` and owns the slot until
 could not start within its slot is missed: counted, and never run later. Tasks that are ready together run in order of
 priority, and among equals in the order they were added.
 
-The coroutines are driven from one heap instead of being asyncio tasks: that costs a tenth, and makes the order exact.
-The price is that between two ticks a task can await nothing else; what waits belongs in a coroutine of its own.
+How it works
+------------
+
+*One queue.* The tasks are no asyncio tasks. The scheduler drives their coroutines itself: it sends each one the time,
+and the coroutine runs up to its next tick. All tasks wait in one heap. That costs a tenth of asyncio's way, and makes
+the order exact. The price is that between two ticks a task can await nothing else; what waits belongs in a coroutine of
+its own.
+
+*A place in the queue* is one integer: the due time in ns, shifted to the left, and the task's index in its lowest bits.
+Indices follow the priorities. So the smallest number is what is due first, and of that the most urgent.
+
+*A dispatch* runs all that is due, and then asks the event loop to call again when something is due next. There are two
+ways to run a cycle:
+
+- `_run_late` is the plain one. It takes whatever is due, the most urgent first, counts the cycles that this task missed
+  and how late it is. In real time every cycle is run so, as no cycle is in time to the ns. After one cycle of each task
+  the event loop has its turn: signals, input, other coroutines.
+- `_run_punctual` is for virtual time, where time stands still while a task runs. So nobody is late, nothing is missed,
+  and the order of the heap is already the order in which to run. It runs one cycle after the other off the heap. At the
+  end of an instant it asks `txt1.kernel.jumps` to move the clock to the next one. If that can be done, it goes on
+  there, without a turn of the event loop in between. Without it a simulation loses more than a third of its speed.
+
+*When `_run_punctual` stops.* A task may do anything: end the run, add a task, make another due, let time pass. Each of
+these either moves the clock, empties the queue, or sets `_later` to 0, and these three are looked at behind each cycle.
+It also stops when something else is due first on the event loop, and after PUNCTUAL_MAX cycles.
+
+*In real time* a sleeping thread wakes up late. So the timer is set early by a margin, and the rest is waited out with a
+busy loop. The margin follows the machine: it grows after a deadline that was missed, and shrinks otherwise.
+
+*A fault* ends the run. `on_fault` makes the robot safe before anything else runs, and the error travels in `ended`.
 """
 
 import asyncio
@@ -37,15 +65,15 @@ MARGIN_START_NS: Final = 100_000
 MARGIN_MAX_NS: Final = 250_000
 SLEPT_MIN_NS: Final = 10 * NS_PER_MS  # more than two clocks read one after the other differ by
 
+# a place in the queue is one number, due time in ns << TASKS_BITS | the task's index: compared sooner than a tuple
 TASKS_BITS: Final = 10
-"""A place in the queue is one number, due time in ns << TASKS_BITS | the task's index: compared sooner than a tuple."""
 TASKS_MAX: Final = 1 << TASKS_BITS
 INDEX: Final = TASKS_MAX - 1
 
+# cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn
 PUNCTUAL_MAX: Final = 1000
-"""Cycles run at a stretch in virtual time: tasks that wake one another for ever must leave the loop its turn."""
+# where virtual time jumps one cycle of so many is measured: to look at the clock each time costs a twentieth
 MEASURED: Final = 8
-"""Where virtual time jumps one cycle of so many is measured: to look at the clock each time costs a twentieth."""
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
 TaskRow = tuple[str, int, float | None, PeriodicTask]
@@ -91,9 +119,8 @@ class Scheduler:
         self._number = 0 if self._jumps is None else self._jumps.enter()
         self._on_fault = on_fault
         self._entries: list[_Scheduled] = []
-        self._ranked: list[
-            _Scheduled
-        ] = []  # by priority, then in the order they were added: an entry's index is in here
+        # by priority, then in the order they were added: an entry's index is in here
+        self._ranked: list[_Scheduled] = []
         self._waiting: list[int] = []  # heap by due time, then index; what has arrived is due at once
         self._origin_ns = self._clock.now_ns()
         self._started_ns = stopwatch_ns()

@@ -1,11 +1,33 @@
 """Many vehicles at once: `txt1.sim.dynamics.move` in a form that a compiler makes vector instructions of.
 
-For vehicles that are driven and steer front and rear by opposite angles, as the velocity loops do. One pass over the
-arrays moves each of them by one piece of its tick, with the same equations in the same order; where the functions of
-`math` would break the vectors, series that are exact to the last bits of a double stand for them. Vehicles that coast
-go through `txt1.sim.dynamics.move` itself. tests/unit/sim/test_many_vehicles.py holds the two together to 1e-12.
+How it works
+------------
 
-numba compiles it (extra `fast`). Without numba it is the same, slowly.
+A processor can take several numbers in one instruction, but only if the same is done to each of them. `dynamics.move`
+is written for one vehicle: it branches, and it loops as often as a servo's turn takes pieces. So here the loops change
+places. The outer one goes over the pieces of a tick, the inner one over the vehicles, and the inner one has no branch.
+
+*Arrays.* The state of n vehicles is an array of shape (7, n): a row for each quantity, so numbers that are used
+together lie side by side.
+
+*Pieces.* Each vehicle has its own time left of the tick (`remaining`). One pass of `_drive` moves every vehicle by one
+piece of its own: as long as its servo turns, a piece of at most the ramp step; then all the rest. A vehicle that has
+arrived moves by a piece of 0 s, which changes nothing. `_move` makes passes until nobody has time left: two or three.
+
+*No branches.* Where `dynamics.move` says "if", both values are computed here and one is chosen. The equations and their
+order are the same.
+
+*No calls.* The functions of `math` work on one number, and would break the vectors. Their Taylor series stand for them:
+long enough to be exact to the last bits of a double within SERIES_MAX and EXPONENT_MAX, which a tick never leaves.
+Angles of a few turns are first brought to a quarter turn (`_sine_cosine`), with pi / 2 in two parts, as its double
+alone would cost digits.
+
+*What is left out.* It holds for vehicles under power that steer front and rear by opposite angles, as the velocity
+loops do. A vehicle that coasts goes through `dynamics.move` itself, and so do all of them if the vehicle or the tick is
+such that the series do not suffice.
+
+numba compiles it (extra `fast`): eight times as fast as vehicle by vehicle. Without numba it is the same, slowly.
+tests/unit/sim/test_many_vehicles.py holds the two forms together to 1e-12.
 """
 
 from collections.abc import Callable, Mapping
