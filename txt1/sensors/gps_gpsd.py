@@ -13,7 +13,7 @@ from txt1.model.kinematics import wrap_angle
 from txt1.sensors.base import Setup
 from txt1.sensors.geodesy import Grid
 from txt1.sensors.readings import GPS_MOUNT, FixReading, Mount, fix_topic
-from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative
 
 WATCH: Final = b'?WATCH={"enable":true,"json":true};\n'
@@ -33,27 +33,16 @@ def seconds_of_day(stamp: str) -> float | None:
         return None
 
 
-class GpsdDecoder:
+class GpsdDecoder(Codec[FixReading]):
     """The lines of gpsd as fixes; `datum` is latitude and longitude in degrees, None takes the first fix."""
 
     def __init__(self, datum: tuple[float, float] | None = None, mount: Mount = GPS_MOUNT) -> None:
-        self.faults = 0
+        super().__init__(WATCH, UNWATCH)
         self.satellites: int | None = None
         """Used for the fix, as far as it was told."""
         self.grid = None if datum is None else Grid(*datum)
         self._mount = mount
-        self._rest = b""
         self._day = Unwrapped(DAY)
-        self._out = WATCH
-
-    def to_send(self) -> bytes:
-        """The request for reports, once."""
-        out, self._out = self._out, b""
-        return out
-
-    def farewell(self) -> bytes:
-        """The request for no more of them."""
-        return UNWATCH
 
     def feed(self, data: bytes) -> list[Measured[FixReading]]:
         """The fixes that these bytes complete."""

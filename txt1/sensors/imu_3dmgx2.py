@@ -13,7 +13,7 @@ from annotated_types import MinLen
 from txt1.config.sources import checked
 from txt1.sensors.base import Setup
 from txt1.sensors.readings import GRAVITY, IMU_MOUNT, ImuReading, Mount, Quaternion, imu_topic
-from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
 PLAIN: Final = 0xC8  # accelerations, rates, orientation matrix
@@ -75,49 +75,24 @@ def matrix_of(orientation: Quaternion) -> Matrix:
     return r[0], -r[3], -r[6], -r[1], r[4], r[7], -r[2], r[5], r[8]
 
 
-class ImuDecoder:
+class ImuDecoder(Framed[ImuReading]):
     """The bytes of the device as readings: resynchronises at the next byte that begins a sound reply."""
 
     def __init__(self, model: Model = "gx2", magnetic: bool = False, mount: Mount = IMU_MOUNT) -> None:
-        self.faults = 0
+        super().__init__(STOP[model] + CONTINUOUS + bytes((MAGNETIC if magnetic else PLAIN,)), STOP[model])
         self.identifier = ""
         """The device's name, once it was asked for and has told it."""
         self._mount = mount
-        self._rest = b""
-        self._model: Model = model
         self._timer, self._ticks = Unwrapped(2.0**32), TICKS[model]
-        self._out = STOP[model] + CONTINUOUS + bytes((MAGNETIC if magnetic else PLAIN,))
-        self._skipping = False
 
-    def to_send(self) -> bytes:
-        """The commands that start it, once."""
-        out, self._out = self._out, b""
-        return out
-
-    def farewell(self) -> bytes:
-        """The command that stops it."""
-        return STOP[self._model]
-
-    def feed(self, data: bytes) -> list[Measured[ImuReading]]:
-        """The readings that these bytes complete."""
-        data, at = self._rest + data, 0
-        found: list[Measured[ImuReading]] = []
-        while at < len(data):
-            length = LENGTHS.get(data[at])
-            if length is not None and len(data) - at < length:
-                break
-            if length is not None:
-                frame = data[at : at + length]
-                if checksum(frame[:-2]) == int.from_bytes(frame[-2:]) and self._take(frame, found):
-                    at += length
-                    self._skipping = False
-                    continue
-            if not self._skipping:
-                self._skipping = True
-                self.faults += 1
-            at += 1
-        self._rest = data[at:]
-        return found
+    def frame(self, data: bytes, at: int, found: list[Measured[ImuReading]]) -> int | None:
+        """Take the reply at a place."""
+        length = LENGTHS.get(data[at], 0)
+        if len(data) - at < length:
+            return None
+        frame = data[at : at + length]
+        sound = length and checksum(frame[:-2]) == int.from_bytes(frame[-2:]) and self._take(frame, found)
+        return length if sound else 0
 
     def _take(self, frame: bytes, found: list[Measured[ImuReading]]) -> bool:
         """Whether a frame with the right checksum is sound; appends its reading, if it has one."""

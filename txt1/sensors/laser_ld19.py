@@ -11,7 +11,7 @@ from annotated_types import MinLen
 from txt1.config.sources import checked
 from txt1.sensors.base import Setup
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
-from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.sensors.stream import Framed, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
 POINTS: Final = 12  # of a packet
@@ -53,48 +53,29 @@ def pack(speed: float, start: float, end: float, points: list[tuple[int, int]], 
     return data + bytes((crc(data),))
 
 
-class Ld19Decoder:
+class Ld19Decoder(Framed[Scan]):
     """The packets of the scanner as scans, one a turn from straight ahead clockwise, in beams of 0.8 degrees."""
 
     def __init__(self, mount: Mount = LASER_MOUNT) -> None:
-        self.faults = 0
+        super().__init__()
         self._mount = mount
-        self._rest = b""
         self._clock = Unwrapped(CLOCK)
-        self._skipping = False
         self._ranges: np.ndarray[tuple[int], np.dtype[np.float32]] | None = None  # None until a turn begins
         self._intensities = np.zeros(BEAMS, np.float32)
         self._before = 0.0  # angle of the last point, degrees
         self._began = 0.0  # when the turn did, s by the device's clock
 
-    def to_send(self) -> bytes:
-        """Nothing: it has no commands."""
-        return b""
-
-    def farewell(self) -> bytes:
-        """Nothing."""
-        return b""
-
-    def feed(self, data: bytes) -> list[Measured[Scan]]:
-        """The scans that these bytes complete."""
-        data, at = self._rest + data, 0
-        found: list[Measured[Scan]] = []
-        while at < len(data):
-            head = data[at : at + 2]
-            whole = head == HEAD
-            if (whole or head == HEAD[:1]) and len(data) - at < PACKET.size:
-                break
-            if whole and crc(data[at : at + PACKET.size - 1]) == data[at + PACKET.size - 1]:
-                self._take(data[at : at + PACKET.size], found)
-                at += PACKET.size
-                self._skipping = False
-                continue
-            if not self._skipping:
-                self._skipping = True
-                self.faults += 1
-            at += 1
-        self._rest = data[at:]
-        return found
+    def frame(self, data: bytes, at: int, found: list[Measured[Scan]]) -> int | None:
+        """Take the packet at a place."""
+        packet = data[at : at + PACKET.size]
+        if not HEAD.startswith(packet[:2]):
+            return 0
+        if len(packet) < PACKET.size:
+            return None
+        if crc(packet[:-1]) != packet[-1]:
+            return 0
+        self._take(packet, found)
+        return PACKET.size
 
     def _take(self, packet: bytes, found: list[Measured[Scan]]) -> None:
         """Add the points of a packet to the turn; a point that is not ahead of the last one begins the next."""

@@ -11,7 +11,7 @@ from txt1.config.sources import checked
 from txt1.errors import HalError
 from txt1.sensors.base import Setup
 from txt1.sensors.readings import LASER_MOUNT, Mount, Scan, scan_topic
-from txt1.sensors.stream import Measured, Streamed, Unwrapped
+from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
 BLOCK: Final = 64  # characters of a line of data
@@ -50,30 +50,19 @@ class Parameters(dict[str, int]):
         return fits and 0 <= self["DMIN"] < self["DMAX"] and self["ARES"] > 0 and self["SCAN"] > 0
 
 
-class ScipDecoder:
+class ScipDecoder(Codec[Scan]):
     """The answers of a scanner as scans: asks for its parameters, then for scans without end.
 
     `cluster` steps are one beam. An answer ends with an empty line; one that is damaged is thrown away whole.
     """
 
     def __init__(self, cluster: int = 1, mount: Mount = LASER_MOUNT) -> None:
-        self.faults = 0
+        super().__init__(b"QT\nPP\n", b"QT\n")  # stops scans and the laser
         self.parameters = Parameters()
         """As the device told them."""
         self._cluster, self._mount = cluster, mount
-        self._rest = b""
         self._clock = Unwrapped(CLOCK)
-        self._out = b"QT\nPP\n"
         self._request = b""
-
-    def to_send(self) -> bytes:
-        """The next commands: stop and parameters first, then scans."""
-        out, self._out = self._out, b""
-        return out
-
-    def farewell(self) -> bytes:
-        """The command that stops scans and the laser."""
-        return b"QT\n"
 
     def feed(self, data: bytes) -> list[Measured[Scan]]:
         """The scans that these bytes complete; a HalError when the scanner reports that its hardware is in trouble."""

@@ -11,32 +11,22 @@ from txt1.sensors import vrpn
 from txt1.sensors.base import Setup
 from txt1.sensors.differentiator import Differentiator
 from txt1.sensors.readings import TRACKER_MOUNT, Mount, TrackerReading, tracker_topic
-from txt1.sensors.stream import Measured, Streamed
+from txt1.sensors.stream import Codec, Measured, Streamed
 from txt1.units import NotNegative, Positive
 
 MILLIMETRE: Final = 0.001  # m; Vicon's unit
 
 
-class VrpnDecoder:
+class VrpnDecoder(Codec[TrackerReading]):
     """The messages of a VRPN server as poses of one subject; `scale` is its unit of length, m."""
 
     def __init__(self, subject: str, scale: float = MILLIMETRE, mount: Mount = TRACKER_MOUNT) -> None:
-        self.faults = 0
+        super().__init__(vrpn.COOKIE)  # and no farewell: a VRPN client just goes
         self.names = vrpn.Names()
         """Of all senders (subjects) and types that the server has told."""
         self._subject, self._scale, self._mount = subject, scale, mount
         self._splitter = vrpn.Splitter()
         self._differentiator = Differentiator()
-        self._out = vrpn.COOKIE
-
-    def to_send(self) -> bytes:
-        """The cookie, once."""
-        out, self._out = self._out, b""
-        return out
-
-    def farewell(self) -> bytes:
-        """Nothing: a VRPN client just goes."""
-        return b""
 
     def feed(self, data: bytes) -> list[Measured[TrackerReading]]:
         """The poses that these bytes complete; a HalError when this is no VRPN server of version 7."""

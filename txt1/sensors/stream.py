@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Coroutine
 from math import inf
-from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from txt1.errors import HalError, LinkLost
 from txt1.link.base import Link
@@ -28,20 +28,51 @@ class Measured(NamedTuple, Generic[T]):
     """Of the value when its bytes could be sent at the earliest, s: a scan's, whose time is that of its first beam."""
 
 
-class Codec(Protocol[T]):
-    """The host's end of a device's protocol, without I/O. A new one is made for every connection."""
+class Codec(Generic[T]):
+    """The host's end of a device's protocol, without I/O. A new one is made for every connection.
 
-    faults: int
-    """Pieces of the stream that were thrown away."""
+    Args:
+        greeting: what is sent first.
+        farewell: what is sent before the link is closed.
+
+    """
+
+    def __init__(self, greeting: bytes = b"", farewell: bytes = b"") -> None:
+        self.faults = 0
+        """Pieces of the stream that were thrown away."""
+        self.farewell = farewell
+        self._out = greeting
+        self._rest = b""  # what came of a piece that is not complete
 
     def feed(self, data: bytes) -> list[Measured[T]]:
         """Take bytes as they arrived; a HalError when the device says that it cannot go on, or is another one."""
+        raise NotImplementedError
 
     def to_send(self) -> bytes:
         """Bytes to send now, also before the first byte has come."""
+        out, self._out = self._out, b""
+        return out
 
-    def farewell(self) -> bytes:
-        """Bytes to send before the link is closed."""
+
+class Framed(Codec[T]):
+    """The codec of a device that sends frames: behind bytes that are none it goes on at the next one that is sound."""
+
+    _skipping = False
+
+    def frame(self, data: bytes, at: int, found: list[Measured[T]]) -> int | None:
+        """Append what the frame at a place holds, and return its length; 0: there is none, None: it is not complete."""
+        raise NotImplementedError
+
+    def feed(self, data: bytes) -> list[Measured[T]]:
+        """The readings that these bytes complete."""
+        data, at = self._rest + data, 0
+        found: list[Measured[T]] = []
+        while at < len(data) and (length := self.frame(data, at, found)) is not None:
+            self.faults += not (length or self._skipping)
+            self._skipping = not length
+            at += length or 1
+        self._rest = data[at:]
+        return found
 
 
 class DeviceClock:
@@ -135,8 +166,8 @@ class Streamed(Generic[T]):
             self._opening = None
         link, self._link = self._link, None
         if link is not None and link.up:
-            if farewell := self._codec.farewell():
-                link.write(farewell)
+            if self._codec.farewell:
+                link.write(self._codec.farewell)
                 await asyncio.sleep(0.05)  # closing throws away what is not sent
             link.close()
 
