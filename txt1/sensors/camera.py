@@ -36,7 +36,7 @@ class VideoOptions:
     """Whether a file begins anew at its end."""
     latency: NotNegative = 0.0
     """From exposure to arrival, s."""
-    mount: tuple[float, float, float, float] = CAMERA_MOUNT
+    mount: Mount = CAMERA_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
@@ -59,7 +59,6 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
         raise MissingExtra("a camera", "camera") from None
     device = given.source.startswith("/dev/")
     size = {"video_size": f"{given.width}x{given.height}"}
-    mount = Mount(*given.mount)
     while True:
         try:
             container = av.open(given.source, format="v4l2" if device else None, options=size if device else {})
@@ -82,7 +81,7 @@ def pictures(given: VideoOptions, wait: Callable[[float], object]) -> Iterator[I
                     frame.width,
                     frame.height,
                     jpeg(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), given.quality),
-                    mount,
+                    given.mount,
                 )
         if device or not given.repeat:
             return

@@ -33,7 +33,7 @@ class RealSenseOptions:
     """Frames a second, one of those that the camera has."""
     latency: NotNegative = 0.0
     """From exposure to arrival, s."""
-    mount: tuple[float, float, float, float] = CAMERA_MOUNT
+    mount: Mount = CAMERA_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
@@ -65,7 +65,7 @@ def realsense_frames(given: RealSenseOptions) -> Iterator[DepthImage]:
                 raw: Any = np.asanyarray(frame.get_data())
                 mm = raw if abs(unit - 1.0) < 1e-6 else np.minimum(np.round(raw * unit), 65535)
                 data = bytes(mm.astype("<u2").tobytes())
-                yield DepthImage(frame.get_width(), frame.get_height(), data, float(focal), Mount(*given.mount))
+                yield DepthImage(frame.get_width(), frame.get_height(), data, float(focal), given.mount)
     except RuntimeError as error:
         raise HalError(f"the RealSense camera sends no more frames: {error}") from None
     finally:
@@ -84,7 +84,7 @@ class PlayerOptions:
     """Horizontal angle of view, degrees."""
     repeat: bool = True
     """Whether it begins anew at its end."""
-    mount: tuple[float, float, float, float] = CAMERA_MOUNT
+    mount: Mount = CAMERA_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
@@ -104,7 +104,7 @@ def played_frames(given: PlayerOptions, wait: Callable[[float], object]) -> Iter
         for frame in frames:
             mm = frame if frames.dtype.kind == "u" else np.round(np.nan_to_num(frame, posinf=0.0) * 1000.0)
             data = bytes(np.clip(mm, 0, 65535).astype("<u2").tobytes())
-            yield DepthImage(width, height, data, focal, Mount(*given.mount))
+            yield DepthImage(width, height, data, focal, given.mount)
             wait(1.0 / given.rate)
         if not given.repeat:
             return

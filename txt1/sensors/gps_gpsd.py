@@ -119,7 +119,7 @@ class GpsOptions:
     """Latitude and longitude of the origin, degrees; null: the first fix."""
     latency: NotNegative = 0.0
     """From measuring to sending, s: with a receiver at 5 Hz and 4800 baud about 0.2."""
-    mount: tuple[float, float, float, float] = GPS_MOUNT
+    mount: Mount = GPS_MOUNT
     """x, y, z (m) and yaw (rad) of the antenna on the vehicle."""
 
 
@@ -131,7 +131,7 @@ def create(setup: Setup) -> Streamed[FixReading]:
 
     def codec() -> GpsdDecoder:  # a datum outlives the connection that brought it
         nonlocal last
-        grid, last = last.grid, GpsdDecoder(given.datum, Mount(*given.mount))
+        grid, last = last.grid, GpsdDecoder(given.datum, given.mount)
         last.grid = last.grid or grid
         return last
 

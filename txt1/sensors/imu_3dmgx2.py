@@ -132,15 +132,14 @@ class ImuOptions:
     """Whether it is asked for the magnetic field, too."""
     latency: NotNegative = 0.006
     """From measuring to the last byte, s: at 115200 baud 67 bytes take 5.8 ms."""
-    mount: tuple[float, float, float, float] = IMU_MOUNT
+    mount: Mount = IMU_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[ImuReading]:
     """The driver ``imu_3dmgx2``; options: those of `ImuOptions`."""
     given = checked(ImuOptions, setup.options, f"sensors.{setup.name}.options")
-    mount = Mount(*given.mount)
     return Streamed(
-        imu_topic(setup.name), 0.01, given.port, lambda: ImuDecoder(given.model, given.magnetic, mount),
+        imu_topic(setup.name), 0.01, given.port, lambda: ImuDecoder(given.model, given.magnetic, given.mount),
         given.baud, given.latency, "txt1 sensor fake imu",
     )  # fmt: skip

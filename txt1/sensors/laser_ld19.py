@@ -121,12 +121,13 @@ class Ld19Options:
     """Bits a second, 8N1."""
     latency: NotNegative = 0.0
     """From measuring to sending, s; a turn's own time is known from its stamps."""
-    mount: tuple[float, float, float, float] = LASER_MOUNT
+    mount: Mount = LASER_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[Scan]:
     """The driver ``laser_ld19``; options: those of `Ld19Options`."""
     given = checked(Ld19Options, setup.options, f"sensors.{setup.name}.options")
-    mount = Mount(*given.mount)
-    return Streamed(scan_topic(setup.name), 0.1, given.port, lambda: Ld19Decoder(mount), given.baud, given.latency)
+    return Streamed(
+        scan_topic(setup.name), 0.1, given.port, lambda: Ld19Decoder(given.mount), given.baud, given.latency
+    )

@@ -148,15 +148,14 @@ class ScipOptions:
     """So many steps are one beam."""
     latency: NotNegative = 0.0
     """From the time stamp to sending, s."""
-    mount: tuple[float, float, float, float] = LASER_MOUNT
+    mount: Mount = LASER_MOUNT
     """x, y, z (m) and yaw (rad) on the vehicle."""
 
 
 def create(setup: Setup) -> Streamed[Scan]:
     """The driver ``laser_scip``; options: those of `ScipOptions`."""
     given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
-    mount = Mount(*given.mount)
     return Streamed(
-        scan_topic(setup.name), 0.1, given.port, lambda: ScipDecoder(given.cluster, mount), given.baud, given.latency,
-        "txt1 sensor fake laser",
+        scan_topic(setup.name), 0.1, given.port, lambda: ScipDecoder(given.cluster, given.mount), given.baud,
+        given.latency, "txt1 sensor fake laser",
     )  # fmt: skip

@@ -66,7 +66,7 @@ class TrackerOptions:
     """Unit of its lengths, m; 1 for servers that send metres."""
     latency: NotNegative = 0.0
     """From exposure to sending, s."""
-    mount: tuple[float, float, float, float] = TRACKER_MOUNT
+    mount: Mount = TRACKER_MOUNT
     """x, y, z (m) and yaw (rad) of the subject's origin on the vehicle."""
 
 
@@ -74,8 +74,7 @@ def create(setup: Setup) -> Streamed[TrackerReading]:
     """The driver ``mocap_vrpn``; options: those of `TrackerOptions`."""
     given = checked(TrackerOptions, setup.options, f"sensors.{setup.name}.options")
     subject = given.subject or setup.config.name or "txt01"
-    mount = Mount(*given.mount)
     return Streamed(
-        tracker_topic(setup.name), 0.01, given.address, lambda: VrpnDecoder(subject, given.scale, mount),
+        tracker_topic(setup.name), 0.01, given.address, lambda: VrpnDecoder(subject, given.scale, given.mount),
         latency=given.latency, fake="txt1 sensor fake vicon",
     )  # fmt: skip
