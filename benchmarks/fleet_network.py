@@ -31,9 +31,9 @@ def peer(name: str, loss: float) -> None:
         if identity not in obeyed:
             obeyed.add(identity)
             print(one.now, flush=True)
-        return StopAnswer(closed=True)
+        return StopAnswer(closed=True, stands=True)
 
-    one = Peer(name, loss=loss, space="benchmark", hooks=Hooks(stop=stop))
+    one = Peer(name, loss=loss, fleet="benchmark", hooks=Hooks(stop=stop))
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
     print("ready", flush=True)
     while not ended.wait(0.05):
@@ -47,7 +47,7 @@ class Observer:
     def __init__(self, loss: float) -> None:
         self.late: list[float] = []
         self._clock = RealClock()
-        self.peer = Peer("observer", loss=loss, space="benchmark", hooks=Hooks(state=self._heard))
+        self.peer = Peer("observer", loss=loss, fleet="benchmark", hooks=Hooks(state=self._heard))
 
     def _heard(self, message: Mapping[str, Any]) -> None:
         self.late.append(self._clock.now_ns() / NS_PER_S - message["sent"] / NS_PER_S)

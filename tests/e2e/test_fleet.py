@@ -24,6 +24,7 @@ from txt1.cli import execute
 from txt1.errors import ConfigError
 from txt1.fleet.command import line
 from txt1.fleet.fleet import Fleet
+from txt1.fleet.key import fleet_key
 from txt1.fleet.link import STOPS, STOPS_MAX, FleetLink
 from txt1.fleet.members import FLEET, Member
 from txt1.fleet.network import Peer, configuration
@@ -59,6 +60,11 @@ def what_comes_before_and_after_the_run_may_block(blocking_calls_fail: BlockBust
     may_block(blocking_calls_fail, "txt1/record/verify.py", "_replay", "_replay_steps", "write", "close")
     may_block(blocking_calls_fail, "txt1/record/recorder.py", "_write", "_close_sinks")
     may_block(blocking_calls_fail, "txt1/ui/replay.py", "play")
+
+
+@pytest.fixture(autouse=True)
+def a_key_of_the_test_s_own(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
 
 
 @pytest.fixture
@@ -304,22 +310,23 @@ async def test_who_has_stopped_is_told_in_the_log_and_on_the_screen_and_that_nob
 
 def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is_wrong() -> None:
     zenoh = pytest.importorskip("zenoh", reason="Zenoh is not installed: the extra 'fleet'")
-    space = f"test{uuid4().hex}"
+    fleet = f"test{uuid4().hex}"
+    key = fleet_key("", None, fleet)
 
     async def main() -> None:
         patient = ("safety.missed_ticks_max=100000",)
         async with Robot.open(hal="sim", name="net01", settings=patient) as robot, AsyncExitStack() as stack:
             link = FleetLink(robot)
-            at_work = bridge(robot, "fleet", {"name": "net01", "space": space}, link.requests)
+            at_work = bridge(robot, "fleet", {"name": "net01", "fleet": fleet}, link.requests)
             beside = await stack.enter_async_context(at_work)
-            console = await asyncio.to_thread(Peer, "console1", space=space, console=True)
+            console = await asyncio.to_thread(Peer, "console1", fleet=fleet, console=True)
             stack.callback(console.close)
             listening = configuration()
             listening.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
             stranger = stack.enter_context(await asyncio.to_thread(zenoh.open, listening))
 
-            def says(key: str, message: object) -> None:
-                stranger.put(f"{space}/{key}", json.dumps(message))
+            def says(where: str, message: object) -> None:
+                stranger.put(f"{key.space}/{where}", key.signed(where, json.dumps(message).encode()))
 
             standing = lambda: (console.standing() or (None,))[0]  # noqa: E731
             await until(lambda: "net01" in console.heard())
@@ -329,6 +336,14 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
             robot.arm()
             await until(lambda: standing() == Standing(others=(("net01", "it was armed again"),)))
             assert robot.armed
+            await robot.load_gains()
+            await until(lambda: robot.odometry.v > 0.2 or robot.command(0.5, 0.0))
+            console.stop_all()
+            await until(lambda: standing() == Standing(stopped=(("net01", "slowing down"),)))
+            assert not robot.armed
+            await until(lambda: standing() == Standing(("net01",)))
+            assert robot.odometry.v == 0.0
+            robot.arm()
             await until(lambda: says("stop/console1", {"from": "console1", "number": 2**60}) or not robot.armed)
             refusal = "a message of net02 is refused: x: it is no number"
             told = lambda: [event.text for event in robot.runtime.state.events]  # noqa: E731
@@ -342,8 +357,9 @@ def test_a_robot_and_its_bridge_obey_each_stop_answer_the_truth_and_bear_what_is
 
 
 OUTCOMES = (
-    (Standing(("txt01", "txt02")), 0, "stopped: txt01, txt02"),
-    (Standing(("txt01",), (("txt02", "it was armed again"),)), 4, "not stopped: txt02 (it was armed again)"),
+    (Standing(("txt01", "txt02")), 0, "stands: txt01, txt02"),
+    (Standing((), (("txt02", "not seen"),)), 4, "stopped, not seen to stand: txt02 (not seen)"),
+    (Standing(("txt01",), (), (("txt02", "it was armed again"),)), 4, "not stopped: txt02 (it was armed again)"),
     (Standing(("txt01",), silent=("txt03",)), 4, "no answer: txt03"),
     (Standing(), 1, "no robot of the fleet is heard"),
 )
@@ -357,8 +373,8 @@ def test_the_command_that_stops_all_succeeds_only_where_all_have_stopped(
     expected: list[str] = []
 
     class Console:
-        def __init__(self, name: str, *_: object, console: bool) -> None:
-            assert console and name.startswith("console_")
+        def __init__(self, name: str, *_: object, fleet: str, console: bool) -> None:
+            assert console and name.startswith("console_") and fleet == "txt1"
 
         def stop_all(self, names: list[str]) -> threading.Thread:
             expected.extend(names)

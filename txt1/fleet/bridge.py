@@ -2,7 +2,8 @@
 
 What the robot tells goes out twenty times a second; what was heard comes in as often. What it has learned is told once
 a second; what others have learned is checked here and passed on as seldom. A stop of all that others say stops the
-robot, and is answered by what the robot reports of its gate; a console may take its wheel, as the source "fleet".
+robot, and is answered by what the robot reports of its gate and of its watch over stops; a console may take its wheel,
+as the source "fleet", by commands that are as old as the key that was pressed there.
 """
 
 import json
@@ -11,9 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from math import inf
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
+from txt1.control.standstill import Stop
 from txt1.errors import ConfigError
+from txt1.fleet.key import FLEET_NAME
 from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import Hooks, Peer
 from txt1.fleet.radio import SILENCE
@@ -42,29 +45,29 @@ def main(
     interface: str = "",
     key: str | None = None,
     loss: float = 0.0,
-    space: str = "txt1",
+    fleet: str = FLEET_NAME,
 ) -> None:
     """Be the robot's voice in the fleet until its run ends; the arguments are those of `Peer`."""
     gate = ReportedGate(RealClock().now_ns)
     stops: deque[tuple[str, str]] = deque(maxlen=ORDERS)  # of Zenoh's threads, which must not wait
-    drives: deque[tuple[float, float]] = deque(maxlen=ORDERS)  # apart: many of them push no stop out
+    drives: deque[tuple[float, float, float]] = deque(maxlen=ORDERS)  # apart: many of them push no stop out
+    doubles: deque[str] = deque(maxlen=1)
 
     def stop(who: str, identity: str) -> StopAnswer:
         if identity not in gate.obeyed:
             stops.append((who, identity))
         return gate.answer(identity)
 
-    hooks = Hooks(stop=stop, drive=lambda who, v, omega: drives.append((v, omega)))
+    hooks = Hooks(stop, lambda who, v, omega, given: drives.append((v, omega, given)), doubles.append)
     robot.request("subscribe", topics=TOPICS, rate=FLEET_RATE, seldom=SELDOM)
     try:
         with ThreadPoolExecutor(1) as beside:  # to look whether a name is taken lasts longer than a heartbeat
-            joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, space)
+            joining = beside.submit(Peer, name, interface, None if key is None else Path(key), hooks, loss, fleet)
             while not joining.done():
                 robot.receive(WAIT)
         peer = joining.result()
     except ConfigError as error:
-        robot.request("refused", reason=str(error))
-        return
+        refused(robot, str(error))
     told: set[tuple[str, str]] = set()  # of whom a message was refused, and why
     passed: dict[str, float] = {}  # when the last table of each was heard that was passed on
     try:
@@ -74,8 +77,10 @@ def main(
                 who, identity = stops.popleft()
                 robot.request("stop", who=who, stop=identity)
             for _ in range(len(drives)):
-                v, omega = drives.popleft()
-                robot.request("drive", v=v, omega=omega)
+                v, omega, given = drives.popleft()
+                robot.request("drive", v=v, omega=omega, age=peer.now - given)
+            if doubles:
+                refused(robot, doubles.popleft())
             if telemetry is None:
                 continue
             gate.reported(telemetry["topics"])
@@ -96,6 +101,12 @@ def main(
         peer.close()
 
 
+def refused(robot: Connection, reason: str) -> NoReturn:
+    """Tell the robot that the fleet does not let it in, and end as failed, so that it is tried again later."""
+    robot.request("refused", reason=reason)
+    raise SystemExit(1)
+
+
 def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
     """Tell the robot what others have learned, or why that is refused."""
     new = [(who, *told) for who, told in peer.taught().items() if told[1] >= passed.get(who, -inf) + PASSED]
@@ -108,18 +119,20 @@ def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
 
 
 class ReportedGate:
-    """The robot's safety gate, as the robot itself reported it last: nothing else is ever answered to a stop."""
+    """The robot's safety gate and its last stop, as it reported them: nothing else is ever answered to a stop."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self.obeyed: frozenset[str] = frozenset()
         """Identities of the stops of all that the robot has obeyed."""
         self._clock = clock
-        self._armed, self._at = True, -inf
+        self._armed, self._stop, self._at = True, "", -inf
 
     def reported(self, topics: Mapping[str, Any]) -> None:
         """Take what the robot tells."""
         self.obeyed = frozenset(topics.get("/fleet_stops") or ())
-        self._armed, self._at = (topics.get("/member") or {}).get("armed") is not False, self._clock() / NS_PER_S
+        member = topics.get("/member") or {}
+        self._armed, self._stop = member.get("armed") is not False, str(member.get("stop") or "")
+        self._at = self._clock() / NS_PER_S
 
     def answer(self, stop: str) -> StopAnswer:
         """Return the answer to a stop of that identity."""
@@ -127,7 +140,10 @@ class ReportedGate:
             return StopAnswer(closed=False, why="its program is silent")
         if stop not in self.obeyed:
             return StopAnswer(closed=False, why="it has not obeyed yet")
-        return StopAnswer(closed=False, why="it was armed again") if self._armed else StopAnswer(closed=True)
+        if self._armed:
+            return StopAnswer(closed=False, why="it was armed again")
+        stands = self._stop == Stop.STANDING
+        return StopAnswer(closed=True, stands=stands, why="" if stands else self._stop)
 
 
 def _stop(peer: Peer) -> str:

@@ -21,6 +21,7 @@ from txt1.commands import DISARMED, FAULT, OK, UNSTOPPED, flag, need, say, takes
 from txt1.config import Config
 from txt1.errors import ConfigError
 from txt1.fleet.fleet import Fleet
+from txt1.fleet.key import FLEET_NAME
 from txt1.fleet.options import NETWORK
 from txt1.fleet.plan import FleetPlan, plan_of
 from txt1.fleet.selection import KEYS, Selection
@@ -50,8 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
         "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
         "--fleet-key": NETWORK["--fleet-key"],
+        "--fleet-name": NETWORK["--fleet-name"],
         "--stop": takes(
-            "NAME,NAME,...", "with --join: stop all robots, say which have stopped, and end; those named must answer",
+            "NAME,NAME,...", "with --join: stop all robots, say which stand, and end; those named must answer",
             commands.names, nargs="?", const=[],
         ),
         "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
@@ -147,7 +149,8 @@ def _console(arguments: argparse.Namespace) -> int:
     from txt1.fleet.network import Peer
 
     page = web_page(arguments)
-    peer = Peer(f"console_{token_hex(4)}", arguments.join, arguments.fleet_key, console=True)
+    fleet = arguments.fleet_name or FLEET_NAME
+    peer = Peer(f"console_{token_hex(4)}", arguments.join, arguments.fleet_key, fleet=fleet, console=True)
     try:
         if arguments.stop is not None:
             return _stop_all(peer, arguments.stop)
@@ -187,7 +190,7 @@ async def _page(peer: "Peer", page: WebPage) -> None:
 
 
 def _stop_all(peer: "Peer", expected: list[str]) -> int:
-    """Stop all robots and say who has stopped, who has not, and who did not answer."""
+    """Stop all robots and say which stand, which only have closed gates, which do not, and which did not answer."""
     saying = peer.stop_all(expected)
     saying.join(EARLY)
     if saying.is_alive():
@@ -196,7 +199,7 @@ def _stop_all(peer: "Peer", expected: list[str]) -> int:
     standing = _standing(peer)
     print(standing)
     if standing == Standing():
-        say("nothing was stopped: is the robot's --fleet on this network, and its key the same?")
+        say("nothing was stopped: is the robot's --fleet on this network, with the same key and --fleet-name?")
         return FAULT
     return OK if standing.complete else UNSTOPPED
 

@@ -83,10 +83,9 @@ class Console:
         """There is no log to add to."""
 
     def command(self, v: float, omega: float, time: float = -inf) -> None:
-        """Drive the robot at hand, m/s and rad/s."""
-        del time
+        """Drive the robot at hand, m/s and rad/s; the key was pressed at `time`, s since this console was started."""
         if (robot := self.robot) is not None:
-            self._peer.drive(robot.name, v, omega)
+            self._peer.drive(robot.name, v, omega, 0.0 if time == -inf else max(0.0, self.now - time))
             self._driving = True
 
     def release(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from txt1.errors import ConfigError
 from txt1.fleet.cooperation import Cooperation, body_of, see_simulated
 from txt1.fleet.law import make_law
-from txt1.fleet.members import FLEET, FLEET_STOP, Member, member_of
+from txt1.fleet.members import FLEET, FLEET_STOP, NEW, Member, member_of
 from txt1.fleet.radio import Said
 from txt1.learning.learned import FORGET, LEARNED, TOLD, Learned, learned_of
 from txt1.robot import Robot
@@ -41,6 +41,7 @@ class FleetLink:
         self._said: Said | None = None
         self._cooperation: Cooperation | None = None
         self._joined = asyncio.Event()
+        self._since = inf  # when it joined the fleet, s of the loop
         self._took = -inf  # when the bridge told of the others last, s of the loop
         self._obeyed: deque[str] = deque(maxlen=STOPS_MAX)  # identities of stops of all
         self._standing = ""  # how the last one stands that this robot has said
@@ -106,6 +107,7 @@ class FleetLink:
         """Take note of the others and of their words, whose times are given as ages, s; and how our stop stands."""
         self._joined.set()
         self._took = now = asyncio.get_running_loop().time()
+        self._since = min(self._since, now)
         if stop != self._standing:
             self._standing = stop
             if stop:
@@ -136,7 +138,10 @@ class FleetLink:
             self._robot.tell(f"refuses what {who} has learned: it {why}")
 
     def _refuse(self, reason: str) -> None:
-        if not self.refused.done():
+        """End the run of a robot that is new in the fleet; one that has been there goes on, whatever others say."""
+        if asyncio.get_running_loop().time() > self._since + NEW:
+            self._robot.tell(f"the fleet does not let this robot in again, which is tried on: {reason}")
+        elif not self.refused.done():
             self.refused.set_exception(ConfigError(reason))
 
     def _own(self) -> Said:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from txt1.control.standstill import Stop
 from txt1.telemetry.topics import Rule, Topic, declare
 
 if TYPE_CHECKING:
     from txt1.robot import Robot
 
 
+NEW: Final = 30.0  # s in a fleet in which a robot gives way to one of its name that was there before
+
+
 class Member(NamedTuple):
     """A robot of a fleet.
 
     Its name, whether it may drive and else why not, its pose in the room (m, rad) and velocities (m/s, rad/s), who
-    drives it, its battery (V); how long ago it was heard (s), how its clock stands to ours (s), and whether those it
-    cooperates with are heard: the name of one that is not. None is what nobody knows.
+    drives it, its battery (V); how long ago it was heard (s), how its clock stands to ours (s), whether those it
+    cooperates with are heard: the name of one that is not; and how its last stop goes, as it has seen itself. None is
+    what nobody knows.
     """
 
     name: str
@@ -30,6 +35,7 @@ class Member(NamedTuple):
     offset: float | None = None
     alive: bool = True
     silent: str = ""
+    stop: str = ""
 
 
 FLEET: Final[Topic[tuple[Member, ...]]] = declare(
@@ -48,5 +54,17 @@ def member_of(robot: Robot, silent: str = "") -> Member:
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(
         robot.config.name, robot.armed, robot.reason, pose, odometry.v, odometry.omega, robot.driver.name,
-        robot.battery.battery1, silent=silent,
+        robot.battery.battery1, silent=silent, stop=_stop_of(robot),
     )  # fmt: skip
+
+
+def _stop_of(robot: Robot) -> str:
+    """How the robot's last stop goes: "standing" only where it was seen to stand, and still is."""
+    if robot.runtime.stands(robot.now) and not robot.hal.capabilities.blind:
+        return Stop.STANDING
+    seen = robot.stop_state
+    if seen is Stop.STANDING:  # the watch was not asked since
+        return Stop.SLOWING
+    if robot.hal.capabilities.blind:
+        return Stop.UNSEEN
+    return Stop.SLOWING if seen in (None, Stop.NONE) else seen

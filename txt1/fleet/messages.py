@@ -36,9 +36,13 @@ class MemberState(NamedTuple):
 
 
 class StopAnswer(NamedTuple):
-    """A robot's answer to a stop of all, as the robot itself reports: whether its gate is closed, and if not why."""
+    """A robot's answer to a stop of all, as the robot itself reports.
+
+    Whether its gate is closed, whether it was then seen to stand, and if not why, or how the stop is going.
+    """
 
     closed: bool
+    stands: bool = False
     why: str = ""
 
 
@@ -83,8 +87,9 @@ def stop_of(payload: bytes) -> str:
 
 
 def answer_of(message: Mapping[str, Any]) -> StopAnswer:
-    """Return how a robot is after a stop."""
-    return StopAnswer(message.get("closed") is True, text(message, "why"))
+    """Return how a robot is after a stop; one whose gate is open does not stand for long."""
+    closed = message.get("closed") is True
+    return StopAnswer(closed, closed and message.get("stands") is True, text(message, "why"))
 
 
 def time_of(message: Mapping[str, Any], name: str) -> int:

@@ -4,8 +4,9 @@ How it works
 ------------
 
 Every robot tells all others how it is, and every robot finds out by itself who is there. Nobody is the centre, so
-nobody's end ends the team. Messages are small JSON objects below the key ``txt1``. They may be lost, doubled or late:
-what matters is said again until it is answered, and what came is held against the sender's clock.
+nobody's end ends the team. Messages are small JSON objects below the space of the
+fleet, signed with its key (`txt1.fleet.key`). They may be lost, doubled or late: what matters is said again until it is
+answered, and what came is held against the sender's clock.
 
 | key | what it is |
 |---|---|
@@ -17,18 +18,21 @@ what matters is said again until it is answered, and what came is held against t
 | ``learned/NAME`` | what a robot has learned, once a second |
 
 **Stop of all.** It is said every 20 ms until every robot that is alive, was heard in the last half minute or was named
-has answered that its gate is closed, then a little longer, in case somebody new is there. With a share p of all
-messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
+has answered that its gate is closed and that it was seen to stand, then a little longer, in case somebody new is there.
+With a share p of all messages lost, one is still missing after 0.5 s with a probability of p^25: 1e-13 for p = 0.3.
+Whoever hears a stop obeys it, even one that is not signed.
 
-**Names** are unique. Of two robots with one name, that one gives way that came later, by the clocks, or that finds the
-other's state told already.
+**Names** are unique: the one that came later gives way. When it joins it looks whether its name is there already. On a
+busy computer that look may end before the others are found, so for another half minute it also gives way to a state
+that is told in its name by one who has been there for longer. After that nobody's word turns it out.
 
-**Clocks.** Each robot has its own, and a command's age is judged by its sender's. So the difference is measured: a ping
-carries the time at which it was sent, its answer the other's time. Of the last ones, the one with the shortest way
-there and back counts: offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
+**Clocks.** Of the last pings the one with the shortest way there and back counts:
+offset = theirs - (sent + received) / 2, wrong by half of that way at most (as in NTP).
+A velocity carries the instant of the key that was pressed, by the clock of the robot that it is for, and earlier by
+what the offset may be wrong. So its age is never taken for less than it is, wherever it waited.
 
-**Where.** On loopback nothing is asked for. On an interface that is named a key is: a file with a password that all
-share (Zenoh's user and password), and it listens on that interface only.
+**Where.** On loopback it listens on 127.0.0.1, on an interface that is named on that one only. There Zenoh asks for a
+password, too, which is made of the key.
 """
 
 import json
@@ -38,12 +42,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from hmac import compare_digest
 from pathlib import Path
 from random import Random
 from typing import Any, Final
 
 from txt1.errors import ConfigError, MissingExtra
-from txt1.fleet.members import Member
+from txt1.fleet.key import FLEET_NAME, FleetKey, fleet_key
+from txt1.fleet.members import NEW, Member
 from txt1.fleet.messages import (
     MemberState,
     StopAnswer,
@@ -51,27 +57,36 @@ from txt1.fleet.messages import (
     drive_of,
     is_name,
     message_of,
+    number,
     state_of,
     stop_of,
     time_of,
 )
 from txt1.fleet.radio import SILENCE, Said
 from txt1.fleet.stopping import Standing, StopOfAll
-from txt1.kernel.clock import NS_PER_S, RealClock, wall_ns
+from txt1.kernel.clock import NS_PER_S, Clock, RealClock, nanoseconds, wall_ns
 
 PORTS: Final = range(7450, 7482)  # on loopback, of which each peer takes the first that is free
 HUNG: Final = 300  # ms after which a peer on loopback that does not answer is passed over: Zenoh's 10 s hold up a stop
 REPEAT: Final = 0.02  # s between two sayings of a stop
 LONGER: Final = 1.0  # s that it is said after all have answered
 STOP_FOR: Final = 30.0  # s after which whoever has not answered is given up
+SETTLED: Final = 5.0  # s from the last gate's closing after which who was not seen to stand is given up
 ALONE: Final = 3.0  # s after which it is given up where nobody is heard
 RECENT: Final = 30.0  # s after it was heard last that a robot is expected to answer a stop
 PING: Final = 1.0  # s between two pings
+PING_LEAST: Final = 0.05  # s between two pings where a clock is not known
 PINGS: Final = 10  # of which the fastest counts
 LOOK: Final = 0.6  # s to look whether a name is taken
+EARLIER: Final = 0.5  # s that another of our name was there before us for certain, and
+AS_EARLY: Final = 1.5  # s that it may have come later by our clocks and yet be the first: then the IDs decide
+UP_MAX: Final = 1e5  # s in a fleet that are told at most
+AHEAD: Final = 0.01  # s that a velocity may come from the future, as clocks drift between two pings
 PING_MAX: Final = 10.0  # s after which an answer to a ping counts no more
 SAID_MAX: Final = 20  # stops of our own that are told from others'
 OTHERS_MAX: Final = 200  # peers of which something is kept
+REAL: Final = RealClock()
+STRANGER: Final = "somebody"  # who is not known by a signature
 
 
 @dataclass
@@ -95,12 +110,15 @@ class Hooks:
 
     stop: Callable[[str, str], StopAnswer | None] = lambda who, stop: None
     """Told of each saying of a stop, by whom, with its identity or ""; returns what to answer, None: nothing."""
-    drive: Callable[[str, float, float], None] = lambda who, v, omega: None
+    drive: Callable[[str, float, float, float], None] = lambda who, v, omega, given: None
+    """Told of a velocity for this robot, m/s and rad/s, and when it was given, s of this computer's clock."""
+    double: Callable[[str], None] = lambda why: None
+    """Told that another robot of the same name was there before, and that this one has to leave."""
     state: Callable[[Mapping[str, Any]], None] = lambda message: None
 
 
-def configuration(interface: str = "", key: Path | None = None) -> Any:
-    """Zenoh's configuration; raises ConfigError: an interface beyond loopback has no key, or is not there."""
+def configuration(interface: str = "", key: FleetKey | None = None, dictionary: str = "") -> Any:
+    """Zenoh's configuration; `key` and `dictionary`, the file of its password, are for an interface beyond loopback."""
     zenoh = need_zenoh()
     config = zenoh.Config()
     settings: dict[str, Any] = {
@@ -113,18 +131,9 @@ def configuration(interface: str = "", key: Path | None = None) -> Any:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
         settings["transport/unicast/open_timeout"] = HUNG  # whoever comes looks at one port after the other
     else:
-        if key is None:
-            raise ConfigError(f"--fleet {interface}: beyond loopback all share a key; add --fleet-key FILE")
-        try:
-            password = key.read_text(encoding="utf-8").strip()
-        except OSError as error:
-            raise ConfigError(f"--fleet-key {key}: cannot read it: {error.strerror}; put a password into it") from None
-        if len(password) < 16 or ":" in password:
-            raise ConfigError(f"--fleet-key {key}: a password of 16 characters or more, and no ':'")
-        known = key.with_name(f".{key.name}.zenoh")
-        known.touch(mode=0o600)
-        known.write_text(f"txt1:{password}\n", encoding="utf-8")
-        settings["transport/auth/usrpwd"] = {"user": "txt1", "password": password, "dictionary_file": str(known)}
+        assert key is not None
+        password = {"user": key.fleet, "password": key.password, "dictionary_file": dictionary}
+        settings["transport/auth/usrpwd"] = password
         settings["scouting/multicast/interface"] = interface
         settings["listen/endpoints"] = [f"tcp/0.0.0.0:0#iface={interface}"]
     for name, value in settings.items():
@@ -147,13 +156,14 @@ class Peer:
     Args:
         name: its own, unique in the fleet.
         interface: of the network; empty for loopback.
-        key: file with the password that all share.
+        key: file with the password that all share; None: the user's own, on loopback only.
         hooks: what it is told.
         loss: share of the messages that it loses, sending and receiving, for tests.
-        space: what stands before all keys: fleets of different ones do not hear one another.
+        fleet: name of the fleet: those of other names or keys are not heard.
         console: it has no robot: nobody lists it or waits for its answer, and its name may be taken.
+        clock: of this computer.
 
-    Raises ConfigError: the name is taken, or the network cannot be used; MissingExtra.
+    Raises ConfigError: the name is taken, the key is none, or the network cannot be used; MissingExtra.
     """
 
     def __init__(
@@ -163,26 +173,32 @@ class Peer:
         key: Path | None = None,
         hooks: Hooks | None = None,
         loss: float = 0.0,
-        space: str = "txt1",
+        fleet: str = FLEET_NAME,
         console: bool = False,
+        clock: Clock = REAL,
     ) -> None:
         self._zenoh = need_zenoh()
-        self._space = space
+        self._key = fleet_key(interface, key, fleet)
+        self._space = self._key.space
         self.name, self._hooks, self._loss, self._rng = name, hooks or Hooks(), loss, Random(name)
-        self._clock = RealClock()
+        self._clock = clock
         self._lock = threading.Lock()
         self._others: dict[str, _Other] = {}
         self._refused: dict[str, str] = {}
         self._stop: StopOfAll | None = None  # the newest that was said here
         self._said: deque[str] = deque(maxlen=SAID_MAX)  # identities of those that were said here
         self._closing = threading.Event()
+        self._unmeasured = threading.Event()  # somebody is there whose clock is not known
+        self._console = console
         if not is_name(name):
             raise ConfigError(f"name: '{name}': in a fleet a name has small letters, digits and _, 64 at most")
-        self._session = self._open(interface, key)
+        self._session = self._open(interface)
         self.id = f"{wall_ns():020d}-{self._session.zid()}"
+        self.began = self.now
+        """When it joined, s of its clock."""
         self._token = None if console else self._claim()
         self._session.declare_subscriber(f"{self._space}/state/*", self._checked(self._take_state))
-        self._session.declare_subscriber(f"{self._space}/learned/*", self._take_learned)
+        self._session.declare_subscriber(f"{self._space}/learned/*", self._checked(self._take_learned))
         self._session.declare_subscriber(f"{self._space}/stop/*", self._take_stop)
         self._session.declare_subscriber(f"{self._space}/stopped/{name}", self._checked(self._take_answer))
         self._session.declare_subscriber(f"{self._space}/drive/{name}", self._checked(self._take_drive))
@@ -195,6 +211,7 @@ class Peer:
     def close(self) -> None:
         """Leave the fleet."""
         self._closing.set()
+        self._unmeasured.set()
         self._session.close()
 
     @property
@@ -206,15 +223,27 @@ class Peer:
 
     def tell(self, state: Mapping[str, Any]) -> None:
         """Tell the others how it is."""
-        self._put(f"state/{self.name}", state)
+        self._put(f"state/{self.name}", {**state, "up": min(self.now - self.began, UP_MAX)})
 
     def teach(self, learned: Mapping[str, Any]) -> None:
         """Tell the others what was learned; it may be lost."""
         self._put(f"learned/{self.name}", learned)
 
-    def drive(self, name: str, v: float, omega: float) -> None:
-        """Command another robot, m/s and rad/s, for the next 0.25 s."""
-        self._put(f"drive/{name}", {"v": v, "omega": omega})
+    def drive(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
+        """Command another robot, m/s and rad/s, for the 0.25 s after a key that was pressed `age` s ago.
+
+        Nothing is sent before that robot's clock is known, as it could not tell a fresh command from an old one.
+        """
+        given = self.now - age
+        with self._lock:
+            other = self._others.get(name)
+            clock = min(other.pings) if other is not None and other.pings else None
+        if clock is None:
+            self._unmeasured.set()
+            return
+        there_and_back, offset = clock
+        theirs = given + offset - 0.5 * there_and_back
+        self._put(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs))})
 
     def stop_all(self, expected: Iterable[str] = ()) -> threading.Thread:
         """Stop every robot of the fleet: said again and again until all have, by the thread returned.
@@ -230,7 +259,7 @@ class Peer:
         return saying
 
     def _say_stop(self, stop: StopOfAll) -> None:
-        complete = 0.0
+        complete = closed = 0.0
         while stop is self._stop and self.now < stop.began + STOP_FOR:
             self._put(f"stop/{self.name}", {"stop": stop.identity})
             with self._lock:
@@ -239,7 +268,9 @@ class Peer:
                 standing = stop.standing()
             alone = standing == Standing() and now > stop.began + ALONE
             complete = (complete or now) if standing.complete else 0.0
-            if alone or (complete and now > complete + LONGER) or self._closing.wait(REPEAT):
+            closed = (closed or now) if standing.closed else 0.0
+            done = (complete and now > complete + LONGER) or (closed and now > closed + SETTLED)
+            if alone or done or self._closing.wait(REPEAT):
                 return
 
     def listen(self, duration: float) -> None:
@@ -284,20 +315,30 @@ class Peer:
     def _put(self, key: str, message: Mapping[str, Any]) -> None:
         if self._closing.is_set() or (self._loss and self._rng.random() < self._loss):
             return
-        whole = {"from": self.name, "sent": self._clock.now_ns(), **message}
+        whole = {"from": self.name, "id": self.id, "sent": self._clock.now_ns(), **message}
         urgent = not key.startswith(("state", "learned"))
         self._session.put(
-            f"{self._space}/{key}", json.dumps(whole), express=True,
+            f"{self._space}/{key}", self._key.signed(key, json.dumps(whole).encode()), express=True,
             congestion_control=self._zenoh.CongestionControl.DROP,
             priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
         )  # fmt: skip
 
+    def _where(self, sample: Any) -> str:
+        """The Zenoh key that a message came on, without the space."""
+        return str(sample.key_expr).removeprefix(f"{self._space}/")
+
     def _read(self, sample: Any) -> dict[str, Any] | None:
-        """A message from another peer; None for its own, a lost one, and one that is no message."""
+        """A message from another peer; None for its own, a lost one, and one that is no message.
+
+        Raises ValueError: it is not signed with the fleet's key.
+        """
         if self._loss and self._rng.random() < self._loss:
             return None
-        message = message_of(bytes(sample.payload))
-        return None if message is None or message["from"] == self.name else message
+        text = self._key.opened(self._where(sample), bytes(sample.payload))
+        if text is None:
+            raise ValueError("it is not signed with the fleet's key")
+        message = message_of(text)
+        return None if message is None or message.get("id") == self.id else message
 
     def _other(self, name: str) -> _Other:
         """What is known of another peer; nothing is kept of more than so many."""
@@ -312,17 +353,26 @@ class Peer:
         """A listener that takes messages; of one that is not as it should be it keeps why, and nothing else."""
 
         def listen(sample: Any) -> None:
-            message = self._read(sample)
-            if message is None:
-                return
+            who = STRANGER
             try:
-                take(message)
+                message = self._read(sample)
+                if message is not None:
+                    who = message["from"]
+                    take(message) if who != self.name else self._meet_double(message)
             except ValueError as error:
                 with self._lock:
                     if len(self._refused) < OTHERS_MAX:
-                        self._refused.setdefault(message["from"], str(error))
+                        self._refused.setdefault(who, str(error))
 
         return listen
+
+    def _meet_double(self, message: dict[str, Any]) -> None:
+        """Give way to another of our name that was there before, unless we have been there for long."""
+        if self._console or "up" not in message:
+            return
+        if not gives_way(self.now - self.began, number(message, "up"), self.id, str(message.get("id"))):
+            raise ValueError("another robot has this robot's name; choose another with --name")
+        self._hooks.double(_taken(self.name))
 
     def _take_state(self, message: dict[str, Any]) -> None:
         state = state_of(message)
@@ -331,21 +381,20 @@ class Peer:
             other.state, other.heard = state, self.now
         self._hooks.state(message)
 
-    def _take_learned(self, sample: Any) -> None:
-        message = self._read(sample)
-        name = str(sample.key_expr).split("/")[-1]
-        if message is not None and message["from"] == name:
-            with self._lock:
-                self._other(name).learned = message, self.now
+    def _take_learned(self, message: dict[str, Any]) -> None:
+        with self._lock:
+            self._other(message["from"]).learned = message, self.now
 
     def _take_stop(self, sample: Any) -> None:
-        """Obey a stop, whatever its message says: one that is none is a stop without identity."""
+        """Obey a stop, whatever its message says: one that is none, or not signed, is a stop without identity."""
         if self._loss and self._rng.random() < self._loss:
             return
-        who, stop = str(sample.key_expr).split("/")[-1], stop_of(bytes(sample.payload))
+        where = self._where(sample)
+        who, text = where.split("/")[-1], self._key.opened(where, bytes(sample.payload))
+        stop = "" if text is None else stop_of(text)
         if stop and stop in self._said:
             return  # our own
-        who = who if is_name(who) else "somebody"
+        who = who if text is not None and is_name(who) else STRANGER
         answer = self._hooks.stop(who, stop)
         if stop and answer is not None:
             self._put(f"stopped/{who}", {"stop": stop, **answer._asdict()})
@@ -356,7 +405,11 @@ class Peer:
                 self._stop.answered(message["from"], answer_of(message))
 
     def _take_drive(self, message: dict[str, Any]) -> None:
-        self._hooks.drive(message["from"], *drive_of(message))
+        v, omega = drive_of(message)
+        given = time_of(message, "given") / NS_PER_S
+        if given > self.now + AHEAD:
+            raise ValueError("given: that is in the future of this computer's clock")
+        self._hooks.drive(message["from"], v, omega, given)
 
     def _take_ping(self, message: dict[str, Any]) -> None:
         self._put(f"pong/{message['from']}", {"began": time_of(message, "sent")})
@@ -370,14 +423,23 @@ class Peer:
             self._other(message["from"]).pings.append((now - began, theirs - 0.5 * (began + now)))
 
     def _take_alive(self, sample: Any) -> None:
-        name, own = str(sample.key_expr).split("/")[-2:]
-        if name != self.name and is_name(name):
-            with self._lock:
-                ids = self._other(name).ids
-                (ids.add if sample.kind == self._zenoh.SampleKind.PUT else ids.discard)(own)
+        name, own = self._where(sample).split("/")[-2:]
+        if name == self.name or not is_name(name) or not self._is_ours(name, own):
+            return
+        with self._lock:
+            other = self._other(name)
+            if sample.kind != self._zenoh.SampleKind.PUT:
+                other.ids.discard(own)
+            elif own not in other.ids:
+                other.ids.add(own)
+                other.pings.clear()  # it was started again, perhaps with its computer and its clock
+                self._unmeasured.set()
 
     def _ping_all(self) -> None:
-        while not self._closing.wait(PING):
+        """Ping all that are alive once a second, and sooner where a clock is not known."""
+        while not self._closing.wait(PING_LEAST):
+            self._unmeasured.wait(PING - PING_LEAST)
+            self._unmeasured.clear()
             with self._lock:
                 names = [name for name, other in self._others.items() if other.alive]
             for name in names:
@@ -385,11 +447,11 @@ class Peer:
 
     # -- coming in ---------------------------------------------------------------------------------------------
 
-    def _open(self, interface: str, key: Path | None) -> Any:
+    def _open(self, interface: str) -> Any:
         if interface:
-            config = configuration(interface, key)
             try:
-                return self._zenoh.open(config)
+                with self._key.dictionary() as dictionary:
+                    return self._zenoh.open(configuration(interface, self._key, dictionary))
             except self._zenoh.ZError as error:
                 raise ConfigError(f"--fleet {interface}: {error}; check the interface's name") from None
         for port in PORTS:
@@ -403,25 +465,37 @@ class Peer:
         raise ConfigError(f"--fleet: no port free on loopback from {PORTS[0]} to {PORTS[-1]}; end some robots")
 
     def _claim(self) -> Any:
-        token = self._session.liveliness().declare_token(f"{self._space}/alive/{self.name}/{self.id}")
+        """Take the name, unless one with a smaller ID has it already."""
+        where = f"alive/{self.name}/{self.id}"
+        token = self._session.liveliness().declare_token(f"{self._space}/{where}-{self._key.signature(where, b'')}")
         ends = self.now + LOOK
         while self.now < ends:
             for reply in self._session.liveliness().get(f"{self._space}/alive/{self.name}/*", timeout=0.2):
-                other = str(reply.ok.key_expr).split("/")[-1] if reply.ok is not None else self.id
-                if other != self.id and (other < self.id or self._tells(ends)):
+                other = "" if reply.ok is None else str(reply.ok.key_expr).split("/")[-1]
+                if other and other < self.id and self._is_ours(self.name, other):
                     self.close()
-                    raise ConfigError(f"name: there is a robot '{self.name}' in the fleet; choose another with --name")
+                    raise ConfigError(_taken(self.name))
             self._closing.wait(0.1)
         return token
 
-    def _tells(self, ends: float) -> bool:
-        """Whether somebody of our name tells its state already: it was there first, whatever the IDs."""
-        told = threading.Event()
-        listener = self._session.declare_subscriber(f"{self._space}/state/{self.name}", lambda sample: told.set())
-        try:
-            return told.wait(max(0.15, ends - self.now))
-        finally:
-            listener.undeclare()
+    def _is_ours(self, name: str, own: str) -> bool:
+        """Whether the ID of a liveliness token is signed with the fleet's key."""
+        one, _, signature = own.rpartition("-")
+        return compare_digest(signature.encode(), self._key.signature(f"alive/{name}/{one}", b"").encode())
+
+
+def gives_way(ours: float, theirs: float, own: str, other: str) -> bool:
+    """Whether a robot leaves a fleet to another of its name; given for how long they have been there, s, and their IDs.
+
+    Each may see the other's time as shorter than it is, by what a message takes. So the one that is later for certain
+    gives way, and where that is not certain the one of the larger ID does: at worst both do. A robot that has been
+    there for long stays.
+    """
+    return ours < NEW and (theirs > ours + EARLIER or (theirs > ours - AS_EARLY and other < own))
+
+
+def _taken(name: str) -> str:
+    return f"name: there is a robot '{name}' in the fleet; choose another with --name"
 
 
 def _free(port: int) -> bool:

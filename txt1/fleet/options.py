@@ -17,7 +17,8 @@ NETWORK: Final = {
     "--fleet": takes(
         "INTERFACE", "join the fleet on this network interface; left out, on loopback", nargs="?", const=""
     ),
-    "--fleet-key": takes("FILE", "file with the password that all robots of a fleet beyond loopback share", path),
+    "--fleet-key": takes("FILE", "the password that all of a fleet share; left out, your own, on loopback only", path),
+    "--fleet-name": takes("NAME", "name of the fleet: one of another name is not heard"),
 }  # fmt: skip
 
 
@@ -35,8 +36,8 @@ class Joining(NamedTuple):
 def asked(arguments: Namespace, config: Config) -> Joining | None:
     """Return how the robot joins a fleet, None where it joins none; raises ConfigError, MissingExtra."""
     if arguments.fleet is None:
-        if arguments.fleet_key or arguments.cooperate:
-            raise ConfigError("--fleet-key, --cooperate: the robot is in no fleet; add --fleet")
+        if arguments.fleet_key or arguments.fleet_name or arguments.cooperate:
+            raise ConfigError("--fleet-key, --fleet-name, --cooperate: the robot is in no fleet; add --fleet")
         return None
     if not config.name:
         raise ConfigError("--fleet: a robot of a fleet has a name; add --name")
@@ -45,8 +46,12 @@ def asked(arguments: Namespace, config: Config) -> Joining | None:
     if arguments.speed is not None:
         raise ConfigError("--fleet: others live in real time; leave --speed out")
     need("--fleet", "fleet", "zenoh")
+    from txt1.fleet.key import FLEET_NAME, fleet_key
+
     key = None if arguments.fleet_key is None else str(arguments.fleet_key)
-    bridge = {"name": config.name, "interface": arguments.fleet, "key": key}
+    name = arguments.fleet_name or FLEET_NAME
+    fleet_key(arguments.fleet, arguments.fleet_key, name)  # before a robot is brought up
+    bridge = {"name": config.name, "interface": arguments.fleet, "key": key, "fleet": name}
     return Joining(bridge, arguments.cooperate, arguments.team)
 
 

@@ -73,7 +73,8 @@ class Network:
             self._peer.stop_all()
         elif name == "drive":
             self._drove[str(fields["robot"])] = self._peer.now
-            self._peer.drive(str(fields["robot"]), float(str(fields["v"])), float(str(fields["omega"])))
+            v, omega, age = (float(str(fields.get(each, 0.0))) for each in ("v", "omega", "age"))
+            self._peer.drive(str(fields["robot"]), v, omega, age)
         elif name == "release":
             self._peer.drive(str(fields["robot"]), 0.0, 0.0)
         elif name not in QUIET:

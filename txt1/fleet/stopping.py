@@ -2,6 +2,9 @@
 
 It has an identity of its own making, 128 random bits: no clock, number or order of messages keeps it out. A robot obeys
 each identity once, so the echo of a stop does not undo an arming after it; a stop without one is obeyed each time.
+
+An answer states what is: first that the gate is closed, later that the robot was seen to stand, by its own watch over
+stops. The newest answer of each robot counts.
 """
 
 from collections.abc import Iterable
@@ -12,22 +15,40 @@ from txt1.fleet.messages import StopAnswer
 
 
 class Standing(NamedTuple):
-    """How a stop of all stands: those whose gates are closed, those who answer something else, those without answer."""
+    """How a stop of all stands, by the names of robots."""
 
-    stopped: tuple[str, ...] = ()
-    others: tuple[tuple[str, str], ...] = ()  # and why
+    stands: tuple[str, ...] = ()
+    """Their gates are closed, and they were seen to stand."""
+    stopped: tuple[tuple[str, str], ...] = ()
+    """Their gates are closed; nobody has seen them stand yet, and how that is going."""
+    others: tuple[tuple[str, str], ...] = ()
+    """Their gates are not closed, and why."""
     silent: tuple[str, ...] = ()
+    """They were expected to answer, and have not."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether some gates are closed, and none is open or unknown."""
+        return bool(self.stands or self.stopped) and not self.others and not self.silent
 
     @property
     def complete(self) -> bool:
-        """Whether somebody was stopped and nobody was not."""
-        return bool(self.stopped) and not self.others and not self.silent
+        """Whether some robots were seen to stand, and none was not."""
+        return self.closed and not self.stopped
 
     def __str__(self) -> str:
         """Return it in one line."""
-        others = ", ".join(f"{name} ({why or 'it does not say why'})" for name, why in self.others)
-        parts = ("stopped", ", ".join(self.stopped)), ("not stopped", others), ("no answer", ", ".join(self.silent))
+        parts = (
+            ("stands", ", ".join(self.stands)),
+            ("stopped, not seen to stand", _told(self.stopped, "it does not say how it goes")),
+            ("not stopped", _told(self.others, "it does not say why")),
+            ("no answer", ", ".join(self.silent)),
+        )
         return "; ".join(f"{what}: {who}" for what, who in parts if who) or "no robot of the fleet is heard"
+
+
+def _told(robots: Iterable[tuple[str, str]], nothing: str) -> str:
+    return ", ".join(f"{name} ({why or nothing})" for name, why in robots)
 
 
 class StopOfAll:
@@ -52,7 +73,8 @@ class StopOfAll:
         """Return how it stands now."""
         answers = sorted(self._answers.items())
         return Standing(
-            tuple(name for name, answer in answers if answer.closed),
+            tuple(name for name, answer in answers if answer.stands),
+            tuple((name, answer.why) for name, answer in answers if answer.closed and not answer.stands),
             tuple((name, answer.why) for name, answer in answers if not answer.closed),
             tuple(sorted(self._expected - self._answers.keys())),
         )

@@ -102,8 +102,10 @@ def test_a_message_too_long_is_none() -> None:
 
 def test_only_true_is_closed() -> None:
     assert answer_of({"closed": True}) == StopAnswer(True)
+    assert answer_of({"closed": True, "stands": True}) == StopAnswer(True, stands=True)
     for other in (1, "yes", [1], None):
-        assert answer_of({"closed": other, "why": "armed"}) == StopAnswer(False, "armed")
+        assert answer_of({"closed": other, "stands": True, "why": "armed"}) == StopAnswer(False, why="armed")
+        assert not answer_of({"closed": True, "stands": other}).stands
 
 
 def test_the_list_of_the_others_has_room_in_a_message_to_the_robot() -> None:

@@ -1,19 +1,25 @@
 """Peers of a fleet over Zenoh on loopback: names, clocks, stops with messages lost, and who is gone."""
 
 import json
+import os
 import socket
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import pytest
 
 from tests.patience import LIMIT, wait_until
 from txt1.errors import CommandRefused, ConfigError
+from txt1.fleet import network
+from txt1.fleet.key import SIGNATURE, fleet_key
+from txt1.fleet.members import NEW
 from txt1.fleet.messages import MESSAGE_SIZE, StopAnswer
-from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration
+from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration, gives_way
 from txt1.fleet.page import Network
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
@@ -32,22 +38,29 @@ class Team:
         self.armed: set[str] = set()  # those whose gates stay open
         self._obeyed: set[tuple[str, str]] = set()
         self.driven: list[tuple[str, float, float]] = []
+        self.given: list[float] = []  # when each of these was, s of the robot's clock
+        self.doubles: list[str] = []
         self.all_stopped = threading.Event()
         self.waits_for = 0
         self.began = RealClock().now_ns() / NS_PER_S
-        self.space = f"test{uuid4().hex}"  # other tests run at the same time
+        self.fleet = f"test{uuid4().hex}"  # other tests run at the same time
 
-    def join(self, name: str, loss: float = 0.0, console: bool = False) -> Peer:
+    def join(self, name: str, loss: float = 0.0, console: bool = False, ahead: float = 0.0) -> Peer:
         def stop(who: str, identity: str) -> StopAnswer | None:
             if not identity or (name, identity) not in self._obeyed:
                 self._obeyed.add((name, identity))
                 self.stopped.append((name, who))
             if len(self.stopped) >= self.waits_for:
                 self.all_stopped.set()
-            return None if console else StopAnswer(name not in self.armed, "it was armed again" * (name in self.armed))
+            armed = name in self.armed
+            return None if console else StopAnswer(not armed, not armed, "it was armed again" * armed)
 
-        hooks = Hooks(stop, lambda who, v, omega: self.driven.append((name, v, omega)))
-        peer = Peer(name, hooks=hooks, loss=loss, space=self.space, console=console)
+        def drive(who: str, v: float, omega: float, given: float) -> None:
+            self.driven.append((name, v, omega))
+            self.given.append(given)
+
+        hooks = Hooks(stop, drive, self.doubles.append)
+        peer = Peer(name, hooks=hooks, loss=loss, fleet=self.fleet, console=console, clock=Shifted(ahead))
         self.peers.append(peer)
         return peer
 
@@ -112,7 +125,7 @@ def standing(peer: Peer) -> Standing:
 
 def test_every_stop_is_obeyed_whoever_says_it_and_whatever_was_said_before(team: Team) -> None:
     team.join("net01")
-    stranger = Stranger(team.space)
+    stranger = Stranger(team.fleet)
     try:
         for number, message in enumerate(
             (
@@ -149,12 +162,12 @@ def test_who_is_not_stopped_and_who_does_not_answer_is_named(team: Team) -> None
     assert team.until(heard)
     gone.close()
     console.stop_all(["net09"])
-    expected = Standing(("net01",), (("net02", "it was armed again"),), ("net03", "net09"))
+    expected = Standing(("net01",), (), (("net02", "it was armed again"),), ("net03", "net09"))
     assert team.until(lambda: standing(console) == expected), standing(console)
     assert not expected.complete
-    assert str(expected) == "stopped: net01; not stopped: net02 (it was armed again); no answer: net03, net09"
+    assert str(expected) == "stands: net01; not stopped: net02 (it was armed again); no answer: net03, net09"
     team.armed.clear()
-    assert team.until(lambda: standing(console).stopped == ("net01", "net02")), "it is said on"
+    assert team.until(lambda: standing(console).stands == ("net01", "net02")), "it is said on"
 
 
 def test_where_no_robot_is_nobody_was_stopped(team: Team) -> None:
@@ -180,12 +193,12 @@ def test_a_peer_that_hangs_does_not_hold_up_a_stop_of_the_others(team: Team) -> 
 
 
 def test_an_answer_that_does_not_say_closed_is_no_stop(team: Team) -> None:
-    console, stranger, heard = team.join("console1", console=True), Stranger(team.space), []
+    console, stranger, heard = team.join("console1", console=True), Stranger(team.fleet), []
     try:
         stranger.listen("stop/console1", heard.append)
         console.stop_all(["net01"])
         assert team.until(lambda: heard)
-        stop = json.loads(heard[0])["stop"]
+        stop = json.loads(heard[0][SIGNATURE:])["stop"]
         for answer in (
             {"stop": stop},
             {"stop": stop, "closed": 1},
@@ -194,7 +207,17 @@ def test_an_answer_that_does_not_say_closed_is_no_stop(team: Team) -> None:
         ):
             stranger.put("stopped/console1", {"from": "net01", **answer})
         assert team.until(lambda: standing(console) == Standing(others=(("net01", ""),)))
-        stranger.put("stopped/console1", {"from": "net01", "stop": stop, "closed": True})
+        stranger.put("stopped/console1", {"from": "net01", "stop": stop, "closed": True, "why": "slowing down"})
+        assert team.until(lambda: standing(console) == Standing(stopped=(("net01", "slowing down"),)))
+        assert not standing(console).complete and standing(console).closed
+        assert str(standing(console)) == "stopped, not seen to stand: net01 (slowing down)"
+        stranger.put("stopped/console1", {"from": "net01", "stop": stop, "stands": True})
+        assert team.until(lambda: standing(console) == Standing(others=(("net01", ""),))), "its gate is open"
+        answer = {"from": "net01", "stop": stop, "closed": True, "stands": True}
+        stranger.put("stopped/console1", answer, signed=False)
+        assert team.until(lambda: console.refused().get("somebody") == "it is not signed with the fleet's key")
+        assert not standing(console).closed
+        stranger.put("stopped/console1", answer)
         assert team.until(lambda: standing(console) == Standing(("net01",)))
     finally:
         stranger.close()
@@ -208,6 +231,174 @@ def test_a_velocity_is_for_one(team: Team) -> None:
         return bool(team.driven)
 
     assert team.until(driven) and set(team.driven) == {("net03", 0.3, -0.1)}
+
+
+class Shifted(RealClock):
+    """The clock of another computer, which was started at another time."""
+
+    def __init__(self, by: float) -> None:
+        self._by = int(by * NS_PER_S)
+
+    def now_ns(self) -> int:
+        return super().now_ns() + self._by
+
+
+def test_a_velocity_is_as_old_as_its_key_by_the_robot_s_clock_and_none_goes_before_that_is_known(team: Team) -> None:
+    console, robot, stranger = team.join("console1", console=True), team.join("net01", ahead=1e3), Stranger(team.fleet)
+    try:
+        sent: list[bytes] = []
+        stranger.listen("drive/net01", sent.append)
+
+        def driven() -> bool:
+            robot.tell(STATE)
+            known = console.members() and console.members()[0].offset is not None
+            console.drive("net01", 0.3, 0.1, age=2.0)
+            assert known or not sent, "it could not tell a fresh command from an old one"
+            return bool(team.given)
+
+        assert team.until(driven)
+        assert all(2.0 <= robot.now - given < 500.0 for given in team.given), "never taken for younger than it is"
+        given = int((robot.now + 60.0) * NS_PER_S)
+        stranger.put("drive/net01", {"from": "console1", "v": 1.0, "omega": 0.0, "given": given})
+        assert team.until(lambda: "future" in robot.refused().get("console1", ""))
+        stranger.replay("drive/net01", sent[0])
+        assert team.until(lambda: team.given.count(team.given[0]) == 2), "one that is said again is as old as it was"
+    finally:
+        stranger.close()
+
+
+def test_a_clock_is_measured_anew_when_a_robot_is_started_again(team: Team) -> None:
+    console, first = team.join("console1", console=True), team.join("net01", ahead=-1e3)
+
+    def driven() -> bool:
+        console.drive("net01", 0.3, 0.1)
+        return bool(team.given)
+
+    assert team.until(driven)
+    first.close()
+    before = len(team.given)
+    second = team.join("net01")
+
+    def driven_again() -> bool:
+        console.drive("net01", 0.3, 0.1)
+        return len(team.given) > before
+
+    assert team.until(driven_again)
+    assert abs(second.now - team.given[before]) < 500.0
+
+
+def test_fleets_of_other_names_or_other_users_do_not_hear_one_another(team: Team, tmp_path: Path) -> None:
+    team.join("net01")
+    mine = team.join("console1", console=True)
+    key = tmp_path / "key"
+    key.touch(mode=0o600)
+    key.write_text("the password of another user")
+    others = [
+        Peer("net01", fleet=f"{team.fleet}x"),
+        Peer("net01", fleet=team.fleet, key=key),
+        Peer("console1", fleet=team.fleet, key=key, console=True),
+    ]
+    try:
+        mine.stop_all().join(LIMIT)
+        assert standing(mine) == Standing(("net01",)) and len(team.stopped) == 1
+        theirs = others[2]
+        theirs.stop_all()
+        assert team.until(lambda: standing(theirs) == Standing(silent=("net01",))), "their own does not answer"
+        mine.listen(0.5)
+        assert len(team.stopped) == 1, "that is not our fleet's stop"
+    finally:
+        for each in others:
+            each.close()
+
+
+def test_a_double_that_the_look_has_missed_gives_way_whatever_the_clocks_say(
+    team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "LOOK", 0.0)  # as on a busy computer
+    first = team.join("net01")
+    first.began -= 5.0
+    first.id = f"9{first.id}"  # its computer's clock is ahead
+    second = team.join("net01")
+
+    def refused() -> bool:
+        first.tell(STATE)
+        second.tell(STATE)
+        return bool(team.doubles) and "net01" in first.refused()
+
+    assert team.until(refused)
+    assert set(team.doubles) == {"name: there is a robot 'net01' in the fleet; choose another with --name"}
+    assert first.refused()["net01"] == "another robot has this robot's name; choose another with --name"
+    assert "net01" not in second.refused(), "the second one alone gives way"
+
+
+def test_nobody_s_word_turns_a_robot_out_that_has_been_there_for_long(team: Team) -> None:
+    one, stranger = team.join("net01"), Stranger(team.fleet)
+    one.began -= NEW
+    try:
+
+        def refused() -> bool:
+            stranger.put("state/net01", {"from": "net01", "id": "0", "up": 1e5, **STATE})
+            return "net01" in one.refused()
+
+        assert team.until(refused) and not team.doubles
+    finally:
+        stranger.close()
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize("apart", [-3.0, -1.6, -1.4, -0.9, -0.5, 0.0, 0.5, 0.9, 1.4, 1.6, 3.0])
+def test_of_two_that_have_one_name_one_leaves_at_least_and_the_first_stays(apart: float, late: float) -> None:
+    first, second = 10.0, 10.0 + apart
+    for one, two in (("1", "2"), ("2", "1")):
+        leaves = gives_way(first, second - late, one, two), gives_way(second, first - late, two, one)
+        assert any(leaves)
+        if abs(apart) > 2.0:
+            assert leaves == (apart > 0.0, apart < 0.0)
+    assert not gives_way(NEW, 1e5, "2", "1"), "nobody's word turns out who has been there for long"
+
+
+def test_on_loopback_it_listens_on_that_address_alone(team: Team) -> None:
+    team.join("net01")
+    for port in PORTS:
+        for address, taken in (("127.0.0.2", False), ("127.0.0.1", None)):
+            with socket.socket() as line:
+                there = line.connect_ex((address, port)) == 0
+                assert taken is None or there is taken, f"{address}:{port}"
+
+
+def test_on_an_interface_it_listens_there_alone_and_asks_for_the_password_of_a_file_that_nobody_else_may_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zenoh = pytest.importorskip("zenoh")
+    path, seen = tmp_path / "key", []
+    path.touch(mode=0o600)
+    path.write_text("a password for the test\n")
+    monkeypatch.chdir(tmp_path)
+    real = zenoh.open
+
+    def opened(config: Any) -> Any:
+        passwords = json.loads(config.get_json("transport/auth/usrpwd"))
+        dictionary = Path(passwords["dictionary_file"])
+        about = dictionary.lstat()
+        seen.append((stat.S_ISREG(about.st_mode), stat.S_IMODE(about.st_mode), dictionary))
+        assert json.loads(config.get_json("listen/endpoints")) == ["tcp/0.0.0.0:0#iface=lo"]
+        assert json.loads(config.get_json("scouting/multicast/interface")) == "lo"
+        assert dictionary.read_text().startswith(f"{fleet}:") and "a password" not in dictionary.read_text()
+        return real(config)
+
+    fleet = f"test{uuid4().hex}"
+    old = os.umask(0)
+    monkeypatch.setattr(zenoh, "open", opened)
+    try:
+        one = Peer("net01", "lo", path, fleet=fleet)
+    finally:
+        os.umask(old)
+    try:
+        ((regular, mode, dictionary),) = seen
+        assert regular and mode == 0o600 and not dictionary.exists()
+        assert [each.name for each in tmp_path.iterdir()] == ["key"], "nothing is left beside the key"
+    finally:
+        one.close()
 
 
 def test_what_was_learned_is_heard_though_messages_are_lost_unless_it_is_too_long(team: Team) -> None:
@@ -233,33 +424,23 @@ def test_what_was_learned_is_heard_though_messages_are_lost_unless_it_is_too_lon
     assert team.until(lambda: not two.taught())
 
 
-def test_beyond_loopback_a_key_is_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--fleet eth0: beyond loopback all share a key; add --fleet-key FILE"):
-        configuration("eth0")
-    key = tmp_path / "key"
-    with pytest.raises(ConfigError, match="cannot read it"):
-        configuration("eth0", key)
-    key.write_text("short")
-    with pytest.raises(ConfigError, match="16 characters"):
-        configuration("eth0", key)
-    key.write_text("long enough for a password\n")
-    assert configuration("eth0", key) is not None
-
-
 class Stranger:
-    """Somebody in the fleet who puts anything on any key."""
+    """Somebody who puts anything on any of a fleet's Zenoh keys; with its key, or without."""
 
-    def __init__(self, space: str) -> None:
+    def __init__(self, fleet: str) -> None:
         config = configuration()
         config.insert_json5("listen/endpoints", json.dumps(["tcp/127.0.0.1:0"]))
-        self._session, self._space = pytest.importorskip("zenoh").open(config), space
+        self._session, self._key = pytest.importorskip("zenoh").open(config), fleet_key("", None, fleet)
 
-    def put(self, key: str, message: object) -> None:
+    def put(self, key: str, message: object, signed: bool = True) -> None:
         payload = message if isinstance(message, bytes) else json.dumps(message).encode()
-        self._session.put(f"{self._space}/{key}", payload)
+        self._session.put(f"{self._key.space}/{key}", self._key.signed(key, payload) if signed else payload)
+
+    def replay(self, key: str, payload: bytes) -> None:
+        self._session.put(f"{self._key.space}/{key}", payload)
 
     def listen(self, key: str, hear: Callable[[bytes], object]) -> None:
-        self._session.declare_subscriber(f"{self._space}/{key}", lambda sample: hear(bytes(sample.payload)))
+        self._session.declare_subscriber(f"{self._key.space}/{key}", lambda sample: hear(bytes(sample.payload)))
 
     def close(self) -> None:
         self._session.close()
@@ -276,12 +457,13 @@ NONSENSE = (
 
 
 def test_nothing_that_a_stranger_says_harms_a_peer(team: Team, capfd: pytest.CaptureFixture[str]) -> None:
-    one, two, stranger = team.join("net01"), team.join("net02"), Stranger(team.space)
+    one, two, stranger = team.join("net01"), team.join("net02"), Stranger(team.fleet)
     try:
         for message in NONSENSE:
             for key in ("state", "learned", "drive", "ping", "pong", "stopped", "stop"):
                 for name in ("net01", "net07"):
                     stranger.put(f"{key}/{name}", message)
+                    stranger.put(f"{key}/{name}", message, signed=False)
         for number in range(2 * OTHERS_MAX):
             stranger.put("state/x", {"from": f"name{number}", **STATE})
 
@@ -290,9 +472,9 @@ def test_nothing_that_a_stranger_says_harms_a_peer(team: Team, capfd: pytest.Cap
             return "net02" in one.heard() and one.refused() and len(one.members()) >= OTHERS_MAX - 2
 
         assert team.until(heard)
-        assert one.refused()["net07"]
+        assert one.refused()["net07"] and one.refused()["somebody"] == "it is not signed with the fleet's key"
         assert len(one.heard()) <= OTHERS_MAX and "net07" not in one.heard()
-        assert set(team.driven) == {("net01", 0.3, 0.1)}, "of some of them these fields are proper"
+        assert not team.driven, "none of them says when it was given"
         assert capfd.readouterr() == ("", ""), "no traceback of a thread"
     finally:
         stranger.close()
