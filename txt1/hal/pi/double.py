@@ -9,6 +9,7 @@ import errno
 import mmap
 import os
 from collections.abc import Sequence
+from math import inf
 from typing import Final, Protocol
 
 import numpy as np
@@ -26,6 +27,7 @@ FULL_OFF: Final = 0x10  # in the high byte of when an output goes off
 OSCILLATOR: Final = 25e6  # Hz
 TRANSFER: Final = 54  # bits of a transfer of four bytes: address, register, data, each acknowledged
 BUS: Final = 3  # marks the random values of a bus
+MONOSTABLE_TIME: Final = 0.2  # s for which the watchdog lets the outputs be on after a rising edge
 AWAY: Final = 1.0  # s for which a line that is cut leaves the servo board without power
 
 
@@ -172,6 +174,42 @@ class FileBus(FakeBus):
         super().__init__({0x40: Pca9685Chip(registers)})
 
 
+class FilePin:
+    """A pin whose level is the one byte of a file, for others to look at."""
+
+    def __init__(self, path: str) -> None:
+        with open(path, "a+b") as file:
+            file.truncate(1)
+            self._byte = mmap.mmap(file.fileno(), 1)
+
+    def set(self, level: int) -> None:
+        """Set the level, 0 or 1."""
+        self._byte[0] = level
+
+
+class Monostable:
+    """The watchdog on the servo board's output-enable pin, as the page of the Raspberry Pi draws it.
+
+    Each rising edge at its input has the outputs on for `MONOSTABLE_TIME` s; a level that stays has no effect.
+    """
+
+    def __init__(self) -> None:
+        self._level = 0
+        self.edge = -inf
+        """Of the last rising edge, s."""
+
+    def set(self, level: int, now: float) -> None:
+        """Take a level at `now`, s."""
+        if level and not self._level:
+            self.edge = now
+        self._level = level
+
+    @property
+    def ends(self) -> float:
+        """When the outputs go off, s."""
+        return self.edge + MONOSTABLE_TIME
+
+
 class PiDouble:
     """A servo board on the desk with a simulated car behind it, in the same process and the same time."""
 
@@ -189,13 +227,18 @@ class PiDouble:
         self._encoders = [Quadrature(pins) for pins in setup.encoders]
         self._guard: Guarded | None = None
         self._answer: bytes | None = None
+        self.watchdog = None if setup.watchdog is None else Monostable()
+        self._out, self._time = False, 0.0
+        self.hangs = False
+        """Whether the guard puts nothing out any more, as one that the kernel holds in the bus."""
         self._counts_per_m = 0.0 if not setup.encoders else 1.0 / config.geometry.count_length
 
     async def open(self) -> None:
         """Put out neutral."""
         self._answer = None
         await self.hal.open()
-        self._guard = Guarded(self._setup, self.bus, Pca9685(self.bus, self._setup), self._encoders)
+        board = Pca9685(self.bus, self._setup)
+        self._guard = Guarded(self._setup, self.bus, board, self._encoders, self._feed)
         self._guard.neutral()
         self._move(self.vehicle.time)
 
@@ -213,13 +256,23 @@ class PiDouble:
         elif self.bus.dead:
             self.bus.dead = False
             self.board.power_up()
+        if self.watchdog is not None and self._out and now >= self.watchdog.ends:
+            self.vehicle.advance_to(max(self.vehicle.time, self.watchdog.ends))
+            self._move(now)
         self.vehicle.advance_to(now)
         for encoder, path in zip(self._encoders, self._paths(), strict=False):
             encoder.count = int(path * self._counts_per_m)
         volts = max(self.vehicle.battery_readings()) / self._setup.divider
         self.ina219.voltage = self.ads1115.voltage = volts
+        if self.hangs:
+            return
+        self._time = now
         self._answer = self._guard.answer(pulses)
         self._move(now)
+
+    def _feed(self, level: int) -> None:
+        if self.watchdog is not None:
+            self.watchdog.set(level, self._time)
 
     def heard(self, now: float) -> GuardAnswer | None:
         """The guard's answer."""
@@ -235,7 +288,9 @@ class PiDouble:
 
     def _move(self, now: float) -> None:
         """Give the car what comes out of the servo board, as its ESC and servos understand it."""
-        o, pulses = self._options, [self.board.pulse(channel) for channel in self._setup.channels]
+        self._out = self.watchdog is None or now < self.watchdog.ends
+        o = self._options
+        pulses = [self.board.pulse(channel) if self._out else 0.0 for channel in self._setup.channels]
         motors = [
             0.0 if not pulse else PWM_MAX * (pulse - o.motor_neutral) / o.motor_range
             for pulse in pulses[: len(o.motor)]

@@ -9,7 +9,8 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -31,11 +32,17 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.units import Positive
 
 LOST: Final = 0.3  # s without an answer of the guard's
-HANGS: Final = 0.25  # s for which a guard may leave pulses without an answer; then it is killed
-ENDS: Final = 0.5  # s that a guard may take to end; then it is killed
+HANGS: Final = 0.2  # s for which a guard may leave pulses without an answer; then it is killed
+ENDS: Final = 0.25  # s that a guard may take to end; then it is killed
+DIES: Final = 1.0  # s that one may take that was killed: Linux gives a transfer on the bus up after 0.05 s
+WRITES: Final = 2.0  # s in which this process puts out neutral in place of a guard
 SETTLED: Final = 1.0  # s of neutral before the first other output: an ESC arms in that
 AGAIN: Final = 1.0  # s after which a guard that has ended is started again
 START: Final = 10.0  # s that a guard may take to begin: Python on a Raspberry Pi 3
+NOT_NEUTRAL: Final = (
+    "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
+    "switch the ESC off, or take its battery out"
+)
 PULSES: Final = (500.0, 2500.0)  # us, which no output leaves
 GET_LGPIO: Final = (
     "pip install 'txt1[pi]'; or, from Python 3.13 on, where it has no wheel: sudo apt install python3-lgpio, and an "
@@ -86,6 +93,8 @@ class PiOptions:
     """Of the ADS1115."""
     divider: Positive = 1.0
     """Battery's voltage over the one that is measured."""
+    watchdog: Pin | None = None
+    """GPIO number of the pin that feeds a watchdog on the servo board's output-enable pin; null: there is none."""
 
 
 class GuardAnswer(NamedTuple):
@@ -125,7 +134,8 @@ class Process:
     """The guard as a process of its own, in a session of its own: no signal of the terminal's reaches it.
 
     A guard that does not answer is killed. A servo board keeps the last pulse, so when a guard was killed, by whomever,
-    this process puts out neutral itself, and only then starts another guard: two never write at the same time.
+    this process puts out neutral itself, and only then starts another guard: two never write at the same time. All that
+    may block in the bus is done by a thread that nobody waits for longer than `WRITES`.
     """
 
     def __init__(self, setup: GuardSetup) -> None:
@@ -148,11 +158,8 @@ class Process:
             await self._starting
             self._starting = None
         process, self._process, self._ended = self._process or self._ended, None, None
-        if process is not None and not await asyncio.to_thread(_end, process, self._setup):
-            raise HalError(
-                "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
-                "switch the ESC off, or take its battery out"
-            )
+        if process is not None and not await _aside(lambda: _end(process, self._setup)):
+            raise HalError(NOT_NEUTRAL)
 
     def put(self, pulses: Sequence[float], now: float) -> None:
         """Send it pulses, unless it takes none."""
@@ -185,19 +192,47 @@ class Process:
         return answer_of(data[whole - ANSWER.size : whole]) if whole else None
 
     def _give_up(self, process: subprocess.Popen[bytes], now: float, reason: str) -> NoReturn:
-        self._process, self._ended, self._again = None, process, now
+        self._process, self._ended, self._again = None, process, now + AGAIN
+        self._starting = asyncio.ensure_future(self._start_again())
         raise HalError(f"the outputs are lost: their guard {reason}")
 
     async def _start_again(self) -> None:
-        if self._ended is not None:
-            await asyncio.to_thread(_end, self._ended, self._setup)
+        ended = self._ended
+        if ended is not None:
+            await _aside(lambda: _end(ended, self._setup))
+            if ended.poll() is None:  # the kernel holds it in the bus
+                return
             self._ended = None
         with suppress(HalError, OSError):
             await self.open()
 
 
+async def _aside(work: Callable[[], bool]) -> bool:
+    """Whether `work` was done within `WRITES` s, by a thread that does not keep this process from ending."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[bool] = loop.create_future()
+
+    def tell(result: bool) -> None:
+        if not done.done():
+            done.set_result(result)
+
+    def body() -> None:
+        result = work()
+        # the loop is closed if the bus took longer than the rest of the run
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(tell, result)
+
+    threading.Thread(target=body, name="neutral", daemon=True).start()
+    try:
+        return await asyncio.wait_for(done, WRITES)
+    except TimeoutError:
+        return False
+
+
 def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     """Start a guard; called in a thread."""
+    if setup.output == "pca9685":  # a guard that is killed leaves no time for imports
+        guard.bus_class(setup)
     process = subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())], start_new_session=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -206,7 +241,8 @@ def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     begun, _, _ = select.select([process.stdout], [], [], START)
     if not begun:
         process.kill()
-        process.wait()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(DIES)
         raise HalError(explain(setup, f"nothing within {START:g} s"))
     if len(process.stdout.read(ANSWER.size)) < ANSWER.size:
         error = process.stderr.read().decode(errors="replace").strip().splitlines()
@@ -227,8 +263,9 @@ def _end(process: subprocess.Popen[bytes], setup: GuardSetup) -> bool:
         process.wait(ENDS)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.wait()
-    return process.returncode == 0 or guard.neutral_without_guard(setup)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(DIES)
+    return process.returncode == 0 or (process.returncode is not None and guard.neutral_without_guard(setup))
 
 
 def explain(setup: GuardSetup, error: str) -> str:
@@ -241,6 +278,8 @@ def explain(setup: GuardSetup, error: str) -> str:
         remedy = "sudo usermod -aG i2c,gpio $USER, then log out and in again"
     elif "Remote I/O" in error or "Errno 121" in error:
         remedy = f"nothing answers at 0x{setup.address:02x}: check wiring, power and hal_options.address"
+    elif "another robot" in error:
+        remedy = "end it first: one robot drives a servo board"
     elif "busy" in error:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
@@ -328,7 +367,7 @@ class PiHal(PlainHal):
         if self._heard_since == inf:
             self._heard_since = now
             self._counts = None if not self.capabilities.ticks else self._counts
-            self._text = "the guard puts the outputs out; it puts them to neutral when nothing comes for 0.25 s"
+            self._text = "the guard puts the outputs out; it puts them to neutral when nothing comes for 0.2 s"
         dt, self._heard = now - self._heard, now
         before = self._counts
         self._counts = self._past[0] + answer.counts[0], self._past[1] + answer.counts[1]
@@ -387,12 +426,14 @@ def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIG
         raise ConfigError("geometry.counts_per_rev: 0 says that there are no encoders; set the edges in a turn")
     if len(options.encoders) == 2 and any(len(pins) != 2 for pins in options.encoders):
         raise ConfigError("hal_options.encoders: two of them have two pins each, as one tells no direction")
+    if options.watchdog is not None and options.output != "pca9685":
+        raise ConfigError("hal_options.watchdog: it is for output pca9685; pulses from pins end with their guard")
     address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]
     pins = (*options.motor, *options.steering[:servos])
     return GuardSetup(
         options.bus, options.output, options.address, options.frequency, options.oscillator, pins,
         neutral(options, geometry, channels), options.encoders, options.battery, address, options.battery_channel,
-        options.divider,
+        options.divider, options.watchdog,
     )  # fmt: skip
 
 
@@ -406,6 +447,7 @@ def create(config: Config) -> PiHal:
     on_file = isinstance(options.bus, str)
     if not on_file and (options.output == "pca9685" or options.battery != "none") and find_spec("smbus2") is None:
         raise MissingExtra("the HAL 'pi'", "pi")
-    if (options.output == "gpio" or options.encoders) and find_spec("lgpio") is None:
+    pins = options.output == "gpio" or options.encoders or (options.watchdog is not None and not on_file)
+    if pins and find_spec("lgpio") is None:
         raise HalError(f"hal_options: pins need lgpio, which is missing: {GET_LGPIO}")
     return PiHal(Process(setup), options, config.geometry, config.channels)

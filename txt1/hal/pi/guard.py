@@ -1,11 +1,18 @@
 """The process that owns a Raspberry Pi's I2C bus or GPIO pins, and puts the outputs to neutral when its host is gone.
 
 Neither a servo board nor a pin has a time-out of its own: what was put out last stays. So the host puts nothing out
-itself. It sends pulses to this process 50 times a second, and this one puts them out; when nothing has come for 0.25 s,
+itself. It sends pulses to this process 50 times a second, and this one puts them out; when nothing has come for 0.2 s,
 or the host has ended however it did, the outputs are neutral. It must start quickly, so it imports little. Only when
 this process was killed does the host put out neutral itself, before it starts another one.
+
+Who writes to a servo board holds a lock on it, so two hosts never drive one board, and nobody writes while a guard that
+was killed is still held by the kernel. With a watchdog on the board's output-enable pin, this process turns a GPIO pin
+over with every pulse of the host's that it has put out; when that ends for any reason, the watchdog takes the outputs
+away. No thread and no timer does it, as either would go on while this process hangs in the bus.
 """
 
+import errno
+import fcntl
 import json
 import os
 import select
@@ -13,16 +20,21 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from struct import Struct
 from tempfile import mkdtemp
 from typing import Any, Final, NamedTuple, Protocol
 
-SILENCE_MS: Final = 250  # without pulses, after which the outputs are neutral
+SILENCE_MS: Final = 200  # without pulses, after which the outputs are neutral
 TRIES: Final = 20  # at putting out neutral when a bus fails
-LAST_TRIES: Final = 240  # and so many times as many when the host has gone, for a minute
+LAST_TRIES: Final = 300  # and so many times as many when the host has gone, for a minute
+TRANSFER_MAX: Final = 5  # units of 10 ms after which Linux gives a transfer up; by default it waits for a second
+I2C_TIMEOUT: Final = 0x0702  # Linux's request that sets it
+TAKEN: Final = 15  # times SILENCE_MS for which a guard waits for the one before, which is about to end
 ANSWER: Final = Struct("<?dqq")  # whether the pulses were put out, the voltage (V, -1: unknown), two encoders' counts
 VOLTAGE_EVERY: Final = 50  # answers
 PULSE: Final = 0.1  # us, what pulses are sent in
+LOCK: Final = Struct("hhqqi4x")  # Linux's struct flock with 64 bits: type, whence, start, length, process
 
 LED0: Final = 0x06  # the first output's first register; each has four: when it goes on and off, low byte first
 MODE1: Final = 0x00
@@ -63,6 +75,7 @@ class GuardSetup(NamedTuple):
     battery_address: int
     battery_channel: int  # of an ADS1115
     divider: float  # battery's voltage over the one that is measured
+    watchdog: int | None = None  # GPIO number of the pin that feeds the watchdog of the servo board's outputs
 
     @property
     def pulses(self) -> Struct:
@@ -87,7 +100,8 @@ class Pca9685:
         if mode & SLEEP or bus.read_i2c_block_data(address, PRESCALE, 1)[0] != self._prescale:
             bus.write_i2c_block_data(address, MODE1, [SLEEP | AUTO])
             bus.write_i2c_block_data(address, PRESCALE, [self._prescale])
-            bus.write_i2c_block_data(address, MODE2, [TOTEM_POLE])
+        # also says that the outputs are low while output-enable is high, which another program may have changed
+        bus.write_i2c_block_data(address, MODE2, [TOTEM_POLE])
         bus.write_i2c_block_data(address, MODE1, [AUTO])
         self._ready = True
 
@@ -172,13 +186,18 @@ class Quadrature:
 
 
 class Guarded:
-    """Outputs and sensors of a set-up."""
+    """Outputs and sensors of a set-up; `feed` sets the level of the pin that feeds a watchdog of the outputs."""
 
     def __init__(
-        self, setup: GuardSetup, bus: I2cBus | None, output: Output, encoders: Sequence[Quadrature] = ()
+        self,
+        setup: GuardSetup,
+        bus: I2cBus | None,
+        output: Output,
+        encoders: Sequence[Quadrature] = (),
+        feed: Callable[[int], object] = int,
     ) -> None:
         self.setup, self.output, self.encoders = setup, output, encoders
-        self._bus = bus
+        self._bus, self._feed, self._level = bus, feed, 0
         self._read: Callable[[I2cBus, GuardSetup], float] | None = {
             "ina219": ina219_voltage, "ads1115": Ads1115().voltage,
         }.get(setup.battery)  # fmt: skip
@@ -189,6 +208,8 @@ class Guarded:
         done = True
         try:
             self.output.put(pulses)
+            self._level ^= 1
+            self._feed(self._level)
             if self._read is not None and self._bus is not None and self._answers % VOLTAGE_EVERY == 0:
                 self._voltage = self._read(self._bus, self.setup)
         except OSError:
@@ -206,18 +227,54 @@ class Guarded:
         return False
 
 
-def open_bus(setup: GuardSetup) -> I2cBus | None:
-    """The I2C bus of a set-up; None where it needs none."""
+def bus_class(setup: GuardSetup) -> Callable[[Any], Any]:
+    """Import what opens the I2C bus of a set-up."""
     if isinstance(setup.bus, str):
         from txt1.hal.pi.double import FileBus  # on the desk only
 
-        return FileBus(setup.bus)
-    if setup.output != "pca9685" and setup.battery == "none":
-        return None
+        return FileBus
     from smbus2 import SMBus  # not on every host
 
-    bus: I2cBus = SMBus(setup.bus)
-    return bus
+    made: Callable[[Any], Any] = SMBus
+    return made
+
+
+def open_bus(setup: GuardSetup) -> I2cBus | None:
+    """The I2C bus of a set-up; None where it needs none."""
+    if setup.output != "pca9685" and setup.battery == "none":
+        return None
+    bus = bus_class(setup)(setup.bus)
+    if not isinstance(setup.bus, str):
+        with suppress(OSError):  # not every adapter can
+            fcntl.ioctl(bus.fd, I2C_TIMEOUT, TRANSFER_MAX)
+    opened: I2cBus = bus
+    return opened
+
+
+def claim(setup: GuardSetup, patience: int = 0) -> int:
+    """Lock the servo board, and return the descriptor that holds the lock; -1 where pins are the outputs.
+
+    The lock is one byte of the bus, at the board's address, so each board on a bus has its own. It ends with this
+    process, also when that is killed. Linux itself gives a pin to one process only.
+    Raises OSError EBUSY when another process holds it for `patience` times `SILENCE_MS`.
+    """
+    if setup.output != "pca9685":
+        return -1
+    if isinstance(setup.bus, str):
+        held = os.open(setup.bus, os.O_RDWR | os.O_CLOEXEC | os.O_CREAT)
+    else:
+        held = os.open(f"/dev/i2c-{setup.bus}", os.O_RDWR | os.O_CLOEXEC)
+    wanted = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, setup.address, 1, 0)
+    while True:
+        try:
+            fcntl.fcntl(held, fcntl.F_OFD_SETLK, wanted)
+            return held
+        except OSError:
+            if patience <= 0:
+                os.close(held)
+                raise OSError(errno.EBUSY, "another robot drives this servo board") from None
+        patience -= 1
+        select.select([], [], [], SILENCE_MS / 1000.0)
 
 
 def pins_library() -> Any:
@@ -244,8 +301,9 @@ def guarded(setup: GuardSetup) -> Guarded:
     """Outputs and sensors, opened; OSError or ImportError when that fails."""
     bus = open_bus(setup)
     encoders = [Quadrature(pins) for pins in setup.encoders]
-    chip, lgpio = 0, None
-    if setup.output == "gpio" or encoders:
+    chip, lgpio, on_desk = 0, None, isinstance(setup.bus, str)
+    feed: Callable[[int], object] = int
+    if setup.output == "gpio" or encoders or (setup.watchdog is not None and not on_desk):
         lgpio = pins_library()
         chip = open_chip(lgpio)
     for encoder, pins in zip(encoders, setup.encoders, strict=True):
@@ -256,7 +314,15 @@ def guarded(setup: GuardSetup) -> Guarded:
     if setup.output == "gpio":
         return Guarded(setup, bus, GpioPulses(lgpio, chip, setup), encoders)
     assert bus is not None
-    return Guarded(setup, bus, Pca9685(bus, setup), encoders)
+    if setup.watchdog is not None and on_desk:
+        from txt1.hal.pi.double import FilePin
+
+        feed = FilePin(f"{setup.bus}.watchdog").set
+    elif setup.watchdog is not None:
+        assert lgpio is not None
+        lgpio.gpio_claim_output(chip, setup.watchdog, 0)
+        feed = partial(lgpio.gpio_write, chip, setup.watchdog)
+    return Guarded(setup, bus, Pca9685(bus, setup), encoders, feed)
 
 
 def neutral_without_guard(setup: GuardSetup) -> bool:
@@ -267,12 +333,16 @@ def neutral_without_guard(setup: GuardSetup) -> bool:
     if setup.output != "pca9685":
         return True
     with suppress(OSError, ImportError):
-        bus = open_bus(setup)
-        assert bus is not None
+        held = claim(setup)
         try:
-            return Guarded(setup, bus, Pca9685(bus, setup)).neutral()
+            bus = open_bus(setup)
+            assert bus is not None
+            try:
+                return Guarded(setup, bus, Pca9685(bus, setup)).neutral()
+            finally:
+                bus.close()
         finally:
-            bus.close()
+            os.close(held)
     return False
 
 
@@ -287,6 +357,7 @@ def main(words: Sequence[str]) -> int:
         signal.signal(number, signal.SIG_IGN)  # it ends with its host
     setup = GuardSetup(**json.loads(words[0]))
     try:
+        claim(setup, TAKEN)
         guard = guarded(setup)
         guard.output.put(setup.neutral)
     except (OSError, ImportError) as error:
@@ -302,7 +373,7 @@ def main(words: Sequence[str]) -> int:
             guard.neutral()
             continue
         data = os.read(stdin, 4096)
-        if not data:
+        if not data or os.getppid() != host:  # what a host that is gone has left in the pipe is old
             break
         rest += data
         whole = len(rest) // size * size
@@ -318,4 +389,7 @@ def main(words: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    sys.stderr.flush()
+    # its host waits for the end, and Python's own way out takes longer than all the rest
+    os._exit(code)
