@@ -25,6 +25,10 @@ def open_streams() -> None:
 
 def main() -> NoReturn:
     """Run the command given on the command line and exit with its code."""
+    if os.getpid() == 1:
+        from txt1.cli.init import serve
+
+        sys.exit(serve())
     for each in SIGNALS:  # before the imports, which take their time
         signal.signal(each, leave)
     open_streams()
