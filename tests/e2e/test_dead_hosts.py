@@ -4,13 +4,23 @@ Real time and real processes: the device is here, with its simulated vehicle; th
 """
 
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 from blockbuster import BlockBuster
 
 from benchmarks import dead_hosts
-from benchmarks.dead_hosts import device_without_host, guard_without_host
+from benchmarks.dead_hosts import (
+    NAMESPACE,
+    Blow,
+    device_without_host,
+    guard_after,
+    in_namespace,
+    to_both,
+    to_guard,
+    to_host,
+)
 from tests.e2e.conftest import may_block
 from tests.patience import LIMIT, TXT1, lateness
 from txt1.kernel.loop import run
@@ -29,7 +39,7 @@ def patient_hosts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def made_before_anything_runs(blocking_calls_fail: BlockBuster) -> None:
-    may_block(blocking_calls_fail, "benchmarks/dead_hosts.py", "device_without_host", "motor")
+    may_block(blocking_calls_fail, "benchmarks/dead_hosts.py", "device_without_host", "motor", "children", "guards")
     may_block(blocking_calls_fail, "txt1/link/pty.py", "listen_pty", "_let_go")
 
 
@@ -42,13 +52,20 @@ def test_the_device_stops_by_itself(hal: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "limit"),
+    ("blow", "options"),
     [
-        pytest.param(signal.SIGKILL, 0.25, id="killed"),
-        pytest.param(signal.SIGSTOP, 0.25, id="hangs", marks=pytest.mark.long),
+        pytest.param(to_host(signal.SIGKILL), {}, id="killed"),
+        pytest.param(to_host(signal.SIGSTOP), {}, id="hangs", marks=pytest.mark.long),
+        pytest.param(to_guard(signal.SIGSTOP), {}, id="its guard hangs", marks=pytest.mark.long),
+        pytest.param(to_both(signal.SIGSTOP), {"watchdog": True}, id="hangs with its guard"),
+        pytest.param(in_namespace(signal.SIGKILL, init=False), {"namespace": True}, id="killed in a namespace"),
     ],
 )
-def test_the_guard_of_a_raspberry_pi_puts_out_neutral(number: signal.Signals, limit: float, tmp_path: Path) -> None:
+def test_the_outputs_of_a_raspberry_pi_rest_whatever_happens_to_its_host(
+    blow: Blow, options: dict[str, bool], tmp_path: Path
+) -> None:
+    if "namespace" in options and subprocess.run([*NAMESPACE, "true"], capture_output=True).returncode:
+        pytest.skip("namespaces of one's own are not allowed here")
     with lateness() as late:
-        took = run(guard_without_host(number, tmp_path))
-    assert took <= limit + LATE + 5.0 * late(), f"neutral {took:.3f} s after the signal"
+        took = run(guard_after(blow, tmp_path, **options))
+    assert took <= 0.25 + LATE + 5.0 * late(), f"at rest {took:.3f} s later"
