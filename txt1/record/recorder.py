@@ -58,9 +58,9 @@ class Recorder:
         self._overflowed = self._not_written = 0
         self._runtime = runtime
         self._sinks = sinks
-        self._loop = asyncio.get_running_loop()
-        self._virtual = isinstance(self._loop, VirtualTimeLoop)
-        speed = self._loop.speed if isinstance(self._loop, VirtualTimeLoop) else 1.0
+        loop = asyncio.get_running_loop()
+        self._virtual = isinstance(loop, VirtualTimeLoop)
+        speed = loop.speed if isinstance(loop, VirtualTimeLoop) else 1.0
         self._full_speed = speed is None
         if batch is None:
             batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
@@ -72,7 +72,6 @@ class Recorder:
         self._told = False
         self._failure: RecordingError | None = None
         self._encoder = Encoder(epoch, runtime.bus.full_name, channels)
-        self._shared = writer is not None
         self._writer = writer or ThreadPoolExecutor(1, "txt1 recorder")
         self._jobs: deque[Future[None]] = deque()
         self._leave = runtime.bus.subscribe(self._take)
@@ -82,25 +81,13 @@ class Recorder:
         """Messages lost so far, because the writer or the disk did not take them."""
         return self._overflowed + self._not_written
 
-    async def close(self) -> None:
-        """Write what is left and close the sinks; RecordingError: they have failed, on the way or now."""
-        await self._finish()
-        await self._loop.run_in_executor(self._writer, self._close_sinks)
-        if not self._shared:
-            self._writer.shutdown(wait=False)
-        if self._failure is not None:
-            raise self._failure
-
     async def finish(self) -> None:
-        """Write what is left; the sinks stay open for others. RecordingError: they have failed."""
-        await self._finish()
-        if self._failure is not None:
-            raise self._failure
-
-    async def _finish(self) -> None:
+        """Write what is left; the sinks stay open. RecordingError: they have failed."""
         self._leave()
         self._hand_over(backlog=len(self._jobs))
         await self.written()
+        if self._failure is not None:
+            raise self._failure
 
     async def written(self) -> None:
         """Wait until the sinks have what was handed over."""
@@ -153,10 +140,3 @@ class Recorder:
         except Exception as error:
             self._failure = RecordingError(f"the recorder failed: {error!r}")
             self._failure.__cause__ = error
-
-    def _close_sinks(self) -> None:
-        for sink in self._sinks:
-            try:
-                sink.close(self.dropped)
-            except RecordingError as error:
-                self._failure = self._failure or error

@@ -7,7 +7,7 @@ import json
 import platform
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from txt1.commands import need
 from txt1.config import Config, flatten
+from txt1.errors import RecordingError
 from txt1.kernel.clock import NS_PER_S, wall_ns
 from txt1.kernel.loop import Speed
 from txt1.record.settings import RecordConfig
@@ -89,31 +90,8 @@ async def recording(
     Raises ConfigError: the file exists, or cannot be made; MissingExtra: the extra `record` is not installed;
     RecordingError: the file could not be written, or not to its end.
     """
-    if file is None and view is None:
-        yield lambda runtime: None
-        return
-    sinks: Sequence[Sink] = [] if view is None else [view]
-    batch = None if view is None else VIEW_BATCH * (speed if isinstance(speed, float) else 1.0)
-    recorder: Recorder | None = None
-    try:
-        # in a thread, as modules are found and a file is made on the disk
-        sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, sinks)
-
-        def attach(runtime: Runtime) -> None:
-            nonlocal recorder
-            recorder = make(runtime, sinks, config.section(RecordConfig).epoch, batch)
-            if view is not None:
-                view.advertise(runtime.bus)
-
+    async with _recording(file, config, speed, plan, told, {}, view) as attach:
         yield attach
-    finally:
-        if recorder is None:
-            for each in sinks:
-                await asyncio.to_thread(each.close, 0)
-        else:
-            await recorder.close()
-            if recorder.dropped:
-                told(f"{file}: {recorder.dropped} messages were not recorded: the disk was full or too slow")
 
 
 @asynccontextmanager
@@ -128,33 +106,69 @@ async def recording_together(
 
     Raises as `recording` does.
     """
-    if file is None:
-        yield lambda runtime: None
-        return
     first = next(iter(configs.values()))
     own = {name: _differences(first, config) for name, config in configs.items()}
-    sinks, make = await asyncio.to_thread(_prepare, file, first, speed, plan, [], {"robots": json.dumps(own)})
+    async with _recording(file, first, speed, plan, told, {"robots": json.dumps(own)}, None) as attach:
+        yield attach
+
+
+@asynccontextmanager
+async def _recording(
+    file: Path | None,
+    config: Config,
+    speed: Speed,
+    plan: Mapping[str, object],
+    told: Callable[[str], None],
+    more: Mapping[str, str],
+    view: LiveView | None,
+) -> AsyncIterator[Attach]:
+    """As above, of one robot or several; `more` is for the metadata."""
+    if file is None and view is None:
+        yield lambda runtime: None
+        return
+    sinks: Sequence[Sink] = [] if view is None else [view]
+    batch = None if view is None else VIEW_BATCH * (speed if isinstance(speed, float) else 1.0)
     recorders: list[Recorder] = []
-    writer = ThreadPoolExecutor(1, "txt1 recorder")
     channels: list[TopicChannel] = []
-
-    def attach(runtime: Runtime) -> None:
-        recorders.append(make(runtime, sinks, first.section(RecordConfig).epoch, writer=writer, channels=channels))
-
+    writer = ThreadPoolExecutor(1, "txt1 recorder")
     try:
+        # in a thread, as modules are found and a file is made on the disk
+        sinks, make = await asyncio.to_thread(_prepare, file, config, speed, plan, sinks, more)
+
+        def attach(runtime: Runtime) -> None:
+            epoch = config.section(RecordConfig).epoch
+            recorders.append(make(runtime, sinks, epoch, batch, writer=writer, channels=channels))
+            if view is not None:
+                view.advertise(runtime.bus)
+
         yield attach
     finally:
-        async with AsyncExitStack() as stack:  # last in, first out: the sinks are closed behind all that is left
-            stack.callback(writer.shutdown, wait=False)
-            if not recorders:
-                for each in sinks:
-                    stack.push_async_callback(asyncio.to_thread, each.close, 0)
-            for recorder in recorders[:1]:
-                stack.push_async_callback(recorder.close)
-            for recorder in recorders[1:]:
-                stack.push_async_callback(recorder.finish)
-        if dropped := sum(recorder.dropped for recorder in recorders):
+        dropped = await close(recorders, sinks)
+        writer.shutdown(wait=False)
+        if dropped:
             told(f"{file}: {dropped} messages were not recorded: the disk was full or too slow")
+
+
+async def close(recorders: Sequence[Recorder], sinks: Sequence[Sink]) -> int:
+    """Finish recorders, close their sinks and return how many messages were lost.
+
+    Raises RecordingError, the first that there was; the rest is closed all the same.
+    """
+    failures: list[RecordingError] = []
+    for recorder in recorders:
+        try:
+            await recorder.finish()
+        except RecordingError as error:
+            failures.append(error)
+    dropped = sum(recorder.dropped for recorder in recorders)
+    for sink in sinks:
+        try:
+            await asyncio.to_thread(sink.close, dropped)
+        except RecordingError as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]
+    return dropped
 
 
 def _differences(first: Config, other: Config) -> dict[str, Any]:
@@ -169,7 +183,7 @@ def _prepare(
     speed: Speed,
     plan: Mapping[str, object],
     sinks: Sequence[Sink],
-    more: Mapping[str, str] | None = None,
+    more: Mapping[str, str],
 ) -> tuple[Sequence[Sink], type[Recorder]]:
     """The sinks, with one for the file, and what makes a recorder for them."""
     need("recording", "record", "mcap", "zstandard", "lz4")
@@ -178,7 +192,7 @@ def _prepare(
 
     record = config.section(RecordConfig)
     rotation = Rotation(round(record.rotate_size * MEGABYTE), round(record.rotate_time * NS_PER_S))
-    about = {**metadata(config, speed, plan), **(more or {})}
+    about = {**metadata(config, speed, plan), **more}
     if file is not None:
         sinks = [*sinks, FileSink(file, about, rotation, record.compression, strict=speed is not None)]
     return sinks, Recorder

@@ -61,6 +61,7 @@ from txt1.record.reading import robot_in, robots_in
 from txt1.record.recorded import Recorded, read
 from txt1.record.recorder import Recorder
 from txt1.record.replay import Following, RecordedHal, RecordedSensor, Script, StepByStep
+from txt1.record.session import close
 from txt1.record.settings import RecordConfig
 from txt1.runtime import Runtime
 from txt1.sensors.base import SENSORS
@@ -191,7 +192,7 @@ class _Again:
                     # whether the hardware stood is in its reports; nobody waits for it here
                     self.runtime.watch = None
                 await self.runtime.stop()
-        await self.recorder.close()
+        await close([self.recorder], [self.comparison])
         if self.script.failure is not None:
             raise self.script.failure
 
