@@ -98,8 +98,8 @@ class Offers(NamedTuple):
         others = getattr(self.hal, "others", None)
         if others is not None:
             bus.offer(fields.VEHICLES, lambda: others() or None)
-        told = fields.CarCapabilities(**vars(can), hand=self.config.hand())
-        bus.offer(fields.CAPABILITIES, lambda: told)
+        bus.offer(fields.HAND, self.config.hand)
+        bus.offer(fields.CAPABILITIES, lambda: can)
         bus.offer(fields.BOARD, lambda: state.board)
         bus.offer(fields.COMMAND, lambda: state.command)
         bus.offer(fields.GAIN_TABLE, self._gains)

@@ -329,10 +329,9 @@ class Config(Section):
 
     def hand(self) -> Hand:
         """What a hand on this car may ask for."""
-        body, safety = self.geometry, self.safety
-        pivots = body.steering == "skid"
-        radius = max(body.radius_min, 0.5 * body.track_width) if pivots else body.radius_min
-        return Hand(safety.v_max, safety.omega_max, radius, pivots, self.teleop.turn)
+        body, pivots = self.geometry, self.geometry.steering == "skid"
+        radius = max(body.radius_min, 0.5 * body.track_width * pivots)
+        return Hand(self.safety.v_max, self.safety.omega_max, radius, pivots, self.teleop.turn)
 
 
 def _section(name: str, value: Any, recorded: bool) -> Any:

@@ -22,25 +22,22 @@ DEAD: Final = 0.1  # share of an axis around its middle that counts as none
 
 def shaped(value: float) -> float:
     """Return an axis without its dead middle, -1 to 1; one that is no number is at rest."""
-    if not isfinite(value):
-        return 0.0
-    size = min(1.0, max(0.0, (abs(value) - DEAD) / (1.0 - DEAD)))
-    return copysign(size, value)
+    size = max(0.0, (abs(value) - DEAD) / (1.0 - DEAD)) if isfinite(value) else 0.0
+    return copysign(min(1.0, size), value)
 
 
 class Hand(NamedTuple):
-    """The numbers of the hand rule, which are a car's own; those of the TXT-1 by default."""
+    """The numbers of the hand rule, which are a car's own; those of the TXT-1 by default.
+
+    Its fastest speed, m/s, and turn, rad/s; the radius R, m; whether it turns in place; the share of the largest yaw rate
+    that a key asks for.
+    """
 
     v_max: float = Safety().v_max
-    """Fastest, m/s."""
     omega_max: float = Safety().omega_max
-    """Fastest turn, rad/s."""
     radius: float = Geometry().radius_min
-    """R, m: of the smallest circle, or, at the chosen speed, of a turn in place."""
     pivots: bool = False
-    """Whether it turns in place."""
     turn: float = 0.8
-    """Share of the largest yaw rate that a key asks for."""
 
     def velocity(self, speed: float, ahead: float, left: float, *, wheel: bool = False) -> tuple[float, float]:
         """Return v (m/s) and omega (rad/s) of two axes, at the speed in m/s that the hand has chosen."""
@@ -57,4 +54,3 @@ class Hand(NamedTuple):
 
 
 DEFAULT_HAND: Final = Hand()
-"""A hand on the TXT-1."""

@@ -75,8 +75,7 @@ def sides(motor: float, steering: float) -> tuple[float, float]:
     right = motor + steering / 3, left = motor - steering / 3, where the steering is `Outputs.rear`, left positive. The
     velocity loops, the speed map and the calibration count on this, so each hardware layer takes its sides from here.
     """
-    turn = steering * (1.0 / SIDES)
-    return motor + turn, motor - turn
+    return motor + steering * (1.0 / SIDES), motor - steering * (1.0 / SIDES)
 
 
 def outputs_of(right: float, left: float) -> tuple[float, float]:
