@@ -7,7 +7,7 @@ chosen speed when it turns in place.
 
 Left is counter-clockwise; on a `wheel` it is the side to which a car's front wheels point, so in reverse a car that
 steers turns the other way. The page computes the same (`txt1/web/static/hand.js`) by the numbers of `Hand`, which
-`/capabilities` tells it.
+`/hand` tells it.
 """
 
 from math import copysign, isfinite
@@ -29,8 +29,8 @@ def shaped(value: float) -> float:
 class Hand(NamedTuple):
     """The numbers of the hand rule, which are a car's own; those of the TXT-1 by default.
 
-    Its fastest speed, m/s, and turn, rad/s; the radius R, m; whether it turns in place; the share of the largest yaw rate
-    that a key asks for.
+    Its fastest speed, m/s, and turn, rad/s; the radius R, m; whether it turns in place; the share of the largest yaw
+    rate that a key asks for.
     """
 
     v_max: float = Safety().v_max

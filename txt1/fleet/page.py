@@ -99,6 +99,7 @@ def _telemetry(one: Member, there: list[Member], members: tuple[Member, ...], ti
         "/driver": {"name": one.driver},
         "/vehicles": [other.pose for other in there if other is not one],
         "/fleet": plain(members),
-        "/capabilities": {"hand": DEFAULT_HAND._asdict()},  # nobody tells what another's car is like
+        "/hand": DEFAULT_HAND._asdict(),  # nobody tells what another's car is like
+        "/capabilities": None,  # marks what is all that there is
     }
     return {"name": one.name, "time": time, "topics": topics}

@@ -4,12 +4,11 @@ Every value is immutable and replaced whole, so a reader never sees half of an u
 is what the critical sections of the RTOS were for.
 """
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, NamedTuple, TypeVar
 
 from txt1.control.commander import Driver
-from txt1.control.hand import DEFAULT_HAND, Hand
+from txt1.control.hand import Hand
 from txt1.control.pid import Gains
 from txt1.control.schedule import Schedule
 from txt1.hal.base import BoardLink, Capabilities, Outputs
@@ -171,21 +170,14 @@ class Surroundings(NamedTuple):
     obstacles: tuple[Outline, ...] = ()
 
 
-@dataclass(frozen=True)
-class CarCapabilities(Capabilities):
-    """The abilities of the hardware layer, and what a hand on the car may ask for."""
-
-    hand: Hand = DEFAULT_HAND
-
-
-UNABLE: Final = CarCapabilities()
-
-
 def _told(name: str, kind: type[T], about: str) -> Topic[T]:
     return declare(Topic(name, kind, "", "std_msgs/String", Rule.SNAPSHOT, about))
 
 
-CAPABILITIES: Final = _told("/capabilities", CarCapabilities, "what the hardware layer can do, and a hand on the car")
+CAPABILITIES: Final = _told("/capabilities", Capabilities, "what the hardware layer can do")
+HAND: Final = _told(
+    "/hand", Hand, "the car's numbers for the hand rule; not in recordings, which have the configuration"
+)
 BOARD: Final = _told("/board", BoardLink, "the link to the board, where there is one")
 COMMAND: Final = _told("/command", Command, "the latest velocity command")
 GAIN_TABLE: Final = _told("/gain_table", GainTable, "the gains that were loaded")

@@ -8,6 +8,7 @@ from rich.layout import Layout
 from txt1.control.commander import Driver
 from txt1.control.pid import Gains
 from txt1.control.standstill import UNOBEYED, Stop
+from txt1.hal.base import Capabilities
 from txt1.tasks import fields
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import SETPOINT
@@ -97,7 +98,7 @@ def _robot(snapshot: Snapshot) -> Kept:
 
 
 def _fields(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
-    can, control = snapshot.get(fields.CAPABILITIES, fields.UNABLE), snapshot.get(SETPOINT, Control())
+    can, control = snapshot.get(fields.CAPABILITIES, Capabilities()), snapshot.get(SETPOINT, Control())
     mode, command = snapshot.get(MODE, Mode()), snapshot.get(fields.COMMAND)
     link = styled("alive", GOOD) if mode.link.alive else styled("lost", BAD)
     if mode.link.alive and snapshot.get(fields.BOARD) is not None:
@@ -158,7 +159,7 @@ def _left(battery: fields.Battery) -> str:
 def _gains(snapshot: Snapshot) -> Kept:
     """Linear gains as loaded, angular ones as scheduled now; a board keeps the latter to itself."""
     gains = snapshot.get(fields.GAIN_TABLE, GainTable())
-    pwm = snapshot.get(fields.CAPABILITIES, fields.UNABLE).pwm
+    pwm = snapshot.get(fields.CAPABILITIES, Capabilities()).pwm
     rows = (
         ("", *(styled(name, LABEL) for name in ("Kp", "Ki", "Kd"))),
         ("linear", *gain_cells(gains.linear if gains.loaded else None)),

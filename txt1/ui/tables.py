@@ -7,7 +7,8 @@ from typing import Final
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 
-from txt1.hal.base import Outputs
+from txt1.control.hand import DEFAULT_HAND
+from txt1.hal.base import Capabilities, Outputs
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import SENSORS, SensorState
 from txt1.tasks import fields
@@ -48,7 +49,7 @@ def pwm(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Renderable
     """PWM for a body of width x rows cells: the six channels and the mode."""
     length = max(11, width - 32)
     spaced = rows >= SPACED
-    outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, fields.UNABLE)
+    outputs, can = snapshot.get(SETPOINT, Control()).outputs, snapshot.get(fields.CAPABILITIES, Capabilities())
     servos = (snapshot.get(fields.SERVOS) if can.servos else None) or (None, None)
     channels = zip(Outputs._fields, outputs[:5] if can.pwm else (None, None, None, *servos), strict=False)
     cells: list[tuple[str, ...]] = []
@@ -78,7 +79,7 @@ def encoders(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> Rende
 def _motion(snapshot: Snapshot, width: int, rows: int) -> Group:
     odometry, ticks = snapshot.get(ODOMETRY, Odometry()), snapshot.get(ENCODERS, fields.Encoders())
     x, y, theta = snapshot.get(POSE) or (None, None, None)
-    length, hand = max(11, width - 34), snapshot.get(fields.CAPABILITIES, fields.UNABLE).hand
+    length, hand = max(11, width - 34), snapshot.get(fields.HAND, DEFAULT_HAND)
     v_max, omega_max = hand.velocity(hand.v_max, 1.0, 1.0)  # the bars' full scales: the tightest bend at full speed
     motion = (
         ("ticks right", number(ticks.right, 0), "per period"),
@@ -143,7 +144,7 @@ def in_force(snapshot: Snapshot) -> int | None:
     """
     loaded, control = snapshot.get(fields.GAIN_TABLE, GainTable()), snapshot.get(SETPOINT)
     sets = loaded.angular.sets
-    if control is None or not snapshot.get(fields.CAPABILITIES, fields.UNABLE).pwm or not loaded.loaded or not sets:
+    if control is None or not snapshot.get(fields.CAPABILITIES, Capabilities()).pwm or not loaded.loaded or not sets:
         return None
     expected = min(bisect_left([s.v_max for s in sets], snapshot.get(ODOMETRY, Odometry()).v), len(sets) - 1)
     equal = [index for index, s in enumerate(sets) if s.gains == control.gains]

@@ -7,7 +7,7 @@ from math import cos, pi, sin
 from txt1.control.commander import Driver
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, Schedule
 from txt1.fleet.members import Member
-from txt1.hal.base import BoardLink, Outputs
+from txt1.hal.base import BoardLink, Capabilities, Outputs
 from txt1.kernel.statistics import Percentiles
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import SENSORS, SensorState
@@ -29,7 +29,6 @@ from txt1.tasks.fields import (
     TRAFFIC,
     Battery,
     BatteryState,
-    CarCapabilities,
     Command,
     Control,
     Encoders,
@@ -64,7 +63,7 @@ RATES = {
     "learning": (1, 2.0),
 }
 
-SIM = CarCapabilities(
+SIM = Capabilities(
     ticks=True,
     pwm=True,
     battery=True,
@@ -129,7 +128,7 @@ def blind(time: float = 83.4, screen: int = 0) -> Snapshot:
     return full(time, screen).replaced(
         {
             **dict.fromkeys(unknown),
-            CAPABILITIES: CarCapabilities(),
+            CAPABILITIES: Capabilities(),
             SETPOINT: Control(v=0.5, omega=0.25),
             BOARD: board,
             TRAFFIC: Traffic(1668, 1669, 0.023),

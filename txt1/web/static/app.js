@@ -8,7 +8,7 @@ import { element, leaves, panels } from "./panels.js"
 
 const SILENT = 700  // ms without telemetry after which it is said
 const TOAST = 5000  // ms
-const NO_PLOT = ["/capabilities", "/surroundings", "/events", "/gain_table"]
+const NO_PLOT = ["/capabilities", "/hand", "/surroundings", "/events", "/gain_table"]
 
 const $ = (id) => document.getElementById(id)
 
@@ -58,7 +58,7 @@ function telemetry(snapshot) {
   know.name = snapshot.name
   if ("/capabilities" in snapshot.topics) {
     know.topics = { ...snapshot.topics }  // all there is: what is absent is gone
-    drive.hand = know.topics["/capabilities"]?.hand ?? null
+    drive.hand = know.topics["/hand"] ?? null
     limitSpeed()
   }
   else Object.assign(know.topics, snapshot.topics)

@@ -1,4 +1,4 @@
-// The hand rule of txt1/control/hand.py, by the numbers that /capabilities tells of the car: two axes become a velocity.
+// The hand rule of txt1/control/hand.py, by the numbers that /hand tells of the car: two axes become a velocity.
 
 const DEAD = 0.1  // share of an axis around its middle that counts as none
 

@@ -210,7 +210,7 @@ const page = (know, panel) => {
   if (about.role === "operator") {
     const out = element("output", {}, `${visitors} m/s`)
     parts.push(title("visitors drive at most"), element("div", { className: "row" }, element("input", {
-      id: "visitors", type: "range", min: 0.1, max: know.topics["/capabilities"]?.hand?.v_max ?? visitors, step: 0.1, value: visitors, ariaLabel: "visitors' speed",
+      id: "visitors", type: "range", min: 0.1, max: know.topics["/hand"]?.v_max ?? visitors, step: 0.1, value: visitors, ariaLabel: "visitors' speed",
       onchange: (event) => know.send({ do: "limit", speed: event.target.valueAsNumber }),
     }), out))
     if (about.invites) parts.push(element("img", { id: "invitation", src: "visitors.svg", alt: "code for visitors", width: 180, height: 180 }))
