@@ -34,7 +34,7 @@ class Law(Protocol):
 
 def _convoy(name: str, team: list[str], room: Rooms, body: Body, **settings: Any) -> Law:
     at = team.index(name)
-    return Leader(**settings) if at == 0 else Follower(team[at - 1], body=body, **settings)
+    return Leader(**settings) if at == 0 else Follower(team[at - 1], body)
 
 
 LAWS: Final[Mapping[str, Callable[..., Law]]] = {
