@@ -24,7 +24,7 @@ from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
 from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.fleet import radio, steering
-from txt1.fleet.convoy import GAP, HEADWAY, Follower, Leader, amplification
+from txt1.fleet.convoy import GAIN, GAP, HEADWAY, Follower, Leader
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.plan import names
 from txt1.fleet.radio import Pose
@@ -47,6 +47,12 @@ def apart(random: Random, count: int, half: float) -> list[Pose]:
         if all(hypot(x - other[0], y - other[1]) >= 1.2 for other in poses):
             poses.append((x, y, theta))
     return poses
+
+
+def amplification(omega: float, gain: float = GAIN, headway: float = HEADWAY, tau: float = 0.35) -> float:
+    """abs(G) at a frequency in rad/s: by how much a spacing error grows from one robot to the next."""
+    s = 1j * omega
+    return abs((s + gain) / (tau * s * s + (1.0 + gain * headway) * s + gain))
 
 
 def convoy(seed: int, leader_lost: bool = False) -> tuple[list[float], int, float]:

@@ -110,16 +110,6 @@ async def test_one_stop_reaches_all_from_the_helm_and_the_keys_only_one() -> Non
         assert [robot.runtime.state.power.esc for robot in fleet.robots.values()] == [True, False, True]
 
 
-async def test_events_come_with_the_robots_name() -> None:
-    async with Fleet.open(2) as fleet:
-        events = fleet.events()
-        first = asyncio.ensure_future(anext(events))
-        await asyncio.sleep(0.01)
-        fleet.robots["txt02"].tell("here I am")
-        assert (await first)[::2] == ("txt02", "here I am")
-        await events.aclose()  # type: ignore[attr-defined]
-
-
 def path_of(names: list[str], who: str) -> list[object]:
     starts = {"txt01": (0.0, 0.0, 0.0), "txt02": (0.0, 2.0, 0.0), "txt03": (0.0, -2.0, 1.0)}
     plan = FleetPlan(robots={name: MemberPlan(start=starts[name]) for name in names})

@@ -34,12 +34,6 @@ SPEED_MAX: Final = 1.0  # m/s, of a follower that catches up, if its car goes as
 CREEP: Final = 0.08  # m/s: a slower set-point is rest, as the motors' dead band makes it uneven
 
 
-def amplification(omega: float, gain: float = GAIN, headway: float = HEADWAY, tau: float = 0.35) -> float:
-    """abs(G) at a frequency in rad/s: by how much a spacing error grows from one robot to the next."""
-    s = 1j * omega
-    return abs((s + gain) / (tau * s * s + (1.0 + gain * headway) * s + gain))
-
-
 class Leader:
     """Drives a course of its own: so many m/s, in a circle of `radius` m or, with 0, straight on.
 
@@ -81,11 +75,6 @@ class Follower:
     def points(self) -> int:
         """How many points of the track are kept."""
         return len(self._track)
-
-    @property
-    def error(self) -> float | None:
-        """The spacing less the spacing at rest, m."""
-        return None if self.spacing is None else self.spacing - GAP
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
         """The velocities that follow."""

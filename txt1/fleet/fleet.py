@@ -5,7 +5,7 @@ import os
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from txt1.config import Config, load
 from txt1.driver import REFRESH, SOURCES, CommandSource
@@ -20,18 +20,8 @@ from txt1.robot import Robot
 from txt1.runtime import Runtime
 from txt1.sim.room import Room
 from txt1.sim.world import World
-from txt1.tasks.fields import LOG, Event
-from txt1.telemetry.topics import Topic
 
 LINKED_WITHIN = 10.0  # s
-
-
-class FleetEvent(NamedTuple):
-    """A line of a robot's event log: the robot's name, when (s of its run) and what."""
-
-    robot: str
-    time: float
-    text: str
 
 
 class Fleet:
@@ -144,11 +134,6 @@ class Fleet:
         """Seconds since the first robot's run started."""
         return next(iter(self.robots.values())).now
 
-    @property
-    def armed(self) -> bool:
-        """Whether every gate is open."""
-        return all(robot.armed for robot in self.robots.values())
-
     def stop_all(self) -> None:
         """Emergency stop of every robot: neutral outputs at once, latched until armed again."""
         for robot in self.robots.values():
@@ -167,22 +152,6 @@ class Fleet:
         """Disarm every robot."""
         for robot in self.robots.values():
             robot.disarm(reason)
-
-    async def events(self) -> AsyncIterator[FleetEvent]:
-        """Every line of every event log from now on, as it comes."""
-        queue: asyncio.Queue[FleetEvent] = asyncio.Queue()
-
-        def take(name: str, topic: Topic[Any], event: Event, time: float) -> None:
-            del topic
-            queue.put_nowait(FleetEvent(name, time, event.text))
-
-        leave = [robot.runtime.bus.subscribe(partial(take, name), [LOG]) for name, robot in self.robots.items()]
-        try:
-            while True:
-                yield await queue.get()
-        finally:
-            for each in leave:
-                each()
 
 
 async def _drive(source: CommandSource, velocity: tuple[float, float], ticks: Ticks) -> None:

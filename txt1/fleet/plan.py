@@ -56,7 +56,7 @@ class FleetPlan(Section):
     @property
     def overrides(self) -> list[str]:
         """The settings for all of them, as for ``--set``."""
-        return list(_dotted(self.all))
+        return [f"{key}={json.dumps(value)}" for key, value in self.all.items()]
 
     def configs(self, base: Config) -> dict[str, Config]:
         """Each robot's configuration; raises ConfigError, which names the robot."""
@@ -112,11 +112,3 @@ def plan_of(fleet: FleetPlan | str | os.PathLike[str] | int) -> FleetPlan:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"] if part != "[key]") or "the file"
         raise ConfigError(f"{path}: {where}: {first['msg']}; see docs/fleet.md") from None
-
-
-def _dotted(tree: Mapping[str, Any], path: str = "") -> Iterator[str]:
-    for key, value in tree.items():
-        if isinstance(value, Mapping) and value:
-            yield from _dotted(value, f"{path}{key}.")
-        else:
-            yield f"{path}{key}={json.dumps(value)}"

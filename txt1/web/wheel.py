@@ -23,16 +23,6 @@ class PageClock:
         self._samples: deque[tuple[float, float]] = deque(maxlen=SAMPLES)
 
     @property
-    def known(self) -> bool:
-        """Whether the page has answered yet; before that every message is infinitely old."""
-        return bool(self._samples)
-
-    @property
-    def uncertainty(self) -> float:
-        """By how much a message may seem older than it is; infinite while nothing is known."""
-        return min(high for _, high in self._samples) - self._low if self._samples else inf
-
-    @property
     def _low(self) -> float:
         return max(low for low, _ in self._samples)
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.cars import Cars
-from benchmarks.cooperation import convoy, coverage, rendezvous
+from benchmarks.cooperation import amplification, convoy, coverage, rendezvous
 from txt1.config import load
 from txt1.errors import ConfigError
-from txt1.fleet.convoy import TRACK_MAX, Follower, amplification
+from txt1.fleet.convoy import TRACK_MAX, Follower
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
