@@ -66,7 +66,7 @@ REFILL: Final = 8  # messages that a tick adds to those that may be taken
 LINE_MAX: Final = 1 << 15  # bytes of the longest message, and of one reading
 TELEMETRY_PERIOD: Final = 0.02  # s between two ticks: the controller's, behind it
 HELD: Final = 0.001  # s before a tick in which nothing is read: as long as it takes to obey `MESSAGES`
-SERVE_PRIORITY: Final = -50  # of the task `Beside.serve`: behind all the robot's and the user's
+SERVE_PRIORITY: Final = -50  # of the task `Sidecar.serve`: behind all the robot's and the user's
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
@@ -111,7 +111,7 @@ class Restart(NamedTuple):
 
 @dataclass(eq=False)
 class Sidecar:
-    """``async with Beside("package.module:function", telemetry, request) as beside``, with `serve` as a task."""
+    """``async with Sidecar("package.module:function", telemetry, request) as sidecar``, with `serve` as a task."""
 
     target: str  # the function that the process calls with its `Connection` and the options
     telemetry: Callable[[], bytes | None]

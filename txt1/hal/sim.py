@@ -13,7 +13,6 @@ from txt1.sim.ground import Ground
 from txt1.sim.vehicle import Vehicle
 
 NEUTRAL: Final = Outputs()
-NO_BUTTON: Final = Button.NONE  # an attribute of an Enum is not found quickly
 TOUCH: Final = 0.02  # room of less than this is none, m
 BACKLIGHT: Final = 0.5  # nobody turns the simulated potentiometer
 
@@ -80,7 +79,7 @@ class SimHal(PlainHal):
             self._sensed = sensed
             counted, batteries, cut_off, pose = sensed
             counts = counted if self._as_counted else self._sent(counted)
-            self._inputs = Inputs(counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None)
+            self._inputs = Inputs(counts, None, 0.0, batteries, cut_off, Button.NONE, BACKLIGHT, pose, None, None)
         return self._inputs
 
     def _sent(self, counts: tuple[int, int]) -> tuple[int, int] | None:

@@ -46,12 +46,12 @@ def crc_bit_by_bit(data: bytes) -> int:
         (vesc.ask(PacketId.FW_VERSION), "02 01 00 0000 03"),
         (vesc.ask(PacketId.ALIVE), "02 01 1e f3ff 03"),
         (vesc.ask(PacketId.GET_APPCONF), "02 01 11 0210 03"),
-        (vesc.set_rpm(1000.0), "02 05 08 000003e8 2b58 03"),
-        (vesc.set_duty(0.5), "02 05 05 0000c350 3aa5 03"),
-        (vesc.set_current(3.0), "02 05 06 00000bb8 37ac 03"),
-        (vesc.set_brake(5.0), "02 05 07 00001388 2174 03"),
-        (vesc.set_servo(0.5), "02 03 0c 01f4 e9cb 03"),
-        (vesc.set_rpm(-1000.0)[:7], "02 05 08 fffffc18"),
+        (vesc.order(PacketId.SET_RPM, 1000.0), "02 05 08 000003e8 2b58 03"),
+        (vesc.order(PacketId.SET_DUTY, 0.5), "02 05 05 0000c350 3aa5 03"),
+        (vesc.order(PacketId.SET_CURRENT, 3.0), "02 05 06 00000bb8 37ac 03"),
+        (vesc.order(PacketId.SET_CURRENT_BRAKE, 5.0), "02 05 07 00001388 2174 03"),
+        (vesc.order(PacketId.SET_SERVO_POS, 0.5), "02 03 0c 01f4 e9cb 03"),
+        (vesc.order(PacketId.SET_RPM, -1000.0)[:7], "02 05 08 fffffc18"),
     ],
 )
 def test_golden_packets(frame: bytes, golden: str) -> None:
@@ -148,11 +148,11 @@ def test_pyvesc_has_the_same_numbers_for_the_commands(pyvesc: Any) -> None:
 @pytest.mark.parametrize(
     ("frame", "name", "field", "value"),
     [
-        (vesc.set_rpm(-4321.0), "SetRPM", "rpm", -4321),
-        (vesc.set_duty(0.25), "SetDutyCycle", "duty_cycle", 0.25),
-        (vesc.set_current(2.5), "SetCurrent", "current", 2.5),
-        (vesc.set_brake(5.0), "SetCurrentBrake", "current_brake", 5.0),
-        (vesc.set_servo(0.31), "SetServoPosition", "servo_pos", 0.31),
+        (vesc.order(PacketId.SET_RPM, -4321.0), "SetRPM", "rpm", -4321),
+        (vesc.order(PacketId.SET_DUTY, 0.25), "SetDutyCycle", "duty_cycle", 0.25),
+        (vesc.order(PacketId.SET_CURRENT, 2.5), "SetCurrent", "current", 2.5),
+        (vesc.order(PacketId.SET_CURRENT_BRAKE, 5.0), "SetCurrentBrake", "current_brake", 5.0),
+        (vesc.order(PacketId.SET_SERVO_POS, 0.31), "SetServoPosition", "servo_pos", 0.31),
     ],
 )
 def test_pyvesc_reads_what_we_write(pyvesc: Any, frame: bytes, name: str, field: str, value: float) -> None:
@@ -162,8 +162,8 @@ def test_pyvesc_reads_what_we_write(pyvesc: Any, frame: bytes, name: str, field:
 
 def test_we_read_what_pyvesc_writes(pyvesc: Any) -> None:
     setters, getters = (import_module(f"pyvesc.VESC.messages.{name}") for name in ("setters", "getters"))
-    assert pyvesc.encode(setters.SetDutyCycle(0.25)) == vesc.set_duty(0.25)
-    assert pyvesc.encode(setters.SetServoPosition(0.31)) == vesc.set_servo(0.31)
+    assert pyvesc.encode(setters.SetDutyCycle(0.25)) == vesc.order(PacketId.SET_DUTY, 0.25)
+    assert pyvesc.encode(setters.SetServoPosition(0.31)) == vesc.order(PacketId.SET_SERVO_POS, 0.31)
     assert pyvesc.encode(setters.Alive()) == vesc.ask(PacketId.ALIVE)
     assert pyvesc.encode_request(getters.GetValues()) == vesc.ask(PacketId.GET_VALUES)
     assert pyvesc.encode_request(getters.GetVersion()) == vesc.ask(PacketId.FW_VERSION)

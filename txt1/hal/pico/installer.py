@@ -11,16 +11,15 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from txt1.errors import CommandRefused, HalError, LinkLost, MissingExtra
-from txt1.link.base import Link
+from txt1.errors import CommandRefused, HalError, MissingExtra
 from txt1.link.device import open_link
 from txt1.link.receiver import Receiver
+from txt1.link.station import Station
 from txt1.protocol.decoder import Event
 from txt1.protocol.layout import HEADER, Role, checksum
 from txt1.protocol.messages import BatteryLevels, EncoderOdometry
@@ -183,20 +182,13 @@ class Heard(NamedTuple):
     octets: int
 
 
-class _Ear:
+class _Ear(Station):
     """The end of the line that asks and listens."""
 
     def __init__(self) -> None:
-        self.link: Link | None = None
         self.data = b""
         self.odometry = self.batteries = 0
         self._receiver = Receiver(Role.HOST, self._take)
-
-    def connected(self, link: Link) -> None:
-        self.link = link
-
-    def lost(self, reason: str) -> None:
-        self.link = None
 
     def received(self, data: bytes) -> None:
         self.data += data
@@ -206,10 +198,9 @@ class _Ear:
         self.odometry += isinstance(event, EncoderOdometry)
         self.batteries += isinstance(event, BatteryLevels)
 
-    def close(self) -> None:
+    def hang_up(self) -> None:
         self._receiver.close()
-        if self.link is not None:
-            self.link.close()
+        super().hang_up()
 
 
 def frame(data: bytes) -> bytes:
@@ -241,12 +232,10 @@ async def listen(port: str, baud: int, data: bytes = b"", patience: float = BOAR
     await open_link(port, ear, baud)
     await asyncio.sleep(0.0)
     try:
-        if ear.link is not None:
-            with suppress(LinkLost):
-                ear.link.write(frame(data))
+        ear.send(frame(data))
         await asyncio.sleep(patience)
     finally:
-        ear.close()
+        ear.hang_up()
     return Heard(next(identities(ear.data), None), ear.odometry, ear.batteries, len(ear.data))
 
 

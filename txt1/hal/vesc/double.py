@@ -12,7 +12,7 @@ from typing import Final
 from txt1.board.far_end import far_end
 from txt1.config import Config, checked
 from txt1.hal.double import Controller, DoublePort
-from txt1.hal.vesc.driver import STEPS, PacketId, Unpacker, VescOptions, packet
+from txt1.hal.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.link.base import Link
 from txt1.model.vehicle import PWM_MAX
 
@@ -21,9 +21,6 @@ ERPM_MIN: Final = 900.0  # electrical turns a minute below which the speed loop 
 APPCONF: Final = 470  # bytes of its settings, about
 SIGNATURE: Final = 0x0B5C8F1D  # of their layout; differs with every firmware
 _VALUES: Final = Struct(">BhhiiiihihiiiiiiBiBhhhii")
-_COMMANDS: Final = {
-    PacketId.SET_DUTY: 1e5, PacketId.SET_CURRENT: 1e3, PacketId.SET_CURRENT_BRAKE: 1e3, PacketId.SET_RPM: 1.0,
-}  # fmt: skip
 
 
 class Vesc(Controller):
@@ -89,12 +86,13 @@ class Vesc(Controller):
 
     def _obey(self, payload: bytes) -> None:
         command, body = payload[0], payload[1:]
-        if command in _COMMANDS and len(body) >= 4:
+        if command == PacketId.SET_SERVO_POS:
+            if len(body) >= 2:
+                self._servo = min(max(unpack_from(">h", body)[0] / SCALES[PacketId(command)], 0.0), 1.0)
+        elif command in SCALES and len(body) >= 4:
             self._heard = self.now
             self._command = PacketId(command)
-            self._value = unpack_from(">i", body)[0] / _COMMANDS[self._command]
-        elif command == PacketId.SET_SERVO_POS and len(body) >= 2:
-            self._servo = min(max(unpack_from(">h", body)[0] / 1000.0, 0.0), 1.0)
+            self._value = unpack_from(">i", body)[0] / SCALES[self._command]
         elif command == PacketId.ALIVE:
             self._heard = self.now
         elif command == PacketId.GET_VALUES:

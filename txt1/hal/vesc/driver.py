@@ -63,29 +63,19 @@ def packet(payload: bytes) -> bytes:
     return head + payload + pack(">HB", crc_hqx(payload, 0), 3)
 
 
-def set_rpm(erpm: float) -> bytes:
-    """Ask for a speed, electrical turns a minute."""
-    return packet(pack(">Bi", PacketId.SET_RPM, round(erpm)))
+# What commands ask for, and in how many parts of its unit: electrical turns a minute; a duty cycle from -1 to 1, of
+# which 0 brakes with the motor's own current; a motor current in A, of which 0 lets it roll; braking with one; and the
+# servo's position from 0 to 1, in two bytes.
+SCALES: Final = {
+    PacketId.SET_RPM: 1.0, PacketId.SET_DUTY: 1e5, PacketId.SET_CURRENT: 1e3, PacketId.SET_CURRENT_BRAKE: 1e3,
+    PacketId.SET_SERVO_POS: 1e3,
+}  # fmt: skip
 
 
-def set_duty(duty: float) -> bytes:
-    """Ask for a duty cycle, -1 to 1; 0 brakes with the motor's own current."""
-    return packet(pack(">Bi", PacketId.SET_DUTY, round(1e5 * duty)))
-
-
-def set_current(current: float) -> bytes:
-    """Ask for a motor current, A; 0 lets it roll."""
-    return packet(pack(">Bi", PacketId.SET_CURRENT, round(1e3 * current)))
-
-
-def set_brake(current: float) -> bytes:
-    """Ask for braking with a motor current, A."""
-    return packet(pack(">Bi", PacketId.SET_CURRENT_BRAKE, round(1e3 * current)))
-
-
-def set_servo(position: float) -> bytes:
-    """Ask for a position of the servo, 0 to 1."""
-    return packet(pack(">Bh", PacketId.SET_SERVO_POS, round(1e3 * position)))
+def order(command: PacketId, value: float) -> bytes:
+    """Ask for a value of one of SCALES."""
+    form = ">Bh" if command is PacketId.SET_SERVO_POS else ">Bi"
+    return packet(pack(form, command, round(SCALES[command] * value)))
 
 
 def ask(command: PacketId) -> bytes:
@@ -268,7 +258,7 @@ class VescHal(PlainHal):
         if v:
             self._halted = False
             self._share = self._geometry.steering_share(outputs.omega / v)
-            drive = set_rpm(min(max(v * self._erpm_per_speed, -1e6), 1e6))
+            drive = order(PacketId.SET_RPM, min(max(v * self._erpm_per_speed, -1e6), 1e6))
         else:
             self._share = 0.0
             drive = self._at_rest()
@@ -285,12 +275,16 @@ class VescHal(PlainHal):
 
     def _at_rest(self) -> bytes:
         if self._halted:
-            return set_duty(0.0)
-        return set_brake(self._options.brake) if self._options.brake else set_current(0.0)
+            return order(PacketId.SET_DUTY, 0.0)
+        return (
+            order(PacketId.SET_CURRENT_BRAKE, self._options.brake)
+            if self._options.brake
+            else order(PacketId.SET_CURRENT, 0.0)
+        )
 
     def _steered(self) -> bytes:
         position = self._options.servo_centre + self._options.servo_range * self._share
-        return set_servo(min(max(position, 0.0), 1.0))
+        return order(PacketId.SET_SERVO_POS, min(max(position, 0.0), 1.0))
 
     # -- what comes ------------------------------------------------------------------------------------------------
 
