@@ -137,7 +137,7 @@ def test_with_a_name_the_robots_stands_before_its_topics(topics: dict[Rule, Topi
 
 @pytest.mark.usefixtures("patient")
 def test_who_joins_the_live_view_late_sees_what_was_told_last(topics: dict[Rule, Topic[Compass]]) -> None:
-    config, view = load(overrides=PATIENT).config, open_view("127.0.0.1", 0, control=False, token=None)
+    config, view = load(overrides=PATIENT).config, open_view("127.0.0.1", 0, control=False)
 
     def look() -> dict[str, list[bytes]]:
         """The first messages on what is told seldom, after a second."""

@@ -49,18 +49,7 @@ def _writer(kind: str) -> _Write:
         return _number_writer(CODES[kind])
     parts = [(field.name, _array_writer(kind, field) if field.array else _writer(field.type)) for field in fields(kind)]
 
-    @cache
-    def blank(offset: int) -> bytes:
-        """Nothing but zeros, behind so many bytes."""
-        data = bytearray(offset)
-        for _, part in parts:
-            part(data, None, "", None)
-        return bytes(data[offset:])
-
     def write(data: bytearray, value: Any, path: str, places: Places) -> None:
-        if value is None and places is None:
-            data += blank(len(data) % 8)
-            return
         values = value or {}
         for name, part in parts:
             here = f"{path}.{name}" if path and places is not None else name

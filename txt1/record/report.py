@@ -101,7 +101,6 @@ class Content:
 def draw(content: Content) -> bytes:
     """The pictures of a recording as one PNG."""
     figure = Figure(figsize=(13.0, 13.0), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplot_mosaic([["path", "v"], ["path", "omega"], ["motor", "steering"], ["battery", "timing"]])
     time, x, y, v, omega = content.columns("odometry")[:5]
     setpoint, pwm = content.columns("setpoint"), content.columns("pwm")
@@ -130,6 +129,11 @@ def draw(content: Content) -> bytes:
     _lines(axes["timing"], marks, "Time between two cycles", "ms", (time[1:], periods, "controller cycles"))
     if not periods.size or np.ptp(periods) < 1.0:
         axes["timing"].set_ylim(0.0, 40.0)
+    return _png(figure)
+
+
+def _png(figure: Figure) -> bytes:
+    FigureCanvasAgg(figure)
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": "txt1"})
     return picture.getvalue()
@@ -164,34 +168,49 @@ def _apart(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.f
     return np.insert(x, placed, np.nan), np.insert(y, placed, np.nan)
 
 
+Part = tuple[str, tuple[str, ...], Sequence[Sequence[object]]]
+"""A table of the page: its title, the heads of its columns, and its rows."""
+
+
 def page(name: str, content: Content, picture: bytes) -> str:
-    """One HTML page with everything in it."""
-    about = content.metadata.get("txt1", {})
-    settings = _changed(about.get("config", "{}"))
-    facts = [(key, value) for key, value in about.items() if key not in ("config", "plan")]
-    facts += [("file", "complete" if content.complete else "breaks off")]
-    rows = [
+    """Return one HTML page with everything in it."""
+    topics = [
         (topic, each.count, f"{each.rate:.2f}", f"{each.gap / NS_PER_S:.3f}", each.lost)
         for topic, each in content.topics.items()
     ]
-    tasks = [(task, *values.values()) for task, values in content.tasks.items()]
-    heads = next(iter(content.tasks.values()), {})
-    encoded = base64.b64encode(picture).decode("ascii")
-    return "\n".join(
+    return _page(
+        name,
+        picture,
+        "path, velocities, PWM, battery, timing",
+        ("The run", ("", ""), [*_facts(content), ("file", "complete" if content.complete else "breaks off")]),
+        ("Topics", ("topic", "messages", "rate / Hz", "longest gap / s", "lost"), topics),
         (
-            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
-            f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body>",
-            f"<h1>{html.escape(name)}</h1>",
-            f'<img alt="path, velocities, PWM, battery, timing" src="data:image/png;base64,{encoded}">',
-            "<h2>The run</h2>", *_table(("", ""), facts),
-            "<h2>Topics</h2>", *_table(("topic", "messages", "rate / Hz", "longest gap / s", "lost"), rows),
-            "<h2>Tasks</h2>", *_table(("task", *heads), tasks),
-            "<h2>Faults</h2>", *_table(("what", "how often"), list(content.faults.items())),
-            "<h2>Events</h2>", *_table(("t / s", "what"), [(f"{time:.2f}", text) for time, text in content.events]),
-            "<h2>Configuration</h2>", *_table(("key", "value"), settings),
-            "</body></html>\n",
-        )
-    )  # fmt: skip
+            "Tasks",
+            ("task", *next(iter(content.tasks.values()), {})),
+            [(task, *values.values()) for task, values in content.tasks.items()],
+        ),
+        ("Faults", ("what", "how often"), list(content.faults.items())),
+        ("Events", ("t / s", "what"), [(f"{time:.2f}", text) for time, text in content.events]),
+        ("Configuration", ("key", "value"), _changed(content.metadata.get("txt1", {}).get("config", "{}"))),
+    )
+
+
+def _facts(content: Content) -> list[tuple[str, str]]:
+    about = content.metadata.get("txt1", {})
+    return [(key, value) for key, value in about.items() if key not in ("config", "plan", "robots")]
+
+
+def _page(name: str, picture: bytes, shown: str, *parts: Part) -> str:
+    encoded = base64.b64encode(picture).decode("ascii")
+    lines = [
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+        f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{html.escape(name)}</h1>",
+        f'<img alt="{shown}" src="data:image/png;base64,{encoded}">',
+    ]
+    for title, heads, rows in parts:
+        lines += f"<h2>{title}</h2>", *_table(heads, rows)
+    return "\n".join((*lines, "</body></html>\n"))
 
 
 _STYLE: Final = (
@@ -200,7 +219,7 @@ _STYLE: Final = (
 )
 
 
-def _table(heads: tuple[str, ...], rows: list[Any]) -> Iterator[str]:
+def _table(heads: tuple[str, ...], rows: Sequence[Sequence[object]]) -> Iterator[str]:
     if not rows:
         yield "<p>none</p>"
         return
@@ -223,7 +242,6 @@ def _changed(text: str) -> list[tuple[str, str]]:
 def draw_together(contents: Mapping[str, Content]) -> bytes:
     """The pictures of several robots in one room as one PNG."""
     figure = Figure(figsize=(13.0, 10.0), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplot_mosaic([["path", "v"], ["path", "apart"]], width_ratios=(3, 2))
     poses = {name: each.columns("pose") for name, each in contents.items()}
     for number, (name, pose) in enumerate(poses.items()):
@@ -244,9 +262,7 @@ def draw_together(contents: Mapping[str, Content]) -> bytes:
     )
     for each in axes.values():
         each.grid(visible=True, alpha=0.3)
-    picture = BytesIO()
-    figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": "txt1"})
-    return picture.getvalue()
+    return _png(figure)
 
 
 def distances(poses: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -263,11 +279,7 @@ def distances(poses: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64]
 
 
 def page_together(name: str, contents: Mapping[str, Content], picture: bytes) -> str:
-    """One HTML page of several robots."""
-    encoded = base64.b64encode(picture).decode("ascii")
-    about = next(iter(contents.values())).metadata.get("txt1", {})
-    facts = [(key, value) for key, value in about.items() if key not in ("config", "plan", "robots")]
-    events = sorted((time, robot, text) for robot, each in contents.items() for time, text in each.events)
+    """Return one HTML page of several robots."""
     robots = [
         (
             robot,
@@ -276,18 +288,15 @@ def page_together(name: str, contents: Mapping[str, Content], picture: bytes) ->
         )
         for robot, each in contents.items()
     ]
-    return "\n".join(
-        (
-            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
-            f"<title>{html.escape(name)}</title><style>{_STYLE}</style></head><body><h1>{html.escape(name)}</h1>",
-            f'<img alt="paths, speeds, distances" src="data:image/png;base64,{encoded}">',
-            "<h2>The run</h2>", *_table(("", ""), facts),
-            "<h2>Robots</h2>", *_table(("robot", "driven / m", "faults"), robots),
-            "<h2>Events</h2>",
-            *_table(("t / s", "robot", "what"), [(f"{time:.2f}", robot, text) for time, robot, text in events]),
-            "</body></html>\n",
-        )
-    )  # fmt: skip
+    events = sorted((time, robot, text) for robot, each in contents.items() for time, text in each.events)
+    return _page(
+        name,
+        picture,
+        "paths, speeds, distances",
+        ("The run", ("", ""), _facts(next(iter(contents.values())))),
+        ("Robots", ("robot", "driven / m", "faults"), robots),
+        ("Events", ("t / s", "robot", "what"), [(f"{time:.2f}", robot, text) for time, robot, text in events]),
+    )
 
 
 def _travelled(content: Content) -> float:
