@@ -28,17 +28,17 @@ class WithFiles(build_py):
 MODULES = {
     "kernel": ["clock", "jumps", "scheduler", "statistics", "ticks"],
     "model": ["kinematics", "odometry"],
-    "sim": ["battery", "light", "obstacles", "room", "vehicle", "dynamics", "world"],
+    "sim": ["battery", "lamp", "obstacles", "room", "vehicle", "dynamics", "world"],
     "control": ["commander", "limits", "pid"],
     "tasks": ["battery", "controller", "encoder", "panel", "serial", "state"],
     "telemetry": ["bus"],
-    "learning": ["light", "task", "thesis", "trial"],
+    "learning": ["light_direction", "task", "thesis", "trial"],
 }
 """By package: what is typed, runs often, and is neither given values of a user's nor replaced in part.
 
 So the driver, the messages and the simulated hardware layer are not here, which costs a run of one robot 1.5 per cent:
 compiled, they would refuse a wrong value with a TypeError of their own, and nobody could replace their methods.
-Nor is what a snapshot tells in nested tuples: they would lose the types by which they are read back; nor `model.light`:
+Nor is what a snapshot tells in nested tuples: they would lose the types by which they are read back; nor `model.light_sensors`:
 mypyc 2.4 takes a constant of tuples of floats for not set where it is a parameter's default.
 """
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
-from torture import page
+from torture import fleets, page
 from torture.struck_robot import ENDLESS, Broken, coasting
 from txt1.board.board import Board
 from txt1.config import load
@@ -255,9 +255,9 @@ FAULTS: Final[tuple[tuple[str, str], ...]] = (
     ("host", "SIGKILL"), ("host", "SIGSTOP"), ("host", "SIGTERM"), ("host", "SIGINT"), ("host", "SIGHUP"),
     ("host", "unplugged"), ("board", "SIGKILL"), ("board", "SIGSTOP"), ("board", "killed and started anew"),
     ("host", "screens killed"), ("beside", "screens stopped"), ("beside", "recorder without room"),
-    ("beside", "bridge killed"), ("beside", "bridge stopped"),
+    ("beside", "bridge killed"), ("beside", "bridge stopped"), *(("fleet", fault) for fault in fleets.FAULTS),
 )  # fmt: skip
-PLACES: Final = {"host": host, "board": board, "beside": beside}
+PLACES: Final = {"host": host, "board": board, "beside": beside, "fleet": fleets.strike}
 
 
 def strike(number: int) -> dict[str, Any]:

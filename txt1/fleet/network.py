@@ -317,11 +317,15 @@ class Peer:
             return
         whole = {"from": self.name, "id": self.id, "sent": self._clock.now_ns(), **message}
         urgent = not key.startswith(("state", "learned"))
-        self._session.put(
-            f"{self._space}/{key}", self._key.signed(key, json.dumps(whole).encode()), express=True,
-            congestion_control=self._zenoh.CongestionControl.DROP,
-            priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
-        )  # fmt: skip
+        try:
+            self._session.put(
+                f"{self._space}/{key}", self._key.signed(key, json.dumps(whole).encode()), express=True,
+                congestion_control=self._zenoh.CongestionControl.DROP,
+                priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
+            )  # fmt: skip
+        except self._zenoh.ZError:
+            if not self._closing.is_set():  # it was closed in this instant
+                raise
 
     def _where(self, sample: Any) -> str:
         """The Zenoh key that a message came on, without the space."""
