@@ -1,6 +1,7 @@
 """How often a slalom on rough ground tips the car, with and without the roll-over guard, and the time that it costs.
 
     python -m benchmarks.roll_over --seeds 100
+    python -m benchmarks.roll_over --seeds 100 --silent --kept out/roll-over-silent.jsonl     # the IMU says nothing
 
 Every run: 10 s of full lock to either side, changed every second. The physics (`sim.dynamics`, `sim.ground`), the
 loops (`control.pid`) and the guard (`guards.roll_guard.guard`) are the robot's own, stepped at 50 Hz without its tasks;
@@ -43,14 +44,14 @@ class Slalom(NamedTuple):
     lean: float  # the largest, as a share of the way to lifting wheels
 
 
-def drive(seed: int, height: float, speed: float, guarded: bool) -> Slalom:
+def drive(seed: int, height: float, speed: float, guarded: bool, silent: bool = False) -> Slalom:
     """Drive a slalom."""
     body, given = Geometry(), RollGuard()
     ground = Ground(Roughness(height=height), body, seed)
     rng = np.random.default_rng([seed, 1])
     p, loops = dynamics(VehicleParameters(), body), VelocityLoops(steers=True)
     edge = tipping(body.track_width, given.gravity_height)
-    measured = (0.0, 0.0)
+    measured: tuple[float | None, float] = (None if silent else 0.0, 0.0)
     guard = Guard(given, body.track_width, body.radius_min, lambda _: measured)
     state: Motion = tuple(VehicleState())
     tipped, way, largest, most = False, 0.0, 0.0, 0.0
@@ -72,7 +73,7 @@ def drive(seed: int, height: float, speed: float, guarded: bool) -> Slalom:
         way += state[3] * DT
         largest, most = max(largest, abs(roll)), max(most, float(np.tan(leaning) / np.tan(edge)))
         tipped = tipped or leaning >= edge
-        measured = roll + NOISE * float(rng.standard_normal()), state[3] * turning
+        measured = None if silent else roll + NOISE * float(rng.standard_normal()), state[3] * turning
     return Slalom(tipped, largest >= edge, way, largest, most)
 
 
@@ -84,8 +85,8 @@ ANGULAR: Final = _CONFIG.control.schedule()
 
 def cell(case: str) -> list[Slalom]:
     """The runs of a seed at a height and a speed, without and with the guard."""
-    seed, height, speed = case.split()
-    return [drive(int(seed), float(height), float(speed), guarded) for guarded in (False, True)]
+    seed, height, speed, *silent = case.split()
+    return [drive(int(seed), float(height), float(speed), guarded, bool(silent)) for guarded in (False, True)]
 
 
 def tips(runs: list[Slalom]) -> str:
@@ -98,14 +99,16 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     seeds.arguments(parser, "out/roll-over.jsonl", 100)
+    parser.add_argument("--silent", action="store_true", help="the IMU says nothing in all these runs")
     given = parser.parse_args()
+    silent = " silent" if given.silent else ""
     print(f"runs of {given.seeds} that tip, without -> with the guard, + by the ground alone; (way lost with it)")
     print("| height rms, largest roll |" + "".join(f" {speed:g} m/s |" for speed in SPEEDS))
     print("|---|" + "---|" * len(SPEEDS))
     for height in HEIGHTS:
         cells, rolls = [], []
         for speed in SPEEDS:
-            cases = [f"{seed} {height} {speed}" for seed in range(given.first, given.first + given.seeds)]
+            cases = [f"{seed} {height} {speed}{silent}" for seed in range(given.first, given.first + given.seeds)]
             runs = seeds.results(given.kept, cases, cell, given.minutes)
             without, guarded = ([Slalom(*run[k]) for run in runs.values()] for k in (0, 1))
             lost = 1.0 - sum(each.way for each in guarded) / sum(each.way for each in without)

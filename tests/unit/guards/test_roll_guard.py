@@ -96,9 +96,27 @@ def test_a_roll_fades_in_three_seconds() -> None:
     assert slower < 1.5
 
 
-def test_nobody_who_measures_limits_nothing() -> None:
-    blind = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: None)
-    assert blind(1.5, 2.0, 1.0) == (1.5, 2.0)
+def test_without_the_imu_curves_are_taken_at_a_crawl_on_whatever_ground() -> None:
+    roll: list[float | None] = [None]
+    told: list[str] = []
+    one = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (roll[0], 0.0), lambda _, text: told.append(text))
+    assert one(1.5, 0.0, 1.0) == (1.5, 0.0), "straight on nothing adds to the roll"
+    assert told == []
+    assert one(1.5, 1.5 / BODY.radius_min, 1.1) == pytest.approx((0.1, 0.1 / BODY.radius_min))
+    assert one(-1.5, 1.5 / BODY.radius_min, 1.2) == pytest.approx((-0.1, 0.1 / BODY.radius_min))
+    slower, turning = one(1.5, 0.3, 1.3)  # of 5 m
+    assert slower * turning == pytest.approx(0.1 * 0.1 / BODY.radius_min), "as sideways as the narrowest curve at 0.1"
+    assert told == ["slowed in curves: the IMU is silent, so nobody knows how steep the ground is"]
+    roll[0] = 0.0
+    assert one(1.5, 2.0, 1.4) == (1.5, 2.0)
+    roll[0] = None
+    one(1.5, 2.0, 1.5)
+    assert len(told) == 2
+
+
+def test_a_car_without_its_imu_that_still_turns_is_slowed_though_it_is_told_to_go_straight() -> None:
+    blind = Guard(GIVEN, BODY.track_width, BODY.radius_min, lambda _: (None, 3.0))
+    assert blind(1.5, 0.0, 1.0)[0] == pytest.approx(max(0.1, 1.5 * (0.01 / BODY.radius_min / 3.0) ** 0.5))
 
 
 def test_the_ground_has_the_height_that_was_asked_for_and_flat_is_flat() -> None:
@@ -116,4 +134,4 @@ def test_the_imu_tells_the_roll_by_its_attitude_or_by_gravity() -> None:
     assert roll_of(turned) == pytest.approx(0.2, abs=1e-5)
     measured = watching(lambda: Reading(1.0, turned), State())
     assert measured(1.1) == pytest.approx((0.2, 0.0), abs=1e-5)
-    assert measured(2.0) is None
+    assert measured(2.0) == (None, 0.0)

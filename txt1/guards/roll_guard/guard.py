@@ -6,6 +6,9 @@ points outside of them (T. D. Gillespie, *Fundamentals of Vehicle Dynamics*, SAE
     tan(abs(lean)) = W / (2 h),   lean = roll + atan(v omega / g)
 
 Roll is positive with the left side up, and a left turn leans the car likewise, to the right.
+
+While the IMU is silent, the ground may be as steep as it likes. Then curves are taken with the lateral acceleration of
+a car that crawls through its narrowest one, the least that is left on any ground.
 """
 
 from collections.abc import Callable
@@ -41,7 +44,8 @@ class Guard:
         parameters: of the guard.
         track_width: m.
         radius_min: m.
-        measured: returns roll (rad) and lateral acceleration (m/s^2) now; None while nobody measures them.
+        measured: returns roll (rad) and lateral acceleration (m/s^2) now; the roll is None while nobody measures it.
+        tell: called with a line for the event log, and the time in s.
 
     """
 
@@ -50,29 +54,36 @@ class Guard:
         parameters: RollGuard,
         track_width: float,
         radius_min: float,
-        measured: Callable[[float], tuple[float, float] | None],
+        measured: Callable[[float], tuple[float | None, float]],
+        tell: Callable[[float, str], None] = lambda now, text: None,
     ) -> None:
         self.parameters = parameters
         self._largest = atan(parameters.share * tan(tipping(track_width, parameters.gravity_height)))
         self._radius_min = radius_min
-        self._measured = measured
+        self._measured, self._tell = measured, tell
+        self._blind = CRAWL * yaw_rate_max(CRAWL, radius_min)
+        self._told = False
         self._roll = 0.0  # the largest of late, rad
         self._time = 0.0
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
         """The set-point that the ground allows."""
-        measured = self._measured(now)
+        roll, sideways = self._measured(now)
         fading = exp(-(now - self._time) / self.parameters.memory)
         self._time = now
         self._roll *= fading
-        if measured is None:
-            return v, omega
-        roll, sideways = measured
-        self._roll = max(self._roll, abs(roll))
-        allowed = sideways_max(self._largest, self._roll)
+        if roll is None:
+            allowed = self._blind
+        else:
+            self._roll = max(self._roll, abs(roll))
+            allowed = sideways_max(self._largest, self._roll)
+            self._told = False
         # what it does now counts, too: the wheels take a while to turn
         wanted = max(abs(v * omega), min(abs(sideways), abs(v) * yaw_rate_max(v, self._radius_min)))
         if wanted <= allowed:
             return v, omega
+        if roll is None and not self._told:
+            self._told = True
+            self._tell(now, "slowed in curves: the IMU is silent, so nobody knows how steep the ground is")
         share = min(max(sqrt(allowed / wanted), CRAWL / abs(v)), 1.0)
         return v * share, omega * share

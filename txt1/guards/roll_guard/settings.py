@@ -9,7 +9,10 @@ from txt1.units import Positive
 
 
 class RollGuard(Section):
-    """The roll-over guard: a curve is taken no faster than the measured roll of the ground allows."""
+    """The roll-over guard: a curve is taken no faster than the measured roll of the ground allows.
+
+    While the IMU is silent, curves are taken at a crawl.
+    """
 
     enabled: bool = False
     """Whether it limits speed and yaw rate; it needs an IMU."""

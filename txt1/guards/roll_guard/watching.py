@@ -27,18 +27,22 @@ def roll_of(reading: ImuReading) -> float:
 
 def watching(
     last: Callable[[], Reading[ImuReading] | None], state: State
-) -> Callable[[float], tuple[float, float] | None]:
-    """The function that returns roll (rad) and lateral acceleration (m/s^2) at a time; None without a fresh reading."""
+) -> Callable[[float], tuple[float | None, float]]:
+    """The function that returns roll (rad) and lateral acceleration (m/s^2) at a time.
+
+    Without a fresh reading the roll is None.
+    """
     roll = 0.0
 
-    def measured(now: float) -> tuple[float, float] | None:
+    def measured(now: float) -> tuple[float | None, float]:
         nonlocal roll
         reading = last()
+        sideways = state.odometry.v * state.odometry.omega
         if reading is None or now - reading.time > FRESH:
-            return None
+            return None, sideways
         told = roll_of(reading.value)
         roll = told if reading.value.orientation is not None else roll + SMOOTH * (told - roll)
-        return roll, state.odometry.v * state.odometry.omega
+        return roll, sideways
 
     return measured
 
@@ -51,4 +55,5 @@ async def prepare(runtime: Runtime, given: RollGuard) -> None:
     if polled is None or not issubclass(polled.sensor.topic.type, ImuReading):
         raise ConfigError(f"roll_guard.sensor: there is no IMU '{given.sensor}'; configure sensors.{given.sensor}")
     measured = watching(lambda: polled.last, runtime.state)
-    runtime.guard("roll_guard", Guard(given, body.track_width, body.radius_min, measured))
+    tell = runtime.state.tell
+    runtime.guard("roll_guard", Guard(given, body.track_width, body.radius_min, measured, tell))
