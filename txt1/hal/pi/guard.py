@@ -261,7 +261,7 @@ def claim(setup: GuardSetup, patience: int = 0) -> int:
     if setup.output != "pca9685":
         return -1
     if isinstance(setup.bus, str):
-        held = os.open(setup.bus, os.O_RDWR | os.O_CLOEXEC | os.O_CREAT)
+        held = os.open(setup.bus, os.O_RDWR | os.O_CLOEXEC | os.O_CREAT, 0o666)
     else:
         held = os.open(f"/dev/i2c-{setup.bus}", os.O_RDWR | os.O_CLOEXEC)
     wanted = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, setup.address, 1, 0)
