@@ -1,6 +1,7 @@
 """The two counters of the repository's structure: sizes in statements, and arrows between folders."""
 
 import ast
+import re
 
 import pytest
 
@@ -94,3 +95,9 @@ def test_no_class_name_stands_for_two_things() -> None:
             if isinstance(node, ast.ClassDef):
                 where.setdefault(node.name, []).append(str(file.relative_to(size.ROOT)))
     assert {name: files for name, files in where.items() if len(files) > 1} == {}
+
+
+def test_what_is_compiled_is_there() -> None:
+    (named,) = re.findall(r"(?s)^MODULES = (\{.*?^\})", (size.ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
+    modules = [f"txt1/{package}/{name}.py" for package, names in ast.literal_eval(named).items() for name in names]
+    assert [each for each in modules if not (size.ROOT / each).is_file()] == []
