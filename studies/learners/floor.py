@@ -16,11 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.learners.lockstep import gains_table
+from studies.learners.lockstep import Loops, Wheels, loops_of, wheels_of
 from txt1.config import Config
-from txt1.control.car import CarParameters, car_of
-from txt1.control.pid import Gains
-from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, UNKNOWN, control, encode
+from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode
 from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Task, task_of
@@ -35,14 +33,14 @@ Pieces = tuple[int, int, int, int, int]  # action a for m decisions, b for n, th
 @partial(compiled, nogil=True)
 def _drive(
     robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
-    p: Dynamics, motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Gains,
-    car: CarParameters,
-    known: bool,
+    p: Dynamics, loops: Loops, wheels: Wheels,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).
 
     Infinite: it never has. `late`: in ticks.
     """
+    motor_max, schedule, linear, car, known = loops
+    count_length, track_width = wheels
     count = robots.shape[1]
     rolled, target, remaining = robots[:2].copy(), robots[0].copy(), robots[0].copy()
     still, given, arrived = np.zeros(count), np.zeros((count, 2)), np.full(count, np.inf)
@@ -113,12 +111,10 @@ def _best(
     robots = np.zeros((ROWS, len(plans)))
     robots[PHASE : PHASE + 2] = 0.5
     light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
-    body, parameters = config.geometry, dynamics(config.sim.vehicle, config.geometry)
-    car, actions = car_of(config.car, body), config.section(LearningConfig).actions
     arrived, ways = _drive(
-        robots, np.array(plans), np.array(actions), round(task.delay * 1000.0 / TICK_MS), horizon,
-        light, task.goal_radius, parameters, float(config.safety.motor_max), body.count_length, body.track_width,
-        gains_table(config.control.schedule()), config.control.linear.gains(), car or UNKNOWN, car is not None,
+        robots, np.array(plans), np.array(config.section(LearningConfig).actions),
+        round(task.delay * 1000.0 / TICK_MS), horizon, light, task.goal_radius,
+        dynamics(config.sim.vehicle, config.geometry), loops_of(config), wheels_of(config),
     )  # fmt: skip
     k = int(arrived.argmin())
     return plans[k], float(arrived[k]), float(ways[k])

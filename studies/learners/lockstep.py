@@ -11,7 +11,7 @@ numba makes it quick (extra `fast`). Without numba it is the same, slowly.
 from collections.abc import Callable, Sequence
 from functools import partial
 from math import cos, nan, pi, sin
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.control.car import CarParameters, car_of
-from txt1.control.schedule import Schedule
+from txt1.control.pid import Gains
 from txt1.learning.agent import Agent
 from txt1.learning.batch import COUNT, OUTPUT, PHASE, ROWS, SENSED, TICK_MS, UNKNOWN, control, encode
 from txt1.learning.best_time import DECISION_MS
@@ -40,17 +40,63 @@ CODES: Final = {SensorFault.NONE: 0.0, SensorFault.FROZEN: FROZEN, SensorFault.D
 _lux_at = compiled(lux_at)
 
 
+class Loops(NamedTuple):
+    """What closes the velocity loops of all cars alike: `control` takes it apart."""
+
+    motor_max: float  # counts
+    gains: Array  # of the yaw rate: rows v_max, kp, ki, kd
+    linear: Gains
+    car: CarParameters
+    known: bool  # whether the loops know the car, else they are the thesis's
+
+
+class Wheels(NamedTuple):
+    """What `encode` takes."""
+
+    count_length: float  # m of the encoders' counts
+    track_width: float  # m
+
+
+class Cars(NamedTuple):
+    """The state of some cars, a column each."""
+
+    robots: Array  # rows of txt1.learning.batch
+    odometry: Array  # x, y (m) and theta (rad)
+    frozen: Array  # the latest reading of each sensor, lux
+
+
+class Fixed(NamedTuple):
+    """What is the same for all cars of a world, and at all times."""
+
+    dynamics: Dynamics
+    loops: Loops
+    wheels: Wheels
+    light: PointLight
+    mount: Mount
+    gains: Array  # of each sensor
+    faults: Array  # of each sensor, as CODES
+
+
+class Samples(NamedTuple):
+    """The samples of the light, of all cars at the same times."""
+
+    noise: Array  # a share of each reading, given, shape (samples, n, 4)
+    lux: Array  # written, shape (samples, n, 4)
+    seen_from: Array  # the odometry with each, written, shape (samples, n, 5)
+
+
 @partial(compiled, nogil=True)
-def _advance(
-    robots: Array, odometry: Array, frozen: Array, commands: Array, first: int, drag: Array, noise: Array,
-    lux: Array, seen_from: Array, p: Dynamics, light: PointLight, mount: Mount, gains: Array, faults: Array,
-    motor_max: float, count_length: float, track_width: float, schedule: Array, linear: Any,
-    car: CarParameters, known: bool,
-) -> int:  # fmt: skip
+def _advance(cars: Cars, commands: Array, first: int, drag: Array, samples: Samples, world: Fixed) -> int:
     """Move all by len(drag) ticks after tick `first`; the samples of the light are written, and counted.
 
-    `lux` takes them, shape (samples, n, 4), and `seen_from` the odometry with each, shape (samples, n, 5).
+    A tick is a piece of the way, the samples of the light that fall due on it, the controller, the encoders and the
+    odometry, in the order in which the running robot has them.
     """
+    robots, odometry, frozen = cars.robots, cars.odometry, cars.frozen
+    noise, lux, seen_from = samples.noise, samples.lux, samples.seen_from
+    light, mount, gains, faults = world.light, world.mount, world.gains, world.faults
+    motor_max, schedule, linear, car, known = world.loops
+    count_length, track_width = world.wheels
     n = robots.shape[1]
     rolled, target, remaining = robots[:2].copy(), robots[0].copy(), robots[0].copy()
     sample = 0
@@ -59,7 +105,7 @@ def _advance(
         dt = tick * TICK_MS / 1000.0 - (tick - 1) * TICK_MS / 1000.0
         rolled[0], rolled[1] = robots[RIGHT], robots[LEFT]
         before = robots[:3].copy()
-        move(robots, robots[OUTPUT], robots[OUTPUT + 1], drag[k], dt, p, target, remaining)
+        move(robots, robots[OUTPUT], robots[OUTPUT + 1], drag[k], dt, world.dynamics, target, remaining)
         until = tick * TICK_MS
         due = ((until - TICK_MS) // LIGHT_MS + 1) * LIGHT_MS
         while due <= until:
@@ -110,15 +156,11 @@ class Lockstep:
         exponent = float(light.exponent)
         self._noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
         self._drag = sim.noise.drag
-        self._dynamics = dynamics(sim.vehicle, config.geometry)
-        self._light = PointLight(*sim.room.light, light.intensity, exponent)
-        self._mount, self._gains = light.mount, np.array(light.gains)
-        self._faults = np.array([CODES[fault] for fault in light.faults])
-        self._motor_max = float(config.safety.motor_max)
-        self._body = config.geometry
-        self._linear = config.control.linear.gains()
-        self._car = car_of(config.car, config.geometry)
-        self._schedule = gains_table(config.control.schedule())
+        self._world = Fixed(
+            dynamics(sim.vehicle, config.geometry), loops_of(config), wheels_of(config),
+            PointLight(*sim.room.light, light.intensity, exponent), light.mount, np.array(light.gains),
+            np.array([CODES[fault] for fault in light.faults]),
+        )  # fmt: skip
 
     def place(self, which: NDArray[np.intp], poses: Array) -> None:
         """Put some down at poses (m, rad), at rest, as new; shape (len(which), 3)."""
@@ -132,26 +174,28 @@ class Lockstep:
 
         Shapes (samples, len(which), 4), lux, and (samples, len(which), 5), m, rad, m/s and rad/s.
         """
-        robots, odometry = self.robots[:, which], self.odometry[:, which]
-        frozen = self.frozen[:, which]
+        cars = Cars(self.robots[:, which], self.odometry[:, which], self.frozen[:, which])
         begin, end = self.tick * TICK_MS // LIGHT_MS, (self.tick + ticks) * TICK_MS // LIGHT_MS
         shape = (end - begin, len(which))
         drag = self._drag * self._rng.standard_normal((ticks, len(which)))
         noise = self._noise * self._rng.standard_normal((*shape, 4))
-        lux, seen_from = np.empty((*shape, 4)), np.empty((*shape, 5))
-        _advance(
-            robots, odometry, frozen, commands, self.tick, drag, noise, lux, seen_from, self._dynamics, self._light,
-            self._mount, self._gains, self._faults, self._motor_max, self._body.count_length, self._body.track_width,
-            self._schedule, self._linear, self._car or UNKNOWN, self._car is not None,
-        )  # fmt: skip
-        self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = robots, odometry, frozen
+        samples = Samples(noise, np.empty((*shape, 4)), np.empty((*shape, 5)))
+        _advance(cars, commands, self.tick, drag, samples, self._world)
+        self.robots[:, which], self.odometry[:, which], self.frozen[:, which] = cars
         self.tick += ticks
-        return lux, seen_from
+        return samples.lux, samples.seen_from
 
 
-def gains_table(schedule: Schedule) -> Array:
-    """A gain schedule as rows v_max, kp, ki, kd."""
-    return np.array([[s.v_max, *s.gains] for s in schedule.sets])
+def loops_of(config: Config) -> Loops:
+    """The velocity loops of a world."""
+    car, control = car_of(config.car, config.geometry), config.control
+    gains = np.array([[s.v_max, *s.gains] for s in control.schedule().sets])
+    return Loops(float(config.safety.motor_max), gains, control.linear.gains(), car or UNKNOWN, car is not None)
+
+
+def wheels_of(config: Config) -> Wheels:
+    """The encoders of a world."""
+    return Wheels(config.geometry.count_length, config.geometry.track_width)
 
 
 def world_at(config: Config, episode: int, episodes: int) -> Config:
