@@ -26,7 +26,7 @@ from txt1.fleet.command import line
 from txt1.fleet.fleet import Fleet
 from txt1.fleet.key import fleet_key
 from txt1.fleet.link import STOPS, STOPS_MAX, FleetLink
-from txt1.fleet.members import FLEET, Member
+from txt1.fleet.members import FLEET, NEW, Member
 from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.fleet.screen import screen as fleet_screen
@@ -260,6 +260,23 @@ async def test_who_joins_waits_until_the_others_have_told_but_not_for_a_fleet_th
         assert robot.now - began == pytest.approx(3.0 + TOLD, abs=0.1)
         await alone.joined()
         assert robot.now - began < 30.0
+
+
+async def test_a_robot_new_in_a_fleet_leaves_it_for_a_double_and_one_that_has_been_there_goes_on() -> None:
+    async with Robot.open() as robot:
+        link = FleetLink(robot)
+        link.requests["fleet"](members=[], heard={})
+        await asyncio.sleep(NEW + 1.0)
+        link.requests["refused"](reason="there is a robot 'txt01'")
+        assert not link.refused.done()
+        told = "the fleet does not let this robot in again, which is tried on: there is a robot 'txt01'"
+        assert told in [event.text for event in robot.runtime.state.events]
+        new = FleetLink(robot)
+        new.requests["fleet"](members=[], heard={})
+        await asyncio.sleep(NEW - 1.0)
+        new.requests["refused"](reason="there is a robot 'txt01'")
+        with pytest.raises(ConfigError, match="there is a robot 'txt01'"):
+            await new.refused
 
 
 async def test_a_stop_of_all_is_obeyed_once_and_one_without_identity_each_time() -> None:

@@ -241,9 +241,7 @@ class Peer:
         if clock is None:
             self._unmeasured.set()
             return
-        there_and_back, offset = clock
-        theirs = given + offset - 0.5 * there_and_back
-        self._put(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs))})
+        self._put(f"drive/{name}", {"v": v, "omega": omega, "given": max(0, nanoseconds(theirs(given, *clock)))})
 
     def stop_all(self, expected: Iterable[str] = ()) -> threading.Thread:
         """Stop every robot of the fleet: said again and again until all have, by the thread returned.
@@ -419,12 +417,12 @@ class Peer:
         self._put(f"pong/{message['from']}", {"began": time_of(message, "sent")})
 
     def _take_pong(self, message: dict[str, Any]) -> None:
-        began, theirs = time_of(message, "began") / NS_PER_S, time_of(message, "sent") / NS_PER_S
+        began, sent = time_of(message, "began") / NS_PER_S, time_of(message, "sent") / NS_PER_S
         now = self.now
         if not 0.0 <= now - began <= PING_MAX:
             raise ValueError("began: that ping was never sent")
         with self._lock:
-            self._other(message["from"]).pings.append((now - began, theirs - 0.5 * (began + now)))
+            self._other(message["from"]).pings.append((now - began, sent - 0.5 * (began + now)))
 
     def _take_alive(self, sample: Any) -> None:
         name, own = self._where(sample).split("/")[-2:]
@@ -488,14 +486,19 @@ class Peer:
         return compare_digest(signature.encode(), self._key.signature(f"alive/{name}/{one}", b"").encode())
 
 
-def gives_way(ours: float, theirs: float, own: str, other: str) -> bool:
+def theirs(time: float, there_and_back: float, offset: float) -> float:
+    """A time of our clock by that of another, s, or earlier by what a ping may have measured it wrong, never later."""
+    return time + offset - 0.5 * there_and_back
+
+
+def gives_way(ours: float, others: float, own: str, other: str) -> bool:
     """Whether a robot leaves a fleet to another of its name; given for how long they have been there, s, and their IDs.
 
     Each may see the other's time as shorter than it is, by what a message takes. So the one that is later for certain
     gives way, and where that is not certain the one of the larger ID does: at worst both do. A robot that has been
     there for long stays.
     """
-    return ours < NEW and (theirs > ours + EARLIER or (theirs > ours - AS_EARLY and other < own))
+    return ours < NEW and (others > ours + EARLIER or (others > ours - AS_EARLY and other < own))
 
 
 def _taken(name: str) -> str:

@@ -12,6 +12,8 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.patience import LIMIT, wait_until
 from txt1.errors import CommandRefused, ConfigError
@@ -19,7 +21,7 @@ from txt1.fleet import network
 from txt1.fleet.key import SIGNATURE, fleet_key
 from txt1.fleet.members import NEW
 from txt1.fleet.messages import MESSAGE_SIZE, StopAnswer
-from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration, gives_way
+from txt1.fleet.network import OTHERS_MAX, PORTS, Hooks, Peer, configuration, gives_way, theirs
 from txt1.fleet.page import Network
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
@@ -138,12 +140,14 @@ def test_every_stop_is_obeyed_whoever_says_it_and_whatever_was_said_before(team:
             )
         ):
             stranger.put("stop/console1", message)
-            assert team.until(lambda number=number: len(team.stopped) == number + 1), message
+            assert team.until(lambda number=number: len(team.stopped) == 2 * number + 1), message
+            stranger.put("stop/console1", message, signed=False)
+            assert team.until(lambda number=number: len(team.stopped) == 2 * number + 2), "one that is not signed"
         for number in range(2):
             console = team.join("console1", console=True)
             console.stop_all().join(20.0)
             assert standing(console) == Standing(("net01",))
-            assert len(team.stopped) == 7 + number
+            assert len(team.stopped) == 13 + number
             console.close()
     finally:
         stranger.close()
@@ -257,12 +261,39 @@ def test_a_velocity_is_as_old_as_its_key_by_the_robot_s_clock_and_none_goes_befo
             return bool(team.given)
 
         assert team.until(driven)
-        assert all(2.0 <= robot.now - given < 500.0 for given in team.given), "never taken for younger than it is"
-        given = int((robot.now + 60.0) * NS_PER_S)
-        stranger.put("drive/net01", {"from": "console1", "v": 1.0, "omega": 0.0, "given": given})
+        assert all(2.0 <= robot.now - time < 500.0 for time in team.given), "never taken for younger than it is"
+        later = int((robot.now + 60.0) * NS_PER_S)
+        stranger.put("drive/net01", {"from": "console1", "v": 1.0, "omega": 0.0, "given": later})
         assert team.until(lambda: "future" in robot.refused().get("console1", ""))
         stranger.replay("drive/net01", sent[0])
         assert team.until(lambda: team.given.count(team.given[0]) == 2), "one that is said again is as old as it was"
+    finally:
+        stranger.close()
+
+
+@given(st.floats(-1e6, 1e6), st.floats(0.0, 5.0), st.floats(0.0, 5.0))
+def test_a_time_by_another_s_clock_is_never_taken_for_later_than_it_is(
+    offset: float, there: float, back: float
+) -> None:
+    """Whatever the ways there and back of the ping took by which the offset was measured."""
+    measured = (there + offset) - 0.5 * (there + back)
+    assert 100.0 + offset - there - back - 1e-6 <= theirs(100.0, there + back, measured) <= 100.0 + offset + 1e-6
+
+
+def test_a_stop_is_not_said_for_long_to_a_robot_that_nobody_can_see_stand(
+    team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "SETTLED", 0.2)
+    monkeypatch.setattr(network, "STOP_FOR", 1e6)
+    console, stranger, heard = team.join("console1", console=True), Stranger(team.fleet), []
+    try:
+        stranger.listen("stop/console1", heard.append)
+        saying = console.stop_all(["net01"])
+        assert team.until(lambda: heard)
+        blind = {"from": "net01", "stop": json.loads(heard[0][SIGNATURE:])["stop"], "closed": True, "why": "not seen"}
+        stranger.put("stopped/console1", blind)
+        saying.join(LIMIT)
+        assert not saying.is_alive() and standing(console) == Standing(stopped=(("net01", "not seen"),))
     finally:
         stranger.close()
 
@@ -301,9 +332,9 @@ def test_fleets_of_other_names_or_other_users_do_not_hear_one_another(team: Team
     try:
         mine.stop_all().join(LIMIT)
         assert standing(mine) == Standing(("net01",)) and len(team.stopped) == 1
-        theirs = others[2]
-        theirs.stop_all()
-        assert team.until(lambda: standing(theirs) == Standing(silent=("net01",))), "their own does not answer"
+        third = others[2]
+        third.stop_all()
+        assert team.until(lambda: standing(third) == Standing(silent=("net01",))), "their own does not answer"
         mine.listen(0.5)
         assert len(team.stopped) == 1, "that is not our fleet's stop"
     finally:
@@ -354,6 +385,7 @@ def test_of_two_that_have_one_name_one_leaves_at_least_and_the_first_stays(apart
         assert any(leaves)
         if abs(apart) > 2.0:
             assert leaves == (apart > 0.0, apart < 0.0)
+    assert not gives_way(10.0, 9.7, "1", "2") and gives_way(10.0, 10.6, "1", "2")
     assert not gives_way(NEW, 1e5, "2", "1"), "nobody's word turns out who has been there for long"
 
 
