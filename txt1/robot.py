@@ -52,6 +52,7 @@ from txt1.runtime import Runtime
 from txt1.sensors.base import Reading, Sensor
 from txt1.sensors.polling import Polled
 from txt1.sim.world import World
+from txt1.tasks.controller import reason_not_to_move
 from txt1.tasks.fields import Battery
 from txt1.telemetry.snapshot import Snapshot
 from txt1.telemetry.topics import Topic
@@ -383,11 +384,22 @@ class Robot:
     async def drive(self, v: float, omega: float, duration: float) -> None:
         """Drive at v m/s and omega rad/s for `duration` seconds, then command a stop.
 
-        Raises CommandRefused: a value is not finite; NotArmed: the gate is closed, or closes on the way; Overruled:
-        another source drives, or takes the wheel on the way.
+        Raises CommandRefused: a value is not finite, the ESC is known to be off, or no gains are loaded; NotArmed: the
+        gate is closed, or closes on the way; Overruled: another source drives, or takes the wheel on the way.
         """
+
+        began = self.now
+
+        def give() -> None:
+            self.program.insist(v, omega)
+            reason = reason_not_to_move(self.runtime.state, self.hal.capabilities)
+            # a switch or gains that were sent just before take until the next tick
+            if reason is not None and (v or omega) and self.now > began:
+                self.program.release()
+                raise CommandRefused(reason)
+
         self.program.begin()
-        await self._repeat(lambda: self.program.insist(v, omega), duration)
+        await self._repeat(give, duration)
         self.program.release()
 
     def combined_odometry(self, x: float, y: float, theta: float, v: float, omega: float) -> None:
@@ -498,11 +510,19 @@ class Robot:
         self.switch_power(Switch.ESC, self.runtime.state.power.esc is False)
 
     async def shutdown_host(self) -> None:
-        """Power the host down; raises CommandRefused unless `host.allow_shutdown` is on and the robot is disarmed."""
+        """Power the host down.
+
+        Raises CommandRefused unless `host.allow_shutdown` is on and the robot is disarmed and was seen to stand; one
+        without encoders only has to be disarmed.
+        """
         if not self.config.host.allow_shutdown:
             raise CommandRefused("host shutdown is off: set host.allow_shutdown=true to allow it")
         if self.armed:
             raise CommandRefused("the robot is armed: call Robot.disarm() before shutting the host down")
+        if not self.hal.capabilities.blind and not self.runtime.stands(self.now):
+            raise CommandRefused(
+                "the host watches the robot until it was seen to stand: ask again then, or shut it down by hand"
+            )
         process = await asyncio.create_subprocess_exec(*SHUTDOWN)
         if await process.wait() != 0:
             raise CommandRefused(f"'{' '.join(SHUTDOWN)}' failed with exit code {process.returncode}")

@@ -205,7 +205,13 @@ async def test_the_host_is_shut_down_only_when_allowed_and_disarmed_and_by_a_fix
         with pytest.raises(CommandRefused, match="armed"):
             await allowed.shutdown_host()
         assert called == []
+        await allowed.load_gains()
+        await allowed.drive(0.5, 0.0, 2.0)
         allowed.disarm()
+        with pytest.raises(CommandRefused, match="seen to stand"):
+            await allowed.shutdown_host()
+        assert called == []
+        await asyncio.sleep(2.0)
         with pytest.raises(CommandRefused, match="exit code 1"):
             await allowed.shutdown_host()
     assert called == [("shutdown", "-h", "now")] == [SHUTDOWN]

@@ -38,10 +38,16 @@ def true_speed(robot: Robot) -> float:
 
 async def test_at_power_up_nothing_moves_before_the_gains_are_loaded() -> None:
     async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
-        await robot.drive(1.0, 1.0, 2.0)
+        with pytest.raises(CommandRefused, match="load_gains"):
+            await robot.drive(1.0, 1.0, 2.0)
+        for _ in range(40):  # as a program that commands by itself
+            robot.command(1.0, 1.0)
+            await asyncio.sleep(0.05)
         assert robot.armed
         assert outputs(robot)[:3] == (0, 0, 0)
         assert true_speed(robot) == 0.0
+        told = [event.text for event in robot.runtime.state.events if "no gains are loaded" in event.text]
+        assert told == ["no gains are loaded, so nothing moves: call 'await robot.load_gains()' first"]
 
 
 async def test_when_commands_stop_the_set_point_is_zero_within_the_time_out_and_a_tick(
@@ -269,7 +275,16 @@ async def test_with_the_esc_off_nothing_moves_and_nothing_lurches_when_it_return
 ) -> None:
     await robot.drive(0.5, 0.0, 2.0)
     robot.switch_power(Switch.ESC, False)
-    await robot.drive(0.5, 0.0, 4.0)
+    with pytest.raises(CommandRefused, match="the ESC is off"):
+        await robot.drive(0.5, 0.0, 4.0)
+    for attempt in (1, 2):
+        for _ in range(40):
+            robot.command(0.5, 0.0)
+            await asyncio.sleep(0.05)
+        told = [event.text for event in robot.runtime.state.events if "the ESC is off, so" in event.text]
+        assert len(told) == attempt, "once in an attempt"
+        robot.command(0.0, 0.0)
+        await asyncio.sleep(1.0)
     assert true_speed(robot) == 0.0
     assert outputs(robot).motor == 0
     robot.switch_power(Switch.ESC, True)

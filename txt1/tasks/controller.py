@@ -8,7 +8,7 @@ from txt1.control.car import InformedLoops
 from txt1.control.limits import Fault, Gate
 from txt1.control.open_loop import OpenLoop
 from txt1.control.pid import Gains, VelocityLoops, at_rest
-from txt1.hal.base import Hal
+from txt1.hal.base import Capabilities, Hal
 from txt1.kernel.ticks import Ticks
 from txt1.model.odometry import wheel_ticks
 from txt1.model.vehicle import Geometry
@@ -59,7 +59,19 @@ COMBINED: Final = Source.COMBINED
 RECKONED: Final = Source.RECKONED
 
 
+UNMOVED: Final = 0.5
+"""Seconds of commands that cannot move it, after which that is told."""
+
 Loops = VelocityLoops | InformedLoops | OpenLoop
+
+
+def reason_not_to_move(state: State, can: Capabilities) -> str | None:
+    """Why no command moves the robot although it is armed, with the remedy; None when one does."""
+    if state.power.esc is False:
+        return "the ESC is off, so nothing moves: switch it on first (e, or Robot.switch_power)"
+    if not state.gains.loaded and (can.gains or (can.pwm and not can.blind)):
+        return "no gains are loaded, so nothing moves: call 'await robot.load_gains()' first"
+    return None
 
 
 async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry: Geometry, loops: Loops) -> None:
@@ -71,6 +83,7 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
     has_ticks = hal.capabilities.ticks
     blind = hal.capabilities.blind
     was_manual = False
+    asked_since, told = inf, False
     board = state.board
     read_at = 0.0
     dt = CONTROL_PERIOD
@@ -118,6 +131,16 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
                 motor, steering = loops.step(v, omega, v_now, omega_now, state.gains.linear, gains, dt)
             outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
         was_manual = manual
+        in_vain = passes and (state.power.esc is False or not state.gains.loaded)
+        if in_vain and isinstance(given, Command) and (given.v or given.omega):
+            asked_since = min(asked_since, now)
+            if not told and now - asked_since >= UNMOVED:
+                told, reason = True, reason_not_to_move(state, hal.capabilities)
+                if reason is not None:
+                    state.tell(now, reason)
+        else:
+            # said again at the next attempt
+            asked_since, told = inf, False
         hal.write(outputs, now)
         control = state.control
         if outputs is not control.outputs or source is not control.source or v != control.v or omega != control.omega:
