@@ -448,10 +448,15 @@ async def test_while_the_loops_are_cleared_it_is_stopped_but_not_armed() -> None
                 robot.arm()
         robot.stop()
         assert (robot.armed, robot.reason) == (False, "emergency stop")
+        began = board.vehicle.motion[0]
         assert await fastest_when_the_esc_comes_on(board) > 0.8, "it came back too soon"
-        assert "moves without a command" in told(robot), "and a PWM test of zeros followed"
+        assert board.vehicle.motion[0] - began < 0.55, "0.74 m with the ESC on"
+        assert not board.vehicle.esc_on
+        assert "the ESC came back before the board's loops were cleared: it is switched off" in told(robot)
         await asyncio.sleep(4.0)
         assert robot.reason == "emergency stop", "which stays until somebody arms"
+        robot.switch_power(Switch.ESC, True)
+        await asyncio.sleep(4.0)
         robot.arm()
         await robot.drive(0.4, 0.0, 2.0)
 

@@ -10,7 +10,7 @@ from math import copysign
 from typing import Final
 
 from txt1.control.limits import Fault, Gate
-from txt1.control.standstill import STANDS, UNOBEYED, Standstill, Stop
+from txt1.control.standstill import STANDS, STILL, UNOBEYED, Standstill, Stop
 from txt1.errors import HalError
 from txt1.hal.base import Capabilities, Hal, Outputs
 from txt1.kernel.ticks import Ticks
@@ -27,6 +27,7 @@ AGAIN: Final = 0.1  # s after which a PWM test of zeros is sent again, as lines 
 SLOWEST: Final = 0.1  # m/s that have to be commanded for a second ...
 UNMOVED: Final = 0.03  # ... and not so many measured: original boards read 0 below 0.045 m/s
 UNMOVED_TIME: Final = 1.0  # s of that
+FULL: Final = 3.4  # s after which the loops of a board have certainly forgotten what they wound up meanwhile
 END: Final = 3.0  # s that the end of a run waits at most
 CAUSES: Final = "ESC off, gains lost, board in manual mode, wheel blocked, or a wall"
 
@@ -53,6 +54,7 @@ class Watch:
         self._switch = switch
         self._clear_loops: Callable[[float], None] = getattr(hal, "clear_loops", lambda now: None)
         self._halt_due = 0.0
+        self._full_until = 0.0  # the board's loops may be wound up until then
         self._asked = 0.0  # the speed that has been commanded all the time ...
         self._unmoved_since = 0.0  # ... without a motion, since then, s of the run
         self._epoch = gate.epoch  # of these commands: it is another once the robot has been armed anew
@@ -75,6 +77,12 @@ class Watch:
             self._halt_due = now + AGAIN
             self.hal.halt(self.gate.neutral(state.servos), now)
         self._check_obedience(now, v, outputs)
+        if now < self._full_until and not armed and wheel is not None and wheel > STILL:
+            # somebody has switched the ESC on too soon, and loops that are full drive the car whatever they are told
+            self._full_until = 0.0
+            if self.hal.capabilities.power:
+                state.tell(now, "the ESC came back before the board's loops were cleared: it is switched off")
+                self._switch(Switch.ESC, False, now)
         return stop
 
     def _enter(self, stop: Stop, before: Stop, now: float, blind: bool) -> None:
@@ -110,6 +118,7 @@ class Watch:
             causes = f"battery empty, {CAUSES}" if low else CAUSES
             self.gate.disarm(f"commanded and not moving: {causes}", Fault.UNMOVED)
             self._clear_loops(now)  # which are full: an ESC that comes back would move it
+            self._full_until = now + FULL
 
     @property
     def settled(self) -> bool:
