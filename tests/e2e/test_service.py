@@ -20,9 +20,9 @@ from blockbuster import BlockBuster
 
 from tests.e2e.conftest import may_block
 from tests.patience import LIMIT, S
-from txt1.cli import execute
+from txt1.cli import execute, service
 from txt1.cli.notify import served, tell
-from txt1.cli.service import quoted
+from txt1.cli.service import quoted, run_options
 from txt1.robot import Robot
 
 Capture = pytest.CaptureFixture[str]
@@ -53,16 +53,50 @@ def test_a_unit_is_written_and_taken_away(unit: Path, capsys: Capture) -> None:
     assert execute(["service", "remove", "--user"]) == 2
 
 
-def test_systemd_finds_nothing_wrong_with_the_unit(unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert execute(["service", "install", "--user", "run", "--realtime", "--set", 'hal_options.x=a "b" $c 100%']) == 0
-    monkeypatch.undo()
+@pytest.mark.parametrize("user", ["", "daemon"])
+def test_systemd_finds_nothing_wrong_with_the_unit(user: str, tmp_path: Path) -> None:
     analyze = shutil.which("systemd-analyze")
     if analyze is None:
         pytest.skip("systemd-analyze is not installed")
+    written = tmp_path / "txt1.service"
+    words = run_options(["--realtime", "--set", 'hal_options.x=a "b" $c 100%'])
+    written.write_text(service.unit("txt1", words, user=user))
     done = subprocess.run(
-        [analyze, "verify", "--man=no", "--recursive-errors=no", str(unit)], capture_output=True, text=True
+        [analyze, "verify", "--man=no", "--recursive-errors=no", str(written)], capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_service_kills_no_guard_and_has_no_more_rights_than_it_needs() -> None:
+    mine, the_computers = (set(service.unit("txt1", [], user=user).splitlines()) for user in ("", "daemon"))
+    both = {"KillMode=process", "NoNewPrivileges=yes", "SystemCallFilter=@system-service", "UMask=0077"}
+    assert both <= mine and both <= the_computers
+    sandbox = {"User=daemon", "CapabilityBoundingSet=", "ProtectSystem=strict", "PrivateTmp=yes", "DevicePolicy=closed"}
+    assert sandbox <= the_computers and not sandbox & mine
+    assert f"ReadWritePaths={Path.cwd()}" in the_computers
+    assert "DeviceAllow=char-i2c rw" in the_computers
+    # numba writes and runs memory, --realtime wants priority, and the car's devices are the computer's
+    refused = {"MemoryDenyWriteExecute=yes", "RestrictRealtime=yes", "PrivateDevices=yes"}
+    assert not refused & the_computers
+
+
+@pytest.mark.parametrize(("words", "sudo", "user"), [(["--as", "daemon"], "", "daemon"), ([], "daemon", "daemon")])
+def test_a_service_of_the_computers_is_a_users(
+    words: list[str], sudo: str, user: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr(service, "unit_path", lambda name, system: tmp_path / name)
+    monkeypatch.setenv("SUDO_USER", sudo)
+    assert execute(["service", "install", "--system", *words]) == 0
+    assert f"User={user}" in (tmp_path / "txt1").read_text().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"), [(["--as", "root"], "does not run as root"), (["--as", "nobody-like-that"], "there is no user")]
+)
+def test_a_service_of_roots_is_refused(words: list[str], told: str, capsys: Capture) -> None:
+    assert execute(["service", "install", "--system", *words]) == 2
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

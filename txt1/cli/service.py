@@ -1,7 +1,9 @@
 """`txt1 service`: have systemd start a robot at boot, watch over it, and start it again, disarmed, when it fails."""
 
 import argparse
+import grp
 import os
+import pwd
 import shutil
 import subprocess
 import sys
@@ -34,10 +36,13 @@ ExecStart={command}
 Restart=on-failure
 RestartSec=2
 RestartPreventExitStatus=2
+# how it leaves when a signal ends it
+SuccessExitStatus=129 130 143
 WatchdogSec={watchdog:g}
 WatchdogSignal=SIGKILL
 TimeoutStopSec=15
-KillMode=mixed
+# only the robot's own process is killed: a guard of outputs sets neutral then, and the others end by themselves
+KillMode=process
 # for --realtime
 LimitRTPRIO={fifo}
 LimitMEMLOCK=infinity
@@ -45,10 +50,52 @@ LimitNICE={niceness}
 StandardOutput=journal
 StandardError=journal
 SyslogIdentifier={name}
-
+{sandbox}
 [Install]
 WantedBy={target}
 """
+
+
+SANDBOX: Final = """\
+# it gains no rights, and uses no network but IP
+NoNewPrivileges=yes
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
+RestrictSUIDSGID=yes
+LockPersonality=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallErrorNumber=EPERM
+UMask=0077
+"""
+"""For every unit. A process may write and run memory, as numba does, and may have priority, for --realtime."""
+
+SYSTEM_SANDBOX: Final = """\
+CapabilityBoundingSet=
+# all files are read-only but for the folder that it runs in, and those that systemd makes for it
+ProtectSystem=strict
+ProtectHome=read-only
+ReadWritePaths={directory}
+PrivateTmp=yes
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectControlGroups=yes
+ProtectClock=yes
+ProtectHostname=yes
+ProtectProc=invisible
+RestrictNamespaces=yes
+RemoveIPC=yes
+# of the devices it has serial ports, the I2C bus, GPIO pins, gamepads and cameras
+DevicePolicy=closed
+{devices}
+"""
+"""For units of the computer's: a user's service manager may do none of it."""
+
+DEVICES: Final = ("ttyUSB", "ttyACM", "ttyAMA", "ttyS", "rfcomm", "i2c", "gpiochip", "input", "video4linux", "pts")
+"""Kinds of devices, as /proc/devices has them."""
+
+GROUPS: Final = ("dialout", "i2c", "gpio", "input", "video")
+"""They own these devices, on Debian and Raspberry Pi OS, as far as a computer has them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,8 +105,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--system": flag("a service of the computer's; the default for root"),
         "--name": takes("NAME", "of the unit, txt1 by default", unit_name, default="txt1"),
     }
+    runs_as = {"--as": takes("NAME", "the user of a --system service; by default who used sudo", str, dest="as_user")}
     command = {"run": {"nargs": argparse.REMAINDER, "metavar": "run ...", "help": "what to run: run and its options"}}
-    commands.add_actions(parser, {"install": (install, where | command), "remove": (remove, where)})
+    commands.add_actions(parser, {"install": (install, where | runs_as | command), "remove": (remove, where)})
 
 
 def unit_name(text: str) -> str:
@@ -73,7 +121,8 @@ def install(arguments: argparse.Namespace) -> int:
     """Write the unit and have it started at boot."""
     system = _system(arguments)
     path = unit_path(arguments.name, system=system)
-    text = unit(arguments.name, run_options(arguments.run), system=system)
+    user = _user(arguments.as_user) if system else ""
+    text = unit(arguments.name, run_options(arguments.run), user=user)
     if path.exists() and not path.read_text(encoding="utf-8").startswith(HEADER):
         raise ConfigError(f"{path} is not of our making; choose another --name")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -130,19 +179,41 @@ def run_options(words: Sequence[str]) -> list[str]:
     return [*given, *(["--headless"] * (not told.headless and not told.json)), *(["--no-arm"] * (told.arm is None))]
 
 
-def unit(name: str, words: Sequence[str], *, system: bool) -> str:
-    """Return the text of the unit that runs ``txt1 run`` with these options in the present directory."""
-    user = os.environ.get("SUDO_USER") if system else None
+def _user(given: str | None) -> str:
+    """Return the name of the user that a service of the computer's runs as; raises ConfigError: it would be root."""
+    name = given or os.environ.get("SUDO_USER") or pwd.getpwuid(Path.cwd().stat().st_uid).pw_name
+    try:
+        number = pwd.getpwnam(name).pw_uid
+    except KeyError:
+        raise ConfigError(f"--as: there is no user '{name}'") from None
+    if number == 0:
+        raise ConfigError("--as: a robot does not run as root; name another user, such as --as robot")
+    return name
+
+
+def unit(name: str, words: Sequence[str], *, user: str) -> str:
+    """Return the text of the unit that runs ``txt1 run`` with these options in the present directory.
+
+    `user` is who it runs as; "": it is a unit of a user's own service manager.
+    """
+    directory = Path.cwd().as_posix().replace("%", "%%")
+    sandbox = SANDBOX
+    if user:
+        there = {group.gr_name for group in grp.getgrall()}
+        groups = " ".join(group for group in GROUPS if group in there)
+        devices = "\n".join(f"DeviceAllow=char-{kind} rw" for kind in DEVICES)
+        sandbox += SYSTEM_SANDBOX.format(directory=quoted(Path.cwd().as_posix()), devices=devices)
     return UNIT.format(
         header=HEADER,
         name=name,
-        directory=Path.cwd().as_posix().replace("%", "%%"),
+        directory=directory,
         command=" ".join(map(quoted, [sys.executable, "-m", "txt1", "run", *words])),
-        user=f"User={user}\nSupplementaryGroups=dialout\n" if user else "",
+        user=f"User={user}\nSupplementaryGroups={groups}\n" if user else "",
         watchdog=WATCHDOG,
         fifo=FIFO,
         niceness=OTHERS_NICENESS,
-        target="multi-user.target" if system else "default.target",
+        sandbox=sandbox,
+        target="multi-user.target" if user else "default.target",
     )
 
 
