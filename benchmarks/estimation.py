@@ -3,6 +3,7 @@
     python -m benchmarks.estimation laps --seeds 100 --figure docs/estimation/ten-laps.png
     python -m benchmarks.estimation circle --seeds 10
     python -m benchmarks.estimation step
+    python -m benchmarks.estimation drives --folder FOLDER
 
 A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
 another, each the very one that a robot runs.
@@ -21,7 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks import seeds
+from benchmarks import drives, seeds
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
 from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
@@ -243,9 +244,10 @@ def main(*, quick: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("laps", "circle", "step"))
+    parser.add_argument("what", choices=("laps", "circle", "step", "drives"))
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--folder", type=Path, help="of recorded drives, *.npz")
     seeds.arguments(parser, "out/laps.jsonl", 100)
     given = parser.parse_args()
     if given.what == "laps":
@@ -253,5 +255,9 @@ if __name__ == "__main__":
         show_laps(wanted, given.laps, given.kept, given.minutes, given.figure)
     elif given.what == "circle":
         show_circle(given.seeds)
+    elif given.what == "drives":
+        if given.folder is None or not given.folder.is_dir():
+            parser.error("drives needs --folder, which holds the recorded drives")
+        drives.show(given.folder)
     else:
         show_step()

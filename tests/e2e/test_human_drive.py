@@ -1,0 +1,42 @@
+"""Drives as a person makes them: within the car's limits, over all of its range, and the same for the same seed."""
+
+import numpy as np
+import pytest
+
+from tests.e2e.conftest import ENDLESS
+from txt1.config import load
+from txt1.experiments.human_drive import drive_as_a_person, manoeuvres
+from txt1.kernel.loop import run
+from txt1.robot import Robot
+
+VEHICLES = ("", "f1tenth", "rover", "donkeycar")
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_manoeuvres_use_the_cars_whole_range_and_never_leave_it(vehicle: str) -> None:
+    config = load(f"config/vehicles/{vehicle}.yaml" if vehicle else None).config
+    pieces = list(manoeuvres(np.random.default_rng(1), config, 600.0))
+    v, omega = np.array([(each.v, each.omega) for each in pieces]).T
+    assert np.abs(v).max() <= config.safety.v_max
+    assert np.abs(omega).max() <= config.safety.omega_max
+    assert v.max() > 0.9 * config.safety.v_max
+    assert v.min() < -0.8 * config.safety.v_max
+    assert any(each.v == 0.0 == each.omega and each.push for each in pieces)
+    assert max(each.slip for each in pieces) > 0.18
+    if config.geometry.steering == "skid":
+        assert any(each.v == 0.0 != each.omega for each in pieces)
+    else:
+        assert all(abs(each.omega) <= abs(each.v) / config.geometry.radius_min + 1e-9 for each in pieces)
+    assert sum(each.seconds for each in pieces) == pytest.approx(600.0, abs=2.0)
+
+
+def test_a_seed_repeats_a_drive_and_the_gate_lets_all_of_it_pass() -> None:
+    async def drive() -> tuple[float, ...]:
+        async with Robot.open("sim", seed=1, settings=ENDLESS) as robot:
+            await robot.load_gains()
+            await drive_as_a_person(robot, 7, 8.0)
+            assert robot.armed
+            assert robot.pose is not None
+            return robot.pose
+
+    assert run(drive(), speed="max") == run(drive(), speed="max")

@@ -1,0 +1,112 @@
+"""Drives as a person makes them, in simulation: hard starts, full lock, both gears, stops, pushes, slipping floors.
+
+A seed repeats a drive. Each manoeuvre takes 0.3 to 3 s: a speed and a curvature, asked for at once or as a slalom. A
+car that steers uses its whole range of curvature, one whose sides run at two speeds pivots as well. The gate lets all
+of it pass: speeds reach `safety.v_max`, yaw rates `safety.omega_max`.
+
+The floor's slip changes with each manoeuvre, and a standing car is pushed now and then: its wheels turn with it, as it
+rolls on with the speed that a hand gave it.
+"""
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import replace
+from math import pi, sin
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from txt1.config import Config
+from txt1.robot import Robot
+from txt1.sim.dynamics import dynamics
+from txt1.sim.vehicle import Vehicle
+
+CYCLE: Final = 0.05  # s between two commands
+SHORTEST: Final = 0.3  # s, of a manoeuvre
+LONGEST: Final = 3.0  # s
+SLALOM: Final = 0.8  # s, the period of a slalom
+STOPS: Final = 0.15  # share of the manoeuvres in which it stops
+LOCKED: Final = 0.35  # share of those in which it drives at full lock
+SLALOMS: Final = 0.1  # share of those in which it swerves
+PIVOTS: Final = 0.15  # share of those in which a skid car turns in place
+REVERSES: Final = 0.3  # share of those in which it drives backwards
+PUSHES: Final = 0.3  # share of the stops in which it is pushed
+PUSH_MAX: Final = 0.6  # m/s that a push gives
+SLIP_MAX: Final = 0.2  # share of the wheels' way
+
+
+class Manoeuvre(NamedTuple):
+    """A piece of a drive."""
+
+    seconds: float
+    v: float  # m/s
+    omega: float  # rad/s
+    slalom: bool  # whether the yaw rate swings between both signs
+    slip: float  # of the floor
+    push: float  # m/s that a hand gives the car in the middle; 0: none
+
+
+def manoeuvres(rng: Generator, config: Config, seconds: float, slip_max: float = SLIP_MAX) -> Iterator[Manoeuvre]:
+    """The pieces of a drive of so many seconds, within the car's limits."""
+    skids = config.geometry.steering == "skid"
+    v_max, omega_max, least = config.safety.v_max, config.safety.omega_max, config.safety.v_dead_band
+    sharpest = 1.0 / config.geometry.radius_min
+    left = seconds
+    while left > 0.0:
+        length = min(float(rng.uniform(SHORTEST, LONGEST)), left)
+        slip = float(rng.uniform(0.0, slip_max)) if rng.random() < 0.5 else 0.0
+        kind = float(rng.random())
+        if kind < STOPS:
+            push = float(rng.uniform(-PUSH_MAX, PUSH_MAX)) if rng.random() < PUSHES else 0.0
+            length = max(length, 1.5) if push else length
+            left -= length
+            yield Manoeuvre(length, 0.0, 0.0, slalom=False, slip=slip, push=push)
+            continue
+        left -= length
+        if skids and kind < STOPS + PIVOTS:
+            yield Manoeuvre(length, 0.0, float(rng.uniform(-omega_max, omega_max)), slalom=False, slip=slip, push=0.0)
+            continue
+        v = float(rng.uniform(least, v_max))
+        if rng.random() < REVERSES:
+            v = -v
+        share = 1.0 if rng.random() < LOCKED else float(rng.random())
+        omega = abs(v) * sharpest * share * (1.0 if rng.random() < 0.5 else -1.0)
+        omega = min(max(omega, -omega_max), omega_max)
+        yield Manoeuvre(length, v, omega, slalom=bool(rng.random() < SLALOMS), slip=slip, push=0.0)
+
+
+async def drive_as_a_person(robot: Robot, seed: int, seconds: float, slip_max: float = SLIP_MAX) -> None:
+    """Drive a simulated robot for so many seconds; raises NotArmed when its gate is closed meanwhile."""
+    rng = np.random.default_rng([seed, 35])
+    vehicle: Vehicle = robot.hal.vehicle  # type: ignore[attr-defined]
+    usual = vehicle.parameters.slip
+    robot.program.begin()
+    try:
+        for each in manoeuvres(rng, robot.config, seconds, slip_max):
+            slips(vehicle, usual + each.slip)
+            cycles = max(1, round(each.seconds / CYCLE))
+            for cycle in range(cycles):
+                swing = sin(2.0 * pi * cycle * CYCLE / SLALOM) if each.slalom else 1.0
+                robot.program.insist(each.v, each.omega * swing)
+                if each.push and cycle == cycles // 2:
+                    push(vehicle, robot.now, each.push)
+                await asyncio.sleep(CYCLE)
+    finally:
+        slips(vehicle, usual)
+
+
+def push(vehicle: Vehicle, now: float, speed: float) -> None:
+    """Push a vehicle by hand to this speed, m/s, from where it coasts."""
+    vehicle.advance_to(now)
+    state = vehicle.state._replace(v=speed)
+    if vehicle.skids:
+        # its state has the sides' speeds where a car has its steering angles
+        state = state._replace(phi_front=speed, phi_rear=speed)
+    vehicle.state = state
+
+
+def slips(vehicle: Vehicle, slip: float) -> None:
+    """Put a vehicle on a floor where its driven wheels slip by this share of their way."""
+    vehicle.parameters = replace(vehicle.parameters, slip=slip)
+    vehicle.dynamics = dynamics(vehicle.parameters, vehicle.body)
