@@ -4,6 +4,7 @@
     python -m benchmarks.estimation circle --seeds 10
     python -m benchmarks.estimation step
     python -m benchmarks.estimation drives --folder FOLDER
+    python -m benchmarks.estimation random --seeds 50 --vehicle rover
 
 A seed's laps are driven once, steered by the true pose, with all sensors; the filters of the set-ups listen beside one
 another, each the very one that a robot runs.
@@ -11,7 +12,7 @@ another, each the very one that a robot runs.
 
 import argparse
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import hypot, inf, pi
@@ -22,10 +23,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks import drives, seeds
+from benchmarks import drives, random_drives, seeds
 from txt1.estimation.filtering import wheels as wheels_of
 from txt1.estimation.settings import EstimationConfig
-from txt1.estimation.task import ENCODERS, PERIOD, PRIORITY, Estimator
+from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, PRIORITY, Estimator
 from txt1.experiments.figures import LOOKS
 from txt1.kernel.clock import NS_PER_S
 from txt1.kernel.loop import run
@@ -101,7 +102,7 @@ async def laps(seed: int, count: float) -> dict[str, Errors]:
                         found[name].add(now, estimate, true)
                 found[RAW].add(now, wheels.odometry, true)
 
-        robot.add_task("measure", PERIOD, measure, PRIORITY)
+        robot.add_task("measure", ESTIMATION_PERIOD, measure, PRIORITY)
         await follow(robot, RECTANGLE, laps=count, pose_source=true_pose(robot))
     return found
 
@@ -219,7 +220,7 @@ async def cost(delay: float) -> list[float]:
                 taken.append((spent + process_time_ns() - began) / NS_PER_S * 1e6)
                 spent = 0
 
-        robot.add_task("step", PERIOD, step, PRIORITY)
+        robot.add_task("step", ESTIMATION_PERIOD, step, PRIORITY)
         await robot.drive(0.5, 0.3, 30.0)
     return taken[100:]
 
@@ -235,6 +236,16 @@ def show_step() -> None:
         )
 
 
+def show_random(vehicle: str, numbers: Iterable[int], seconds: float) -> None:
+    """Print how far off the set-ups are on drives as a person makes them, and on two from rest."""
+    results = [random_drives.random(vehicle, number, seconds) for number in numbers]
+    print(f"{vehicle}, {len(results)} drives of {seconds:g} s, by the last three quarters of each:\n")
+    print(random_drives.table(results))
+    if vehicle == "txt1":
+        print("\n1 m/s and 1 rad/s from rest, 10 s:\n")
+        print(random_drives.table([random_drives.from_rest(1)]))
+
+
 def main(*, quick: bool) -> None:
     """Print the cost of a step, and a short drive's errors."""
     show_step()
@@ -244,9 +255,11 @@ def main(*, quick: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("laps", "circle", "step", "drives"))
+    parser.add_argument("what", choices=("laps", "circle", "step", "drives", "random"))
     parser.add_argument("--laps", type=float, default=10.0)
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--vehicle", default="txt1", help="of random drives; default: %(default)s")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each; default: %(default)s")
     parser.add_argument("--folder", type=Path, help="of recorded drives, *.npz")
     seeds.arguments(parser, "out/laps.jsonl", 100)
     given = parser.parse_args()
@@ -255,6 +268,8 @@ if __name__ == "__main__":
         show_laps(wanted, given.laps, given.kept, given.minutes, given.figure)
     elif given.what == "circle":
         show_circle(given.seeds)
+    elif given.what == "random":
+        show_random(given.vehicle, range(given.first, given.first + given.seeds), given.seconds)
     elif given.what == "drives":
         if given.folder is None or not given.folder.is_dir():
             parser.error("drives needs --folder, which holds the recorded drives")

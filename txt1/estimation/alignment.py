@@ -10,30 +10,43 @@ from txt1.estimation.ekf import Array, Seven, X, Y
 
 ALIGNED: Final = 0.1  # rad, the standard deviation at which a heading found from positions is good enough
 
+LEAST: Final = 5  # pairs that a frame is found from
+FAR: Final = 3.7  # sigma from where a fit has it, beyond which a position is left out: 99.9 % of two numbers
+
 
 def aligned(pairs: Collection[tuple[float, ...]]) -> tuple[float, float, float, Array] | None:
     """The turn (rad) and move (m) that bring positions p onto measured ones z, and their covariance; None: too vague.
 
     Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
     turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
-    is p, z, and sigma, m.
+    is p, z, and sigma, m. Pairs that are left more than `FAR` sigma away are left out, the farthest first (trimmed
+    least squares, P. J. Rousseeuw, JASA 79, 1984).
     """
-    if len(pairs) < 5:
-        return None
-    px, py, zx, zy, sigma = np.array(pairs).T
+    kept = np.array(list(pairs))
+    while len(kept) >= LEAST:
+        turn, x, y, spread, variance = _fitted(kept)
+        c, s = cos(turn), sin(turn)
+        px, py, zx, zy, sigma = kept.T
+        left = np.hypot(zx - x - c * px + s * py, zy - y - s * px - c * py) / sigma
+        worst = int(left.argmax())
+        if left[worst] > FAR:
+            kept = np.delete(kept, worst, axis=0)
+            continue
+        if spread * ALIGNED**2 < variance:
+            return None
+        return turn, x, y, np.diag((variance / len(kept), variance / len(kept), variance / spread))
+    return None
+
+
+def _fitted(pairs: Array) -> tuple[float, float, float, float, float]:
+    """The turn, the move, the spread of the positions and the variance of a measured one."""
+    px, py, zx, zy, sigma = pairs.T
     cx, cy, dx, dy = px.mean(), py.mean(), zx.mean(), zy.mean()
     px, py, zx, zy = px - cx, py - cy, zx - dx, zy - dy
-    spread, variance = float(px @ px + py @ py), float(np.mean(sigma**2))
-    if spread * ALIGNED**2 < variance:
-        return None
     turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
     c, s = cos(turn), sin(turn)
-    return (
-        turn,
-        float(dx - c * cx + s * cy),
-        float(dy - s * cx - c * cy),
-        np.diag((variance / len(pairs), variance / len(pairs), variance / spread)),
-    )
+    spread, variance = float(px @ px + py @ py), float(np.mean(sigma**2))
+    return turn, float(dx - c * cx + s * cy), float(dy - s * cx - c * cy), spread, variance
 
 
 def about(spread: Array, mean: Seven, turn: float, pairs: Collection[tuple[float, ...]]) -> Array:

@@ -82,12 +82,52 @@ class Drift:
     speed: float = 0.25  # m/s: the motors and the floor
     yaw_rate: float = 0.35  # rad/s: beyond the steering's own
     bias: float = 0.0002  # rad/s of the gyro
-    slip: float = 0.002  # of the wheels
+    slip: float = 0.01  # of the wheels: two per cent within 4 s, as floors vary
 
     def density(self) -> Seven:
         """The variances of a second."""
         position, bias, slip = self.position**2, self.bias**2, self.slip**2
         return position, position, self.heading**2, self.speed**2, self.yaw_rate**2, bias, slip
+
+
+def ramped(belief: Belief, place: int, variance: float, dt: float) -> Belief:
+    """The belief when a rate has changed evenly over the last dt seconds, by an amount of this variance.
+
+    The pose has then changed by half of this over dt: one random number moves them all, so what is added has rank one.
+
+    Args:
+        belief: as predicted with the rate as it was.
+        place: `ROLLED` or `OMEGA`.
+        variance: (m/s)^2 or (rad/s)^2.
+        dt: s.
+
+    """
+    mean = belief.mean
+    (
+        xx, xy, xt, xu, xo, xb, xs,
+        yy, yt, yu, yo, yb, ys,
+        tt, tu, to, tb, ts,
+        uu, uo, ub, us,
+        oo, ob, os,
+        bb, bs,
+        ss,
+    ) = belief.triangle  # fmt: skip
+    half = 0.5 * dt
+    if place == OMEGA:
+        tt, to, oo = tt + variance * half * half, to + variance * half, oo + variance
+    else:
+        c, s = half * cos(mean[THETA]), half * sin(mean[THETA])
+        xx, xy, yy = xx + variance * c * c, xy + variance * c * s, yy + variance * s * s
+        xu, yu, uu = xu + variance * c, yu + variance * s, uu + variance
+    return Belief(mean, (
+        xx, xy, xt, xu, xo, xb, xs,
+        yy, yt, yu, yo, yb, ys,
+        tt, tu, to, tb, ts,
+        uu, uo, ub, us,
+        oo, ob, os,
+        bb, bs,
+        ss,
+    ))  # fmt: skip
 
 
 def predict(belief: Belief, dt: float, density: Seven, bend: float = 0.0) -> Belief:

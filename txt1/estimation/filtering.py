@@ -7,7 +7,17 @@ from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError
 from txt1.estimation.readings import fusable
 from txt1.estimation.settings import EstimationConfig
-from txt1.estimation.task import ENCODERS, FILTERED, PERIOD, PRIORITY, TRUSTS, Estimator, Wheels, estimation, missing
+from txt1.estimation.task import (
+    ENCODERS,
+    ESTIMATION_PERIOD,
+    FILTERED,
+    PRIORITY,
+    TRUSTS,
+    Estimator,
+    Wheels,
+    estimation,
+    missing,
+)
 from txt1.model.estimate import Estimate
 from txt1.protocol.messages import CombinedOdometry
 from txt1.runtime import Runtime
@@ -44,7 +54,7 @@ async def prepare(runtime: Runtime, config: EstimationConfig) -> Estimator | Non
     runtime.bus.offer(FILTERED, runtime.estimate)
     runtime.bus.offer(TRUSTS, estimator.trusts)
     runtime.on_place.append(estimator.fusion.lifted)
-    runtime.add_own_task("estimation", PRIORITY, PERIOD, task)
+    runtime.add_own_task("estimation", PRIORITY, ESTIMATION_PERIOD, task)
     return estimator
 
 

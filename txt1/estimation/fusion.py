@@ -1,16 +1,21 @@
 """Fuses what sensors measured, each reading at its own time, and judges the sensors meanwhile.
 
-A reading may be up to `HORIZON` late: it is put in its place among the others, and everything since is taken in again.
-So the order in which readings arrive makes no difference. A sensor is believed no longer when its readings lie beyond
-the gate, are no numbers, stand still, stay away, or miss on one side all the time; and again when its readings have
-fitted for a while. On losing belief its readings of the last `HORIZON` are taken out.
+A reading may be up to `HORIZON` late: it is put in its place among the others, and everything since is computed again.
+So the order in which readings arrive makes no difference. Readings of a fast sensor that were taken in the same
+`SLOT` are averaged first, as their errors are independent (preintegration: T. Lupton, S. Sukkarieh, IEEE T-RO 28(1),
+2012), which halves the work.
+
+The rules by which a reading is taken in are in `txt1.estimation.judge` and `txt1.estimation.vote`. What the model of
+the car gets wrong is process noise that adapts to the innovations (A. H. Mohamed, K. P. Schwarz, J. Geodesy 73, 1999;
+strong tracking where a single one is too large): hard starts, servos that lag, and slip, of which the wheels' yaw rate
+beside the gyro's tells.
 """
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, exp, isfinite, sin
+from math import cos, exp, hypot, isfinite, sin, sqrt
 from operator import attrgetter, sub
 from typing import Final
 
@@ -35,34 +40,44 @@ from txt1.estimation.ekf import (
     encoders,
     outside,
     predict,
+    ramped,
     turned,
     update,
     velocities,
 )
-from txt1.estimation.judge import DRIFTS, MEMORY, ONE_SIDED, Belonging, Judge, Trust
+from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge, Trust
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.vote import Place, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
+BEGUN: Final = 1e-4  # m and rad, standard deviations of the pose that it counts from: next to nothing, yet positive
 SPEED: Final = 0.5  # m/s, standard deviation of the speed at the start: it may be driving already
 YAW_RATE: Final = 0.5  # rad/s, likewise
 BIASED: Final = 0.02  # rad/s, standard deviation of the gyro's bias at the start
 FIRST: Final = 0.04  # s before the first step from which on readings count
 HORIZON: Final = 0.5  # s that a reading may be late
+SLOT: Final = 0.02  # s within which readings of a sensor are averaged
 STEP_MAX: Final = 0.1  # s, the longest prediction in one piece
 SAME_INSTANT: Final = 1e-6  # s between readings of one instant, to which clocks and sums of times are rounded
-STEERING_YAW: Final = 0.05  # rad/s by which the yaw rate may differ from the steering's, ...
-STEERING_SHARE: Final = 0.1  # ... and the share of it: understeer, and a linkage that nobody has measured
-EXPLAINS: Final = 0.7  # share of the misses that must be gone without a sensor that is to blame for them
-EQUAL: Final = 9.0  # difference of two such sums of squares that is chance
-ONE_SIDED_SO_FAR: Final = 0.28  # the same from which on the pose is told with less confidence: twice its own
-FORGOTTEN: Final = 30.0  # s in which a contradiction that nobody has settled is forgotten; chosen
-WIDER: Final = 0.1  # standard deviation of the slip that a sensor's misses leave open where nobody is to blame
+TRACKS: Final = 2.0  # standard deviations of a rate's miss beyond which it is the motion that has changed
+TURNS: Final = 3.0  # the same of a turn by wheels and gyro, beyond which the slip has changed
+CURVE: Final = 0.1  # rad from which a turn tells of the slip
+SLID: Final = 0.1  # standard deviation of the slip after an absolute sensor contradicted the wheels
+MEMORY: Final = 5  # turns over which the walk of the slip is averaged
+FORGOTTEN: Final = 30.0  # s in which it is forgotten that a sensor overruled dead reckoning; chosen
+SLIP_MAX: Final = 0.6  # of the wheels' way; more is no slip any more, but wheels that tell nothing
 REST_SPEED: Final = 0.002  # m/s, standard deviation of the speed of a robot that stands
 REST_YAW: Final = 0.001  # rad/s, likewise
 PAIRS_MAX: Final = 600  # positions that are kept to find it
-XX: Final = 0  # place of x's variance in a covariance's triangle
-YY: Final = 7  # ... and of y's
+OUTVOTED: Final = "is contradicted by two others"
+WHEELS: Final = "the car moves otherwise than its wheels tell"
+JUMPED: Final = "has jumped"
+FRAMES: Final = "measures positions in another frame than"
+RECENT: Final = 1.0  # s in which another sensor has told the place
+
+Doubt = Callable[[Seven], tuple[float, float, float, float]]
+"""Variances (x, x and y, y, theta) at a mean, of what is wrong with a sensor's mount and clock."""
 
 
 @dataclass(slots=True)
@@ -75,7 +90,9 @@ class _Entry:
     key: tuple[float, str]
     new: bool = True
     used: bool = True
-    wider: Array | None = None  # what the covariance grows by there, as the reading is more than the belief knew of
+    fresh: bool = False  # nothing is known of the slip before it
+    count: int = 1  # readings that it is the mean of
+    wider: Array | None = None  # what the covariance grows by before it, as it is more than the model expects
 
 
 class Fusion:
@@ -83,7 +100,7 @@ class Fusion:
 
     Args:
         sensors: by name.
-        wheelbase: m.
+        wheelbase: m; 0 where the encoder wheels do not steer.
         drift: of the state by itself.
         slip_sigma: standard deviation of the wheels' slip before anything is known of it.
 
@@ -98,19 +115,32 @@ class Fusion:
     ) -> None:
         self.changes: list[str] = []
         """What is to be told: a sensor is believed no longer, or again; whoever tells it empties the list."""
-        self._wheelbase = wheelbase
-        self._density = drift.density()
+        self.vote = Vote()
+        self.doubt: Doubt | None = None
+        """Of the mounts and clocks of the sensors."""
+        self.absolute: Callable[[Measurement, float], None] | None = None
+        """Is called with each absolute reading that is taken in, and the heading there, rad."""
+        self.wheelbase = wheelbase
+        self._density: Seven = drift.density()
+        self._moving = self._density  # as it is by itself, and with slip as it changes here
+        self._slips = self._density[SLIP]
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
-        sigmas = np.array([0.0, 0.0, 0.0, SPEED, YAW_RATE, BIASED, slip_sigma])
-        self._base, self._base_time = belief_of(np.zeros(sigmas.size), np.diag(sigmas**2)), -1.0
+        self._slip_sigma = slip_sigma
+        sigmas = np.array([BEGUN, BEGUN, BEGUN, SPEED, YAW_RATE, BIASED, slip_sigma])
+        self._start = belief_of(np.zeros(sigmas.size), np.diag(sigmas**2))
+        self._base, self._base_time = self._start, -1.0
         self._entries: list[_Entry] = []
         self._arrived: list[Measurement] = []
         self._located = not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
-        self._alone = False  # one sensor only is believed
-        self._suspect: Judge | None = None  # whose readings miss on one side
-        self._dispute = [0.0, 0.0, 0.0]  # m, m, rad from the pose to where those that contradict have it
+        self._gyros: set[str] = set()
+        self._wheels_of: set[str] = set()
+        self._turning = False  # a gyro is believed
+        self._placed = False  # a sensor that tells the place is
+        self._rolling = False  # a sensor that tells the wheels' speed is
+        self._carried: tuple[float, float, float] | None = None  # m, m, rad by which a jump may be the robot's
+        self._dispute = [0.0, 0.0, 0.0]  # m, m, rad by which an absolute sensor has overruled dead reckoning
         self._way_doubt = (0.0, 0.0)  # m in x and y by which the pose may be off, as the speed may be
 
     def take(self, measurement: Measurement) -> None:
@@ -125,8 +155,11 @@ class Fusion:
         """Find the pose anew: the robot was carried elsewhere."""
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
-        self._dispute = [0.0, 0.0, 0.0]
+        self.vote.clear()
+        self._carried, self._dispute = None, [0.0, 0.0, 0.0]
         self._way_doubt = 0.0, 0.0
+        for judge in self._judges.values():
+            judge.own, judge.jumped_at, judge.missed = (), None, ()
 
     def believes(self, sensor: str) -> bool:
         """Whether a sensor is fused and believed."""
@@ -152,14 +185,29 @@ class Fusion:
         self._now = now
         if self._base_time < 0.0:  # nothing is known of how it moved before
             self._base_time = max(0.0, now - FIRST)
-        self._alone = [judge.believed for judge in self._judges.values()].count(True) < 2
         first = len(self._entries)
+        pending: dict[tuple[str, Kind, int], tuple[Measurement, int]] = {}
         for measurement in self._arrived:
-            first = min(first, self._insert(measurement))
+            if not self._admits(measurement):
+                continue
+            if measurement.kind is not Kind.GYRO and measurement.kind is not Kind.POSE:
+                first = min(first, self._insert(measurement, 1))
+                continue
+            key = measurement.sensor, measurement.kind, _slot(measurement.time)
+            so_far = pending.get(key)
+            if so_far is None:
+                pending[key] = measurement, 1
+            elif so_far[0].rows == measurement.rows and so_far[0].at == measurement.at:
+                pending[key] = _averaged(*so_far, measurement, 1), so_far[1] + 1
+            else:
+                first = min(first, self._insert(measurement, 1))
+        for measurement, count in pending.values():
+            first = min(first, self._insert(measurement, count))
         self._arrived.clear()
-        redo: int | None = first
-        while redo is not None:
-            redo = self._apply(redo)
+        self._placed = any(each.settings.tells_pose for each in self._believed())
+        self._turning = any(each.name in self._gyros for each in self._believed())
+        self._rolling = any(each.name in self._wheels_of for each in self._believed())
+        self._apply(first)
         self._forget(now - HORIZON)
         for judge in self._judges.values():
             if now - judge.since > judge.settings.timeout and judge.reason != "silent":
@@ -167,29 +215,97 @@ class Fusion:
         belief, time = (self._entries[-1].belief, self._entries[-1].time) if self._entries else self._began()
         return self._estimate(self._predicted(belief, now - time))
 
+    @property
+    def turning(self) -> bool:
+        """Whether a gyro is believed."""
+        return self._turning
+
+    def judge_by_vote(self) -> None:
+        """Leave out a gyro or wheels that are outvoted, unless they are the last to tell what they tell."""
+        gyro_off, wheels_off = self.vote.outvoted()
+        placed = self._located and self._placed
+        for names, off, reason in ((self._gyros, gyro_off, OUTVOTED), (self._wheels_of, wheels_off and placed, WHEELS)):
+            for name in names:
+                judge = self._judges[name]
+                if off and judge.believed:
+                    self._tell(judge.doubt(reason))
+                    first = self._take_out(name)
+                    if first is not None:
+                        self._apply(first)
+                elif not off and not judge.believed and judge.reason == reason and judge.fits(self._now):
+                    self._tell(judge.restore())
+                    mine = [each for each in self._entries if each.measurement.sensor == name]
+                    if mine:
+                        self._heard_again(mine[-1])
+
+    def _heard_again(self, entry: _Entry) -> None:
+        """Forget the slip at the first reading of wheels that are believed again."""
+        entry.used = True
+        entry.fresh = entry.measurement.kind is Kind.ENCODERS
+
+    def _believed(self) -> list[Judge]:
+        return [judge for judge in self._judges.values() if judge.believed]
+
     # -- readings in their places ----------------------------------------------------------------------------------
 
-    def _insert(self, measurement: Measurement) -> int:
-        """Put a measurement in its place; returns the place, or the end when it is not put anywhere."""
-        entries, time = self._entries, measurement.time
+    def _admits(self, measurement: Measurement) -> bool:
+        """Whether a reading is valid in itself, and not too old."""
+        entries, time, kind = self._entries, measurement.time, measurement.kind
         judge = self._judges.get(measurement.sensor)
-        if judge is not None:
-            judge.since = self._now
-            if judge.time is None or time > judge.time:
-                judge.time = time
-            if not isfinite(sum(measurement.values)):
-                judge.rejected += 1
-                self._tell(judge.doubt("no number"))
-                return len(entries)
-        if time < self._base_time or time < self._now - HORIZON or not time <= self._now + 1e-6:
-            if judge is not None:
-                judge.late += 1
-            return len(entries)
-        key = time, measurement.sensor  # of the same instant, too, there is one order
+        recent = self._base_time <= time <= self._now + SAME_INSTANT and time >= self._now - HORIZON
+        if judge is None:
+            return recent
+        judge.since = self._now
+        if kind is Kind.GYRO:
+            self._gyros.add(measurement.sensor)
+        elif kind is Kind.ENCODERS:
+            self._wheels_of.add(measurement.sensor)
+        if not isfinite(sum(measurement.values)) or not min(measurement.sigmas) > 0.0:
+            wrong = "no number"
+        elif not recent:
+            judge.late += 1
+            return False
+        else:
+            wrong = judge.invalid(measurement, (entries[-1].belief if entries else self._base).mean[ROLLED])
+        if judge.time is None or time > judge.time:
+            judge.time = time
+        if wrong:
+            judge.rejected += 1
+            self._tell(judge.doubt(wrong))
+        return not wrong
+
+    def _insert(self, measurement: Measurement, count: int) -> int:
+        """Put the mean of so many readings in its place, and return that."""
+        entries = self._entries
+        removed = len(entries)
+        if measurement.kind is Kind.GYRO or measurement.kind is Kind.POSE:
+            found = self._companion(measurement)
+            if found is not None:
+                removed = found
+                entry = entries.pop(found)
+                measurement = _averaged(entry.measurement, entry.count, measurement, count)
+                count += entry.count
+        time = measurement.time
+        key = (round(time / SAME_INSTANT), measurement.sensor)  # of the same instant, too, there is one order
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=attrgetter("key"))
-        entries.insert(place, _Entry(measurement, self._base, time, key))
-        return place
+        entries.insert(place, _Entry(measurement, self._base, time, key, count=count))
+        return min(place, removed)
+
+    def _companion(self, measurement: Measurement) -> int | None:
+        """The place of a reading of the same sensor in the same slot."""
+        slot = _slot(measurement.time)
+        entries = self._entries
+        for place in range(len(entries) - 1, -1, -1):
+            entry = entries[place]
+            if entry.time < slot * SLOT - SAME_INSTANT:
+                return None
+            other = entry.measurement
+            if other.sensor != measurement.sensor or other.kind is not measurement.kind or _slot(entry.time) != slot:
+                continue
+            if other.rows == measurement.rows and other.at == measurement.at:
+                return place
+        return None
 
     def _began(self) -> tuple[Belief, float]:
         return self._base, self._base_time
@@ -207,12 +323,13 @@ class Fusion:
     def _predicted(self, belief: Belief, dt: float, bend: float = 0.0) -> Belief:
         if bend == 0.0 and dt < SAME_INSTANT:
             return belief
+        density = self._moving
         while dt > STEP_MAX:
-            belief, dt = predict(belief, STEP_MAX, self._density), dt - STEP_MAX
-        return predict(belief, max(dt, 0.0), self._density, bend)
+            belief, dt = predict(belief, STEP_MAX, density), dt - STEP_MAX
+        return predict(belief, max(dt, 0.0), density, bend)
 
-    def _apply(self, first: int) -> int | None:
-        """Take in the entries from `first` on; returns where to begin again, if a sensor was found out meanwhile."""
+    def _apply(self, first: int) -> None:
+        """Take in the entries from `first` on."""
         entries = self._entries
         belief, time = (entries[first - 1].belief, entries[first - 1].time) if first else self._began()
         for place in range(first, len(entries)):
@@ -222,89 +339,28 @@ class Fusion:
             bend = measurement.values[0] if steering else 0.0
             belief, time = self._predicted(belief, entry.time - time, bend), entry.time
             if not steering:
-                new = entry.new
+                if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
+                    belief = self._slip_unknown(belief)
+                if entry.wider is not None:
+                    belief = belief_of(belief.mean, belief.covariance + entry.wider)
                 belief = self._measure(belief, entry)
-                if new:
-                    entry.belief = belief
-                    judge = self._judges.get(measurement.sensor)
-                    if self._suspect is not None:
-                        suspect, self._suspect = self._suspect, None
-                        suspect.misses = [0.5 * miss for miss in suspect.misses]
-                        culprit = self._culprit(place)
-                        if culprit is not None:
-                            self._tell(culprit.doubt(DRIFTS))
-                            return self._take_out(culprit.name)
-                        if suspect.settings.tells_pose:
-                            offset = [miss * sigma for miss, sigma in zip(suspect.misses, suspect.sigmas, strict=False)]
-                            entry.wider = wider(measurement.rows, offset, WIDER)
-                    if judge is not None and not judge.believed and entry.used:
-                        return self._take_out(judge.name)
-            if entry.wider is not None:
-                belief = belief_of(belief.mean, belief.covariance + entry.wider)
             entry.belief = belief
-        return None
 
-    def _culprit(self, last: int) -> Judge | None:
-        """The sensor without which the readings up to an entry fit best; None when they fit no better without anyone.
-
-        Where two contradict one another and nobody takes sides it is the first in the order in which they are given,
-        and the pose as the other would have it is remembered.
-        """
-        judged = [judge for judge in self._judges.values() if self._located or not judge.settings.tells_pose]
-        believed = [judge for judge in judged if judge.believed]
-        tried = [self._without(judge.name, last) for judge in believed]
-        least = min((misfit for misfit, _ in tried), default=0.0)
-        if least > EXPLAINS * self._without("", last)[0]:
-            return None
-        likely = [
-            (judge, pose) for judge, (misfit, pose) in zip(believed, tried, strict=True) if misfit <= least + EQUAL
-        ]
-        culprit, ours = likely[0]
-        culprit.contradicts = len(likely) > 1 or (culprit.settings.tells_pose and self._seldom(culprit))
-        if culprit.contradicts and culprit.settings.tells_pose:
-            self._disputed(culprit.offset())
-        for _, theirs in likely[1:]:
-            self._disputed(sub(*pair) for pair in zip(theirs, ours, strict=True))
-        return culprit
-
-    def _seldom(self, judge: Judge) -> bool:
-        """Whether a sensor's misses are older than the readings that are kept, so these cannot tell who is to blame."""
-        return sum(entry.measurement.sensor == judge.name for entry in self._entries) < MEMORY // 2
-
-    def _without(self, sensor: str, last: int) -> tuple[float, Sequence[float]]:
-        """How one-sidedly readings up to an entry miss without a sensor, and the pose without it.
-
-        The first is the squares of the means' z scores, summed.
-        """
-        belief, time = self._began()
-        sums: dict[str, Array] = {}
-        counts: dict[str, int] = {}
-        for entry in self._entries[: last + 1]:
-            measurement = entry.measurement
-            steering = measurement.kind is Kind.STEERING
-            bend = measurement.values[0] if steering else 0.0
-            belief, time = self._predicted(belief, entry.time - time, bend), entry.time
-            if steering:  # a witness too vague to be fused: the yaw rate that its angle would give
-                expected = belief.mean[ROLLED] * measurement.values[1]
-                miss = (expected - belief.mean[OMEGA]) / (STEERING_YAW + STEERING_SHARE * abs(expected))
-                sums[""] = sums.get("", np.zeros(1)) + miss
-                counts[""] = counts.get("", 0) + 1
-                continue
-            if measurement.sensor == sensor or not entry.used:
-                continue
-            residual, h = self._expect(belief.mean, measurement)
-            belief, _, misses = update(belief, residual, h, measurement.sigmas)
-            name = measurement.sensor
-            sums[name] = sums.get(name, 0.0) + np.array(misses)
-            counts[name] = counts.get(name, 0) + 1
-        misfit = sum(float(np.sum(total**2)) / counts[name] for name, total in sums.items())
-        return misfit, belief.mean[:3]
+    def _slip_unknown(self, belief: Belief) -> Belief:
+        """The belief when nothing is known of the slip; the car's speed stays as it is."""
+        v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
+        covariance[SLIP, :] = covariance[:, SLIP] = 0.0
+        covariance[SLIP, SLIP] = self._slip_sigma**2
+        covariance[ROLLED, ROLLED] += SPEED**2
+        x, y, theta, _, omega, bias, _ = belief.mean
+        return belief_of((x, y, theta, v, omega, bias, 0.0), covariance)
 
     def _take_out(self, sensor: str) -> int | None:
         """Leave a sensor's readings out; returns the place of the first."""
         first: int | None = None
         for place, entry in enumerate(self._entries):
-            if entry.measurement.sensor == sensor and entry.used:
+            compared = sensor in self._gyros and entry.measurement.kind is Kind.TURN
+            if (entry.measurement.sensor == sensor or compared) and entry.used:
                 entry.used, entry.new = False, False
                 first = place if first is None else first
         return first
@@ -312,51 +368,221 @@ class Fusion:
     # -- one reading -----------------------------------------------------------------------------------------------
 
     def _measure(self, belief: Belief, entry: _Entry) -> Belief:
-        measurement = entry.measurement
-        judge = self._judges.get(measurement.sensor)
-        if judge is not None and not entry.new and not entry.used:
+        measurement, new = entry.measurement, entry.new
+        if not new and not entry.used:
             return belief
-        if entry.new and judge is not None and judge.settings.tells_pose and not self._located:
+        if measurement.kind is Kind.TURN:
+            entry.new = False
+            return self._turned(belief, measurement, new=new) if self._turning else belief
+        judge = self._judges.get(measurement.sensor)
+        if judge is None:  # a robot at rest
+            residual, h = self._expect(belief.mean, measurement)
+            return update(belief, residual, h, measurement.sigmas)[0]
+        kind = measurement.kind
+        if new and judge.settings.tells_pose and not self._located:
             entry.new = entry.used = False  # in a frame that is still to be found: it says nothing on anybody's errors
             judge.used += 1
             return self._locate(belief, measurement)
         residual, h = self._expect(belief.mean, measurement)
+        if kind is Kind.POSE:
+            return self._place(belief, entry, judge, residual, h)
+        sigmas = measurement.sigmas[: len(residual)]
+        after, nis, misses = update(belief, residual, h, sigmas)
+        if kind is Kind.GYRO:
+            if misses[0] > TRACKS or misses[0] < -TRACKS:  # strong tracking: the robot turns otherwise than it did
+                after = update(ramped(belief, OMEGA, residual[0] ** 2, SLOT), residual, h, sigmas)[0]
+        elif kind is Kind.ENCODERS:
+            after = self._wheels(belief, after, measurement, residual, h, misses)
+        if new:
+            entry.new, entry.used = False, judge.believed
+            judge.surprised(nis, len(misses))
+            if judge.believed:
+                judge.used += 1
+            else:
+                judge.rejected += 1
+                if judge.reason not in (OUTVOTED, WHEELS) and judge.fits(measurement.time):
+                    self._tell(judge.restore())
+                    self._heard_again(entry)
+                    belief = self._slip_unknown(belief) if entry.fresh else belief
+                    residual, h = self._expect(belief.mean, measurement)
+                    after = update(belief, residual, h, sigmas)[0]
+        return after if entry.used else belief
+
+    def _wheels(
+        self,
+        belief: Belief,
+        after: Belief,
+        measurement: Measurement,
+        residual: Sequence[float],
+        h: Sequence[Row],
+        misses: Sequence[float],
+    ) -> Belief:
+        """The belief with the wheels' speed and yaw rate, where one of them misses by more than chance."""
+        wide = belief
+        for row, left, miss in zip(measurement.rows, residual, misses, strict=False):
+            if not -TRACKS <= miss <= TRACKS:
+                wide = ramped(wide, ROLLED if row == 0 else OMEGA, left * left, SLOT)
+        sigmas = measurement.sigmas[: len(residual)]
+        if not self._turning and not self._placed:
+            return _considered(wide, residual, h, sigmas)
+        return after if wide is belief else update(wide, residual, h, sigmas)[0]
+
+    def _turned(self, belief: Belief, measurement: Measurement, *, new: bool) -> Belief:
+        """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip.
+
+        Where it misses by more than chance while turning, the slip has changed: strong tracking, as of the rates.
+        """
+        told, by_gyro, dt = measurement.values
+        _, _, _, _, _, bias, slip = belief.mean
+        grip, turned_by = 1.0 - slip, by_gyro - bias * dt
+        residual = (told - turned_by / grip,)
+        h = ((0.0, 0.0, 0.0, 0.0, 0.0, -dt / grip, turned_by / (grip * grip)),)
+        sigma = measurement.sigmas[0]
+        after, _, (miss,) = update(belief, residual, h, (sigma,))
+        if new and abs(turned_by) > CURVE:
+            self._slip_changes((residual[0] / turned_by) ** 2 - (sigma / turned_by) ** 2, dt)
+        if -TURNS <= miss <= TURNS:
+            return after
+        if abs(turned_by) > CURVE:
+            change = min(abs(residual[0] / turned_by), SLID)
+            wide = belief.covariance
+            wide[SLIP, SLIP] += change * change
+            belief = belief_of(belief.mean, wide)
+            _, _, (miss,) = update(belief, residual, h, (sigma,))
+        return update(belief, residual, h, (sigma * max(1.0, sqrt(abs(miss) / TURNS)),))[0]
+
+    def _slip_changes(self, square: float, dt: float) -> None:
+        """Adapt how fast the slip walks to what turns tell: the square of a change in dt seconds, less chance."""
+        self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
+        x, y, theta, rolled, omega, bias, usual = self._density
+        self._moving = x, y, theta, rolled, omega, bias, max(usual, self._slips)
+
+    def _place(
+        self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
+    ) -> Belief:
+        """The belief with a reading of the pose, by the rules of `txt1.estimation.judge`."""
+        measurement = entry.measurement
         sigmas = measurement.sigmas
-        if judge is not None and judge.contradicts:
-            self._contradict(judge, measurement, belief.mean, residual)
-        if judge is None:  # a robot at rest
-            return update(belief, residual, h, sigmas)[0]
+        after, nis, _ = update(belief, residual, h, sigmas)
         gate = judge.settings.gate**2
         if not entry.new:
-            return update(belief, residual, h, sigmas, gate)[0]
-        after, nis, misses = update(belief, residual, h, sigmas, gate if judge.believed else -1.0)
-        entry.new, entry.used = False, judge.believed
-        if measurement.kind is Kind.POSE and after is not belief and any(self._way_doubt):
-            x, y = self._way_doubt  # the reading takes away of the error what it takes of the variance
-            before, left = belief.triangle, after.triangle
-            self._way_doubt = x * left[XX] / before[XX], y * left[YY] / before[YY]
-        used = judge.used
-        self._tell(judge.weigh(measurement, belief.mean[ROLLED], nis, misses))
-        if judge.used > used and judge.one_sided > ONE_SIDED:
-            self._suspect = judge
-        if self._nobody_else_knows(judge) and judge.keeps_its_distance(measurement, belief, residual):
+            return self._softly(belief, after, nis, residual, h, sigmas) if entry.used else belief
+        entry.new = False
+        judge.surprised(nis, len(residual))
+        leapt = judge.leapt(measurement)
+        if nis > gate and (leapt or judge.jumped_at is not None):
+            return self._jumped(belief, entry, judge, residual, leapt=leapt)
+        judge.jumped_at, judge.jumped = None, 0
+        if not judge.believed:
+            if nis > gate and judge.reason.startswith(FRAMES) and self._placed_by_another(judge, measurement):
+                judge.rejected += 1
+                entry.used = False
+                return belief
+            if nis <= gate and not judge.fits(measurement.time) and judge.reason != JUMPED:
+                judge.rejected += 1
+                entry.used = False
+                return belief
             self._tell(judge.restore())
-            self._disputed([*residual, 0.0][:3])
-            entry.wider = wider(measurement.rows, residual)
+        if nis <= CHI99[len(residual) - 1]:
+            judge.missed = ()
+        elif judge.misses_again(measurement, residual):
+            other = self._placed_by_another(judge, measurement)
+            if other:
+                judge.rejected += 1
+                entry.used = False
+                self._tell(judge.doubt(f"{FRAMES} '{other}'"))
+                return belief
+            # strong tracking: dead reckoning is off by what is missed, and so may the slip be
+            entry.wider = _grown(measurement.rows, residual, SLID if self._rolling else 0.0)
+            before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider)
+            residual, h = self._expect(belief.mean, measurement)
+            after, nis, _ = update(belief, residual, h, sigmas)
+            pulled = zip(self._dispute, after.mean, before.mean, strict=False)
+            self._dispute = [so_far + here - there for so_far, here, there in pulled]
+        elif nis > gate:
+            judge.rejected += 1
+            entry.used = False
+            return belief
+        after = self._softly(belief, after, nis, residual, h, sigmas)
+        judge.used += 1
+        judge.placed_at, judge.placed_sigma = measurement.time, measurement.sigmas[0]
+        self._accepted(measurement, belief, after)
         return after
+
+    def _placed_by_another(self, judge: Judge, measurement: Measurement) -> str:
+        """The name of another sensor, no less precise, that told the place within the last second; empty: none."""
+        for each in self._believed():
+            if each is judge or each.placed_at is None or each.placed_sigma > measurement.sigmas[0]:
+                continue
+            if measurement.time - each.placed_at < RECENT:
+                return each.name
+        return ""
+
+    def _softly(
+        self,
+        belief: Belief,
+        after: Belief,
+        nis: float,
+        residual: Sequence[float],
+        h: Sequence[Row],
+        sigmas: Sequence[float],
+    ) -> Belief:
+        """A reading beyond 95 % of chi-square with less weight, as Huber has it."""
+        usual = CHI95[len(residual) - 1]
+        if nis <= usual:
+            return after
+        soft = sqrt(sqrt(nis / usual))
+        return update(belief, residual, h, [soft * sigma for sigma in sigmas])[0]
+
+    def _accepted(self, measurement: Measurement, before: Belief, after: Belief) -> None:
+        self._carried = None
+        if any(self._way_doubt):
+            # the reading takes away of the error what it takes of the variance
+            x, y = self._way_doubt
+            self._way_doubt = (
+                x * after.triangle[0] / before.triangle[0], y * after.triangle[7] / before.triangle[7],
+            )  # fmt: skip
+        if measurement.rows[:2] == (0, 1):
+            theta = measurement.values[2] if len(measurement.values) > 2 else None
+            x, y = measurement.values[:2]
+            self.vote.place(
+                Place(
+                    measurement.time, x, y, theta, measurement.sigmas[0], measurement.sigmas[-1]
+                )
+            )  # fmt: skip
+            if self.absolute is not None:
+                self.absolute(measurement, after.mean[THETA])
+
+    def _jumped(self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], *, leapt: bool) -> Belief:
+        """A reading after a leap: left out, until it is clear that the robot was carried."""
+        measurement = entry.measurement
+        if leapt or judge.jumped_at is None:
+            judge.jumped_at, judge.jumped = measurement.time, 0
+        judge.jumped += 1
+        others = any(each.settings.tells_pose for each in self._believed() if each is not judge)
+        if measurement.time - judge.jumped_at >= KEEPS and not others:
+            entry.wider = _grown(measurement.rows, residual, 0.0)
+            wide = belief_of(belief.mean, belief.covariance + entry.wider)
+            after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
+            self.changes.append(
+                f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there"
+            )  # fmt: skip
+            judge.restore()
+            judge.used += 1
+            self._accepted(measurement, wide, after)
+            return after
+        entry.used = False
+        judge.rejected += 1
+        if judge.jumped >= SEVERAL:
+            self._tell(judge.doubt(JUMPED))
+            if not others:
+                dx, dy, *turn = residual
+                self._carried = dx, dy, turn[0] if turn else 0.0
+        return belief
 
     def _tell(self, news: str) -> None:
         if news:
             self.changes.append(news)
-
-    def _nobody_else_knows(self, judge: Judge) -> bool:
-        """Whether this sensor tells the place, and none that is believed does.
-
-        When it keeps its distance it no longer drifts; how far it was then stays a doubt of the pose.
-        """
-        if judge.believed or not judge.settings.tells_pose:
-            return False
-        return not any(each.believed for each in self._judges.values() if each.settings.tells_pose)
 
     def _expect(self, mean: Seven, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
         """The measurement less its expectation, and the rows of the Jacobian."""
@@ -367,9 +593,9 @@ class Fusion:
             _, _, _, _, omega, bias, _ = mean
             return (values[0] - omega - bias,), (GYRO,)
         if kind is Kind.ENCODERS:
-            expected, h = told = encoders(mean, self._wheelbase)
-            if self._alone:
-                h = [(*row[:-1], 0.0) for row in told[1]]  # what looks like slip then is none
+            expected, h = encoders(mean, self.wheelbase)
+            if self._turning and rows == (0, 1):  # how far they turn is told by `Kind.TURN`
+                return (values[0] - expected[0],), h[:1]
         elif kind is Kind.VELOCITY:
             expected, h = velocities(mean)
         elif measurement.at == (0.0, 0.0):
@@ -383,41 +609,6 @@ class Fusion:
         if kind is Kind.POSE and rows[-1] == THETA:
             residual[-1] = wrap_angle(residual[-1])
         return residual, h
-
-    # -- belief ----------------------------------------------------------------------------------------------------
-
-    # -- contradictions that nobody settles ------------------------------------------------------------------------
-
-    def _disputed(self, further: Iterable[float]) -> None:
-        """Move the pose as those would have it that contradict, by m, m, rad."""
-        self._dispute = [so_far + more for so_far, more in zip(self._dispute, further, strict=True)]
-
-    def _contradict(self, judge: Judge, measurement: Measurement, mean: Seven, residual: Sequence[float]) -> None:
-        """Go on as a sensor would that contradicts: its velocities less ours, since its last reading."""
-        before, judge.heard = judge.heard, measurement.time
-        dt = min(max(measurement.time - before, 0.0), STEP_MAX)
-        told = dict(zip(measurement.rows, residual, strict=True))
-        if measurement.kind is Kind.POSE:  # it says by itself where it has the pose
-            self._disputed([(told.get(place, 0.0) - self._dispute[place]) / MEMORY for place in range(3)])
-        elif measurement.kind is Kind.GYRO:
-            self._disputed((0.0, 0.0, told[0] * dt))
-        else:
-            way = told.get(0, 0.0) * dt
-            self._disputed((way * cos(mean[THETA]), way * sin(mean[THETA]), told.get(1, 0.0) * dt))
-
-    def _doubts(self) -> list[float]:
-        """Variances of x, y and theta besides the filter's: of contradictions, and of sensors that miss on one side."""
-        x, y, theta = self._dispute
-        doubts = [x * x + y * y, x * x + y * y, theta * theta]  # in any direction: the sensor may be wrong in any
-        way_x, way_y = self._way_doubt
-        doubts[0] += way_x * way_x
-        doubts[1] += way_y * way_y
-        for judge in self._judges.values():
-            if judge.settings.tells_pose and judge.believed and judge.one_sided > ONE_SIDED_SO_FAR:
-                for place, (miss, offset) in enumerate(zip(judge.misses, judge.offset(), strict=False)):
-                    if abs(miss) > ONE_SIDED_SO_FAR:
-                        doubts[place] += offset * offset
-        return doubts
 
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
@@ -453,19 +644,67 @@ class Fusion:
     def _estimate(self, belief: Belief) -> Estimate:
         x, y, theta, _, omega, bias, slip = belief.mean
         v, told = outside(belief)
-        doubts = self._doubts()
-        if any(doubts):
-            covariance = list(told)
-            for place, doubt in enumerate(doubts):
-                covariance[6 * place] += doubt
-            told = tuple(covariance)
+        xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
+        for other in (self._carried, self._dispute):
+            if other is not None:
+                # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
+                share = OTHER * (1.0 - OTHER)
+                dx, dy, turn = other
+                xx, xy = xx + share * dx * dx, xy + share * dx * dy
+                yy, tt = yy + share * dy * dy, tt + share * turn * turn
+        if self.doubt is not None:
+            more = self.doubt(belief.mean)
+            xx, xy, yy, tt = xx + more[0], xy + more[1], yy + more[2], tt + more[3]
+        way_x, way_y = self._way_doubt
+        xx, yy = xx + way_x * way_x, yy + way_y * way_y
+        if xx or yy or tt:
+            told = (
+                told[0] + xx, told[1] + xy, *told[2:5], told[5] + xy, told[6] + yy, *told[7:12], told[12] + tt,
+                *told[13:],
+            )  # fmt: skip
         return Estimate(x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located)
 
 
-def wider(rows: Sequence[int], offset: Sequence[float], slip: float = 0.0) -> Array:
-    """The covariance of x, y and theta that are off so far, and of the slip, shape (7, 7)."""
+def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
+    """The belief with the rates that wheels tell, which alone tell nothing of their slip.
+
+    The slip is a consider state (S. F. Schmidt, Advances in Control Systems 3, 1966): its uncertainty counts, but it is
+    not estimated, and the pose follows from the rates. Joseph's form holds for any gain.
+    """
+    p, rows = belief.covariance, np.array(h, dtype=float)
+    noise = np.diag(np.square(sigmas))
+    rates = rows.copy()
+    rates[:, SLIP] = 0.0
+    gain = np.zeros((SIZE, len(rows)))
+    both = [ROLLED, OMEGA]
+    gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
+    left = np.eye(SIZE) - gain @ rows
+    return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T)
+
+
+def _slot(time: float) -> int:
+    return int(time / SLOT + 1e-6)
+
+
+def _averaged(mean: Measurement, count: int, more: Measurement, further: int) -> Measurement:
+    """The mean of so many readings and so many further ones, whose errors are independent."""
+    share = further / (count + further)
+    values = [one + share * (two - one) for one, two in zip(mean.values, more.values, strict=True)]
+    if mean.kind is Kind.POSE and mean.rows[-1] == THETA:
+        values[-1] = mean.values[-1] + share * wrap_angle(more.values[-1] - mean.values[-1])
+    less = sqrt(1.0 - share)
+    return mean._replace(
+        time=mean.time + share * (more.time - mean.time), values=tuple(values),
+        sigmas=tuple([less * sigma for sigma in mean.sigmas]),
+    )  # fmt: skip
+
+
+def _grown(rows: Sequence[int], residual: Sequence[float], slid: float) -> Array:
+    """The covariance of a pose that is off by a residual, and of motion that has changed, shape (7, 7)."""
     spread = np.zeros((SIZE, SIZE))
-    for row, each in zip(rows, offset, strict=False):
-        spread[row, row] = each * each
-    spread[SLIP, SLIP] = slip * slip
+    size = hypot(*residual[:2])
+    for row, each in zip(rows, residual, strict=False):
+        spread[row, row] = each * each if row == THETA else 0.5 * size * size
+    spread[ROLLED, ROLLED] = (size / SLOT) ** 2 if slid == 0.0 else 0.0
+    spread[SLIP, SLIP] = slid * slid
     return spread

@@ -1,30 +1,46 @@
-"""The evidence on a sensor: whether its readings fit, stand still, or miss on one side.
+"""The evidence on a sensor: four rules by which a reading is taken in. A fifth, the vote, is in `txt1.estimation.vote`.
 
-One is believed no longer by readings beyond the gate, the same reading again and again, silence, or no numbers, and
-again when its readings have fitted for a while. To whom a miss on one side is to be laid is judged in `fusion`.
+1. **Valid.** A reading that is no number, the same one again and again, or none at all says nothing. This is the
+   sensor's own fault, and shows without any other sensor.
+2. **Robust.** A reading within the gate is taken in, with less weight beyond 95 % of chi-square: its sigma grows as
+   Huber's function has it (P. J. Huber, *Robust Statistics*, Wiley 1981; in a filter: C. D. Karlgaard, J. Guidance
+   38(5), 2015).
+3. **Adaptive.** A sensor that measures the pose, is fresh and agrees with itself is right where dead reckoning
+   contradicts it: the model of the car is wrong, as wheels slip and servos lag. From the second reading beyond 99 % of
+   chi-square on, the covariance grows until the miss is what it expects, and the reading is taken in: the strong
+   tracking filter, D. H. Zhou, P. M. Frank, Int. J. Control 65(2), 1996.
+   Where another sensor of positions that is no less precise was taken in within a second, their frames differ: this one
+   is left out.
+4. **Jump.** A reading that does not agree with its sensor's own last one, as nothing moves so fast, has two
+   explanations: the sensor's frame has jumped, or the robot was carried away. Readings are left out, while the estimate
+   tells the covariance of both hypotheses (Bar-Shalom, Li, Kirubarajan 2001, 1.4.16). They are taken in again when
+   they are back, or, if no other sensor tells the place, after `KEEPS` without another leap: then the robot was
+   carried.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import hypot, inf, sqrt
+from dataclasses import dataclass
+from math import sqrt
+from operator import sub
 from typing import Final, NamedTuple
 
-from txt1.estimation.ekf import Belief, X, Y
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.model.kinematics import wrap_angle
 
-REJECTED_MAX: Final = 2  # readings in a row beyond the gate that cost a sensor its belief
-FITS: Final = 0.5  # s for which readings fit before a sensor is believed again,
+FITS: Final = 0.5  # s for which readings fit before a sensor that failed is believed again,
 FITTING: Final = 3  # and at least so many of them
 SAME_MAX: Final = 5  # equal readings in a row of a sensor that stands still
 SAME_COUNTS: Final = 25  # the same of encoders that turn
 MOVING: Final = 0.1  # m/s from which a position that stays the same stands still
 MEMORY: Final = 25  # readings over which a sensor's misses are averaged
-ONE_SIDED: Final = 0.8  # mean miss, in standard deviations of one, beyond which it is no chance: 5.6 times its own
-LEVER: Final = 4.0  # how much further the pose may be off than its sensor's mean miss, which follows late
-KEEPS: Final = 5.0  # s for which a sensor of the place keeps its distance from the pose, and is believed again
-KEPT: Final = 3.0  # standard deviations of the place by which that may change meanwhile
-LARGE: Final = 4.0  # standard deviations; a larger miss counts as this in the average
-DRIFTS: Final = "drifts away from the others"
+MOVES_BY: Final = 5.0  # m/s, more than a robot moves at, driven or carried
+TURNS_BY: Final = 10.0  # rad/s, likewise
+NOISE: Final = 3.5  # standard deviations that the difference of two readings may have besides
+KEEPS: Final = 5.0  # s for which a sensor of the place stays where it jumped to, and is believed again
+OTHER: Final = 0.2  # probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
+SEVERAL: Final = 3  # readings after a leap, before anybody may have been carried anywhere
+CHI99: Final = (6.635, 9.210, 11.345)  # chi-square of 1, 2, 3 numbers at 99 %
+CHI95: Final = (3.841, 5.991, 7.815)  # chi-square of 1, 2, 3 numbers at 95 %
 
 
 class Trust(NamedTuple):
@@ -44,9 +60,10 @@ class Trust(NamedTuple):
 class Belonging:
     """A sensor's settings."""
 
-    gate: float = 5.0  # Mahalanobis distance beyond which a reading is not believed
+    gate: float = 5.0  # Mahalanobis distance beyond which a reading is not simply taken in
     timeout: float = 1.0  # s without a reading after which it is silent
     tells_pose: bool = False  # whether it tells x and y: then the pose is in its frame
+    told: bool = True  # whether something measures it: what was asked for stays the same as long as that does
 
 
 @dataclass(slots=True)
@@ -57,22 +74,22 @@ class Judge:
     settings: Belonging
     believed: bool = True
     reason: str = ""
-    contradicts: bool = False  # it is believed no longer, though others may be as wrong
     used: int = 0
     rejected: int = 0
     late: int = 0
     surprise: float = 1.0
     time: float | None = None
     since: float = 0.0  # when it was heard last, or began to be waited for
-    beyond: int = 0  # readings in a row beyond the gate
     same: int = 0  # readings in a row that were equal
     last: tuple[float, ...] = ()
-    heard: float = 0.0  # the last reading of one that contradicts, s of the run
-    sigmas: tuple[float, ...] = ()  # of the last reading
-    misses: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # mean misses, in standard deviations
-    one_sided: float = 0.0  # the largest of these
-    distance: tuple[float, float] = (inf, inf)  # from the pose to where one that is not believed has it, m
-    kept_since: float = 0.0  # ... and since when, s of the run
+    placed_at: float | None = None  # when a reading of the pose was taken in, s of the run
+    placed_sigma: float = 0.0  # ... and its standard deviation, m
+    own: tuple[float, ...] = ()  # the last reading of the pose, m, m, rad
+    own_at: float = 0.0  # s of the run
+    missed: tuple[float, ...] = ()  # the residual of a reading beyond the gate, m, m, rad
+    missed_at: float = 0.0  # s of the run
+    jumped_at: float | None = None  # when its readings leapt away from the pose, s of the run
+    jumped: int = 0  # readings since then
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed
     fitting_since: float = 0.0
 
@@ -82,81 +99,64 @@ class Judge:
             self.name, self.believed, self.reason, self.used, self.rejected, self.late, self.surprise, self.time
         )  # fmt: skip
 
-    def weigh(self, measurement: Measurement, speed: float, nis: float, misses: Sequence[float]) -> str:
-        """Weigh a new reading by its NIS and its misses; returns a change of belief in words, or nothing.
-
-        `speed` is that of the wheels, m/s.
-        """
-        count = len(misses)
-        fits = nis <= self.settings.gate**2
-        self.sigmas = measurement.sigmas
-        self.surprise += (min(nis, 100.0 * count) / count - self.surprise) / MEMORY
-        same = measurement.values == self.last
-        self.same = self.same + 1 if same else 0
+    def invalid(self, measurement: Measurement, speed: float) -> str:
+        """What is wrong with a reading in itself, in words; empty: nothing. `speed` is that of the wheels, m/s."""
+        self.same = self.same + 1 if measurement.values == self.last else 0
         self.last = measurement.values
-        if measurement.kind is Kind.ENCODERS:  # whole counts are often the same, but not for so long
-            frozen = self.same >= SAME_COUNTS and any(measurement.values)
+        if measurement.kind is Kind.ENCODERS:
+            # whole counts are often the same, but not for so long
+            frozen = self.same >= SAME_COUNTS and any(measurement.values) and self.settings.told
         else:
             moving = measurement.kind is not Kind.POSE or abs(speed) > MOVING or not self.believed
             frozen = self.same >= SAME_MAX and moving
-        time = measurement.time
-        means, one_sided = self.misses, 0.0
-        for place, miss in enumerate(misses):
-            if not -LARGE <= miss <= LARGE:
-                miss = LARGE if miss > 0.0 else -LARGE
-            means[place] = mean = means[place] + (miss - means[place]) / MEMORY
-            one_sided = max(one_sided, mean, -mean)
-        self.one_sided = one_sided
-        if not self.believed:
-            self.rejected += 1
-            if not fits or frozen or (self.reason == DRIFTS and one_sided > 2.0 * ONE_SIDED):
-                self.fitting = 0
-                return ""
-            if self.fitting == 0:
-                self.fitting_since = time
-            self.fitting += 1
-            if self.fitting >= FITTING and time - self.fitting_since >= FITS:
-                return self.restore()
-            return ""
-        if frozen:
-            return self.doubt("stands still")
-        if not fits:
-            self.rejected += 1
-            self.beyond += 1
-            if self.beyond >= REJECTED_MAX:
-                return self.doubt("disagrees with the others")
-            return ""
-        self.used += 1
-        self.beyond = 0
-        return ""
+        return "stands still" if frozen else ""
+
+    def surprised(self, nis: float, count: int) -> None:
+        """Note the NIS of a reading of so many numbers."""
+        self.surprise += (min(nis, 100.0 * count) / count - self.surprise) / MEMORY
+
+    def leapt(self, measurement: Measurement) -> bool:
+        """Note a reading of the pose; whether it is farther from the one before than a car can move meanwhile."""
+        before, dt = self.own, max(measurement.time - self.own_at, 0.0)
+        self.own, self.own_at = measurement.values, measurement.time
+        if len(before) != len(measurement.values):
+            return False
+        steps = map(sub, measurement.values, before)
+        for row, step, sigma in zip(measurement.rows, steps, measurement.sigmas, strict=True):
+            reach = TURNS_BY if row == 2 else MOVES_BY
+            if not abs(wrap_angle(step) if row == 2 else step) <= reach * dt + NOISE * sqrt(2.0) * sigma:
+                return True
+        return False
+
+    def misses_again(self, measurement: Measurement, residual: Sequence[float]) -> bool:
+        """Note a reading beyond 99 %; whether the one before was there, too, so that this is no single outlier."""
+        before, dt = self.missed, max(measurement.time - self.missed_at, 0.0)
+        self.missed, self.missed_at = tuple(residual), measurement.time
+        if len(before) != len(residual):
+            return False
+        reach = [(TURNS_BY if row == 2 else MOVES_BY) * dt for row in measurement.rows]
+        if residual[0] * before[0] + residual[1] * before[1] < 0.0:
+            return False  # on both sides of the pose: noise
+        near = zip(residual, before, reach, measurement.sigmas, strict=True)
+        return all(abs(here - there) <= far + NOISE * sqrt(2.0) * sigma for here, there, far, sigma in near)
+
+    def fits(self, time: float) -> bool:
+        """Note a reading that fits, of a sensor that is not believed; whether it has fitted long enough."""
+        if self.fitting == 0:
+            self.fitting_since = time
+        self.fitting += 1
+        return self.fitting >= FITTING and time - self.fitting_since >= FITS
 
     def doubt(self, reason: str) -> str:
         """Believe it no longer; returns that in words if it is news."""
-        self.fitting = self.beyond = 0
-        self.distance = inf, inf
-        self.misses, self.one_sided = [0.0, 0.0, 0.0], 0.0
+        self.fitting = 0
         news = f"'{self.name}' is not believed any more: {reason}" if self.believed else ""
         self.believed, self.reason = False, reason
         return news
 
     def restore(self) -> str:
         """Believe it again; returns that in words."""
+        news = "" if self.believed else f"'{self.name}' is believed again"
         self.believed, self.reason, self.fitting, self.surprise = True, "", 0, 1.0
-        self.contradicts = False
-        return f"'{self.name}' is believed again"
-
-    def offset(self) -> list[float]:
-        """How far off x, y and theta may be by its mean misses, m, m, rad; 0 where it has told nothing yet."""
-        offset = [LEVER * miss * sigma for miss, sigma in zip(self.misses, self.sigmas, strict=False)]
-        return [*offset, 0.0, 0.0, 0.0][:3]
-
-    def keeps_its_distance(self, measurement: Measurement, belief: Belief, residual: Sequence[float]) -> bool:
-        """Whether a sensor of the place has been as far from the pose as now for `KEEPS` seconds."""
-        if measurement.rows[:2] != (X, Y) or measurement.kind is not Kind.POSE:
-            return False
-        x, y = self.distance
-        sigma = sqrt(belief.covariance[X, X] + belief.covariance[Y, Y] + measurement.sigmas[X] ** 2)
-        kept = hypot(residual[X] - x, residual[Y] - y) <= KEPT * sigma
-        if not kept or self.same >= SAME_MAX:
-            self.distance, self.kept_since = (residual[X], residual[Y]), measurement.time
-        return measurement.time - self.kept_since >= KEEPS
+        self.jumped_at, self.jumped, self.missed = None, 0, ()
+        return news

@@ -1,8 +1,8 @@
 """The section ``estimation`` of the configuration."""
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from txt1.config.schema import Section, SensorName
 from txt1.units import NotNegative, Positive
@@ -43,10 +43,28 @@ class EstimationConfig(Section):
     """The same by the sensors' names, "encoders" among them; null: those of the preset."""
     settings: dict[SensorName, FusedConfig] = {}
     """How they are fused, by their names."""
-    slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.03
+    slip: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
     """Standard deviation of the wheels' slip, and error of their radius, before anything is known of it."""
     loops: bool = False
     """Whether the velocity loops use its speed and yaw rate, as combined odometry, in place of the encoders'."""
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        """Refuse settings that contradict one another, or have no effect."""
+        if self.preset != "none" and self.sensors is not None:
+            raise ValueError(f"preset '{self.preset}' and sensors contradict one another; give one of them")
+        twice = [name for name in self.names if self.names.count(name) > 1]
+        if twice:
+            raise ValueError(f"sensors names '{twice[0]}' twice")
+        for name, given in self.settings.items():
+            if self.names and name not in self.names:
+                raise ValueError(f"settings.{name} has no effect: fused are {', '.join(self.names)}")
+            if given.fields == ():
+                raise ValueError(f"settings.{name}.fields is empty: leave the sensor out instead")
+            useless = set(given.sigma) - set(given.fields or given.sigma)
+            if useless:
+                raise ValueError(f"settings.{name}.sigma.{min(useless)} has no effect: it is not in fields")
+        return self
 
     @property
     def names(self) -> tuple[str, ...]:

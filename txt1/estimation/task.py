@@ -1,15 +1,21 @@
 """The estimation task: every 20 ms one estimate of all that the sensors have told."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, hypot, isfinite, sin, sqrt, tan
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
+from txt1.estimation.calibration import Calibration
+from txt1.estimation.ekf import CRAWL, TAN_MAX, Seven
 from txt1.estimation.fusion import Fusion
 from txt1.estimation.judge import Belonging, Trust
 from txt1.estimation.measurement import Kind, Measurement
 from txt1.estimation.motor import MotorWitness
 from txt1.estimation.readings import plan, tells_pose
 from txt1.estimation.settings import EstimationConfig, FusedConfig
+from txt1.estimation.vote import Cycle
 from txt1.kernel.ticks import Ticks
 from txt1.model.estimate import Estimate
 from txt1.model.odometry import Odometry
@@ -17,7 +23,8 @@ from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.sensors.base import Reading
 from txt1.telemetry.topics import Rule, Topic, declare
 
-PERIOD: Final = 0.02
+ESTIMATION_PERIOD: Final = 0.02  # s
+VOTES: Final = 5  # cycles from one vote on the sensors to the next
 PRIORITY: Final = -1  # behind the sensors in the same instant
 ENCODERS: Final = "encoders"
 REST: Final = 0.5  # s for which the encoders are silent and nothing is asked of a robot that stands
@@ -25,6 +32,17 @@ SERVO_RATE: Final = 7.0  # rad/s of the steering; assumed
 TOGETHER: Final = 0.001  # s by which a turn of the steering may be put earlier, to where readings are: half the steps
 SPEED_MODEL: Final = 0.004  # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
 YAW_MODEL: Final = 0.015  # rad/s, likewise
+BLIND_SPEED: Final = 0.1  # m/s by which a robot without encoders misses its speed; assumed
+BLIND_YAW: Final = 0.1  # rad/s, likewise
+BLIND_SHARE: Final = 0.15  # of both, besides
+TURN_TIME: Final = 1.0  # s over which wheels and gyro are compared
+TURN_READINGS: Final = 10  # of the gyro in that time, at least
+TURN_NOISE: Final = 0.001  # rad by which the wheels miss it after 1 s besides their counts: the floor; assumed
+TURN_SHARE: Final = 0.01  # of a turn by which they differ besides: slip that varies within it, a gyro's scale
+SKID_SHARE: Final = 0.3  # the same of sides at two speeds, whose tyres scrub
+SIGMA_GYRO: Final = 0.006  # rad/s, each reading at 100 Hz; assumed
+GYRO_KEPT: Final = 1000  # readings
+GAP: Final = 0.1  # s, the longest between two of its readings that are integrated
 V_USABLE: Final = 0.1  # m/s, the standard deviation up to which the loops are given a speed
 OMEGA_USABLE: Final = 0.3  # rad/s, likewise
 
@@ -78,6 +96,14 @@ class Wheels(NamedTuple):
     motor: float | None  # counts on the motor since the last cycle; None where nobody knows
 
 
+class Turning(NamedTuple):
+    """How far the wheels turned the robot."""
+
+    begin: float  # s of the run
+    end: float  # s of the run
+    angle: float  # rad
+
+
 class Estimator:
     """The filter with its settings: takes readings as they come, and the robot's own part every cycle.
 
@@ -93,7 +119,12 @@ class Estimator:
         """The error that ended it, in one line; empty while it is on."""
         self.settings = {name: config.settings.get(name, FusedConfig()) for name in config.names}
         belongings = {
-            name: Belonging(each.gate, each.timeout, name in kinds and tells_pose(kinds[name], each))
+            name: Belonging(
+                each.gate,
+                each.timeout,
+                name in kinds and tells_pose(kinds[name], each),
+                told=name != ENCODERS or isfinite(geometry.count_length),
+            )
             for name, each in self.settings.items()
         }
         # encoder wheels that do not steer tell the truth
@@ -101,6 +132,14 @@ class Estimator:
         self.fusion = Fusion(belongings, steered, slip_sigma=config.slip)
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
+        self._counts = isfinite(geometry.count_length)  # without encoders there is no witness of how it rolls
+        self._calibrations = {
+            name: Calibration(steered) for name, each in belongings.items() if each.tells_pose and self._counts
+        }  # fmt: skip
+        self._gyro_scale = 0.0  # less 1
+        if self._calibrations:
+            self.fusion.absolute = self._place
+            self.fusion.doubt = self._doubt
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         self._read = 0.0
@@ -109,6 +148,12 @@ class Estimator:
         self._curvature = 0.0
         self._still = 0.0  # s for which it has stood
         self._witness = MotorWitness()
+        self._gyro: deque[tuple[float, float]] = deque(maxlen=GYRO_KEPT)  # its times (s) and rates (rad/s)
+        self._turning: Turning | None = None
+        self._compared: deque[Turning] = deque(maxlen=2)  # which wait for the gyro
+        self._turns: list[float] = []  # what the gyro told since the last cycle, rad/s
+        self._wheels: tuple[float, float] | None = None  # what the encoders told with it, m/s and rad/s
+        self._cycles = 0
 
     def take(self, name: str, reading: Reading[Any]) -> None:
         """Take a sensor's reading."""
@@ -134,11 +179,24 @@ class Estimator:
         return tuple(trust._replace(believed=False, reason=reason) for trust in trusts)
 
     def _give(self, measurement: Measurement) -> None:
-        if self.through is None:
-            self.fusion.take(measurement)
-            return
-        for each in self.through(measurement):
+        calibration = self._calibrations.get(measurement.sensor)
+        if calibration is not None:
+            right = calibration.corrections
+            if right.x or right.y or right.delay:
+                at = measurement.at[0] + right.x, measurement.at[1] + right.y
+                measurement = measurement._replace(time=measurement.time - right.delay, at=at)
+        elif measurement.kind is Kind.GYRO and self._gyro_scale:
+            measurement = measurement._replace(values=(measurement.values[0] / (1.0 + self._gyro_scale),))
+        given = (measurement,) if self.through is None else self.through(measurement)
+        for each in given:
             self.fusion.take(each)
+            if each.kind is Kind.GYRO and isfinite(each.values[0]):
+                self._turns.append(each.values[0])
+                if not self._gyro or each.time > self._gyro[-1][0]:
+                    # as it came, without what was learned of its scale
+                    self._gyro.append((each.time, each.values[0]))
+            elif each.kind is Kind.ENCODERS and each.rows == (0, 1) and isfinite(sum(each.values)):
+                self._wheels = each.values[0], each.values[1]
 
     def step(self, now: float, wheels: Wheels) -> Estimate:
         """Return the estimate at `now`; raises ArithmeticError when it is no number any more."""
@@ -152,7 +210,83 @@ class Estimator:
         if not isfinite(sum(moving) + sum(covariance) + bias + slip):
             raise ArithmeticError("the filter's state is not finite")
         self.estimate = estimate
+        self._vote(dt, bias)
         return estimate
+
+    @property
+    def calibrations(self) -> Mapping[str, Calibration]:
+        """What was learned of each sensor that tells positions, by its name."""
+        return self._calibrations
+
+    def _place(self, measurement: Measurement, theta: float) -> None:
+        self._calibrations[measurement.sensor].place(measurement, theta)
+
+    def _doubt(self, mean: Seven) -> tuple[float, float, float, float]:
+        """Variances of the pose by mounts and clocks: of the sensor that leaves the least of them."""
+        doubts = [each.doubt(mean) for name, each in self._calibrations.items() if self.fusion.believes(name)]
+        if not doubts:
+            return 0.0, 0.0, 0.0, 0.0
+        return doubts[0] if len(doubts) == 1 else min(doubts)
+
+    def _vote(self, dt: float, bias: float) -> None:
+        """Let the witnesses of the yaw rate report, and vote."""
+        turns, wheels = self._turns, self._wheels
+        if dt > 0.0 and wheels is not None and self._counts:
+            gyro = sum(turns) / len(turns) - bias if turns else None
+            steered = self._steering is not None and self._geometry.steering != "skid"
+            steering = wheels[0] * self._curvature if steered else None
+            self.fusion.vote.cycle(Cycle(self._read, *wheels, gyro, steering))
+            self._compare(dt, *wheels)
+            for calibration in self._calibrations.values():
+                calibration.cycle(self._read, dt, *wheels, self._gyro)
+                self._gyro_scale = calibration.corrections.scale
+        turns.clear()
+        self._wheels = None
+        if not self.fusion.turning:
+            self._turning = None
+            self._compared.clear()
+            self._gyro.clear()
+        self._cycles += 1
+        if self._cycles % VOTES == 0:
+            self.fusion.judge_by_vote()
+
+    def _compare(self, dt: float, v: float, omega: float) -> None:
+        """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough.
+
+        The error of whole counts does not grow with the turn, and the errors of single cycles cancel: over a second
+        the wheels tell a gyro's bias three times as well as their yaw rates do.
+        """
+        turning = self._turning
+        if turning is None or self._read - dt > turning.end + 0.5 * dt:
+            self._turning = turning = Turning(self._read - dt, self._read - dt, 0.0)
+        steered = self.fusion.wheelbase
+        tangent = 0.5 * steered * omega / v if steered and abs(v) > CRAWL else 0.0
+        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
+        self._turning = turning = Turning(turning.begin, self._read, turning.angle + omega * stretch * dt)
+        if turning.end - turning.begin >= TURN_TIME:
+            self._compared.append(turning)
+            self._turning = Turning(self._read, self._read, 0.0)
+        while self._compared and self._gyro and self._gyro[-1][0] >= self._compared[0].end:
+            self._give_turn(self._compared.popleft())
+
+    def _give_turn(self, turning: Turning) -> None:
+        begin, end, angle = turning
+        near = [each for each in self._gyro if begin - GAP < each[0] < end + GAP]
+        if len(near) < TURN_READINGS:
+            return
+        times, rates = np.array(near).T
+        inside = (times > begin) & (times < end)
+        if times[0] > begin or times[-1] < end or np.diff(times).max() > GAP:
+            return
+        at = np.concatenate(((begin,), times[inside], (end,)))
+        by_gyro = float(np.trapezoid(np.interp(at, times, rates), at))
+        dt = end - begin
+        share = SKID_SHARE if self._geometry.steering == "skid" else TURN_SHARE
+        counts = self._geometry.count_length / (self._geometry.track_width * sqrt(3.0))  # infinite without encoders
+        noise = TURN_NOISE * sqrt(dt)
+        sigma = hypot(counts, noise, share * by_gyro, SIGMA_GYRO * sqrt(dt * 0.01))
+        if isfinite(sigma):
+            self.fusion.take(Measurement(end, "", Kind.TURN, (0,), (angle, by_gyro, dt), (sigma,)))
 
     def _take_wheels(self, wheels: Wheels, dt: float) -> None:
         """Take in speed and yaw rate, which are means over the last dt seconds, so of its middle."""
@@ -162,9 +296,14 @@ class Estimator:
         settings = self.settings.get(ENCODERS)
         if settings is None:
             return
-        # a count more or less at both ends of the time: a difference of two uniform errors
-        count = self._geometry.count_length / dt / sqrt(6.0)
-        own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / self._geometry.track_width, YAW_MODEL)
+        body = self._geometry
+        if isfinite(body.count_length):
+            # a count more or less at both ends of the time: a difference of two uniform errors
+            count = body.count_length / dt / sqrt(6.0)
+            own = hypot(count / sqrt(2.0), SPEED_MODEL), hypot(count * sqrt(2.0) / body.track_width, YAW_MODEL)
+        else:
+            # no encoders: speed and yaw rate are what was asked for
+            own = BLIND_SPEED + BLIND_SHARE * abs(v), BLIND_YAW + BLIND_SHARE * abs(omega)
         values, sigmas = (v, omega), (settings.sigma.get("v") or own[0], settings.sigma.get("omega") or own[1])
         rows: tuple[int, ...] = (0, 1)
         if settings.fields is not None:

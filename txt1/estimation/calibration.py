@@ -1,0 +1,250 @@
+"""What is wrong with the mounts, the clocks and the scales of sensors, learned while driving.
+
+A sensor that tells positions sits somewhere on the robot (its lever arm l), and its readings are older than they say by
+tau. The wheels' way is too long by the slip s, and a gyro reads (1 + g) omega + b. From one position to another, half a
+second later, the robot itself knows how it moved: d (m, in the frame of the first) and a turn. So
+
+    R(-theta_A) (z_B - z_A) = (1 - s) d + (R(turn) - I) l - tau (R(turn) v_B - v_A)
+    theta_B - theta_A = (turn - b T) (1 - g) - tau (omega_B - omega_A)
+
+which is linear in (l, tau, s, g, b) for small errors: a Kalman filter of these six beside the robot's own, as of
+B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. What the drive does not show keeps the
+standard deviation that it began with: a lever arm shows in turns, a clock where the speed changes.
+
+What was stated of a sensor is one hypothesis, and that it is wrong by as much as `START` says another. Their odds are
+those of Bayes (R. E. Kass, A. E. Raftery, JASA 90, 1995, with normal priors): a stated value is used until the other
+hypothesis is `SURE`, and the correction larger than `WORTH`, below which models of cars are wrong. The estimate tells
+the covariance of both.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+from math import cos, exp, hypot, sin, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.estimation.ekf import CRAWL, ROLLED, SLIP, TAN_MAX, THETA, Array, Seven
+from txt1.estimation.ekf import OMEGA as TURNING
+from txt1.estimation.measurement import Measurement
+from txt1.model.kinematics import wrap_angle
+
+SEGMENT: Final = 0.5  # s between two positions that are compared
+LONGEST: Final = 1.5  # s; after a longer gap a comparison begins anew
+KEPT: Final = 150  # cycles
+GAP: Final = 0.1  # s, the longest between two readings of a gyro
+LX, LY, TAU, SLIPPED, SCALE, BIAS = range(6)
+START: Final = np.array([0.02, 0.02, 0.01, 0.05, 0.01, 0.02]) ** 2
+"""Variances at the start: m, m, s, 1, 1, rad/s; a tape measure's, a network's, and a data sheet's."""
+WALK: Final = np.array([1e-5, 1e-5, 1e-5, 0.05, 1e-5, 0.0002]) ** 2
+"""Variances that a second adds; the slip's is that of a car that drives from one floor to another."""
+CHANGED: Final = 0.1  # standard deviation of a slip that has changed
+ALONG: Final = 0.004  # m by which the wheels miss the way after 1 s
+ACROSS: Final = 0.003  # m by which the robot slides sideways in 1 s
+AIMED: Final = 0.002  # rad, of the heading in which a way begins
+GYRO: Final = 0.0006  # rad by which a gyro's noise has turned after 1 s
+BY_WHEELS: Final = 0.02  # share of a turn by which the wheels miss it
+GATE: Final = 16.3  # chi-square of three numbers at 99.9 %
+WRONG: Final = 0.1  # probability that a stated value is wrong, before anything was measured
+SURE: Final = 0.999
+WORTH_M: Final = 0.005  # m; smaller corrections are not made
+WORTH_S: Final = 0.004  # s, likewise
+WORTH_SCALE: Final = 0.003  # likewise
+
+
+class Calibrated(NamedTuple):
+    """A quantity with its standard deviation."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class Corrections:
+    """What is to be changed of a sensor as stated; zeros as long as nothing is refuted."""
+
+    x: float = 0.0  # m further ahead
+    y: float = 0.0  # m further to the left
+    delay: float = 0.0  # s that its readings are older
+    scale: float = 0.0  # of the gyro, less 1
+
+
+class _Place(NamedTuple):
+    time: float
+    x: float
+    y: float
+    theta: float | None  # as told
+    heading: float  # as estimated
+    sigma: float
+    sigma_theta: float
+
+
+class Calibration:
+    """The calibration of one sensor that tells positions, and of the gyro and wheels beside it.
+
+    `wheelbase` is that of encoder wheels that steer, m; 0 where they do not.
+    """
+
+    def __init__(self, wheelbase: float) -> None:
+        self.corrections = Corrections()
+        self.mean: Array = np.zeros(6)
+        self.covariance: Array = np.diag(START)
+        self.segments = 0
+        self._wheelbase = wheelbase
+        self._cycles: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)  # end, length, speed, yaw rate
+        self._waiting: deque[_Place] = deque(maxlen=KEPT)
+        self._first: _Place | None = None
+        self._mount = (0.0, 0.0)
+        self._time = 0.0
+        self._wrong: tuple[float, ...] = (WRONG, WRONG, WRONG)  # probabilities: lever arm, clock, scale
+        self._left = self._left_to_doubt()
+
+    def cycle(self, end: float, dt: float, v: float, omega: float, gyro: deque[tuple[float, float]]) -> None:
+        """Take in a cycle: its end and length (s), what wheels tell (m/s, rad/s), and the gyro's readings so far."""
+        tangent = 0.5 * self._wheelbase * omega / v if abs(v) > CRAWL else 0.0
+        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
+        self._cycles.append((end, dt, v / stretch, omega * stretch))
+        if self._waiting and self._waiting[0].time <= end and (not gyro or gyro[-1][0] >= self._waiting[0].time):
+            place = self._waiting.popleft()
+            if self._first is not None:
+                self._compare(self._first, place, gyro)
+            self._first = place
+
+    def place(self, measurement: Measurement, theta: float) -> None:
+        """Take in a position, and the heading that the filter has there, rad."""
+        last = self._waiting[-1] if self._waiting else self._first
+        if last is not None and measurement.time - last.time < SEGMENT - 1e-6:
+            return
+        told = measurement.values[2] if len(measurement.values) > 2 else None
+        x, y = measurement.values[:2]
+        self._mount = measurement.at[0] - self.corrections.x, measurement.at[1] - self.corrections.y
+        self._waiting.append(
+            _Place(measurement.time, x, y, told, theta, measurement.sigmas[0], measurement.sigmas[-1])
+        )  # fmt: skip
+
+    def told(self, name: str) -> Calibrated:
+        """A quantity: "x" and "y" of the mount (m), "delay" (s), "slip", "scale" and "bias" of the gyro."""
+        place = ("x", "y", "delay", "slip", "scale", "bias").index(name)
+        base = (*self._mount, 0.0, 0.0, 0.0, 0.0)[place]
+        return Calibrated(base + float(self.mean[place]), sqrt(float(self.covariance[place, place])))
+
+    def doubt(self, mean: Seven) -> tuple[float, float, float, float]:
+        """Variances (x, x and y, y, theta) of the pose, as mount and clock may be other than they are taken for."""
+        a, b, d, time = self._left
+        c, s, v = cos(mean[THETA]), sin(mean[THETA]), mean[ROLLED] * (1.0 - mean[SLIP])
+        a += time * v * v
+        turning = time * mean[TURNING] ** 2
+        return (
+            c * c * a - 2.0 * c * s * b + s * s * d, c * s * (a - d) + (c * c - s * s) * b,
+            s * s * a + 2.0 * c * s * b + c * c * d, turning,
+        )  # fmt: skip
+
+    def _compare(self, one: _Place, two: _Place, gyro: deque[tuple[float, float]]) -> None:
+        """Compare how the robot moved from one position to another with what it knows itself."""
+        span = two.time - one.time
+        cycles = np.array([each for each in self._cycles if each[0] > one.time - 0.1 and each[0] - each[1] < two.time])
+        if span > LONGEST or len(cycles) < 3:
+            return
+        ends, lengths, speeds, turns = cycles.T
+        begins = ends - lengths
+        if begins[0] > one.time or ends[-1] < two.time or np.abs(begins[1:] - ends[:-1]).max() > GAP:
+            return
+        middles = 0.5 * (begins + ends)
+        near = [each for each in gyro if one.time - GAP < each[0] < two.time + GAP]
+        by_gyro = len(near) > 2 and all(b[0] - a[0] < GAP for a, b in pairwise(near))
+        if by_gyro:
+            times, rates = np.array(near).T
+            turns = np.interp(middles, times, rates)
+        inside = np.clip(np.minimum(ends, two.time) - np.maximum(begins, one.time), 0.0, None)
+        rates_now = (turns - self.mean[BIAS]) * (1.0 - self.mean[SCALE]) if by_gyro else turns
+        angles = np.cumsum(rates_now * inside)
+        headings = angles - 0.5 * rates_now * inside
+        grip = 1.0 - self.mean[SLIPPED]
+        way = speeds * inside
+        dx, dy = float(way @ np.cos(headings)), float(way @ np.sin(headings))
+        turn = float(angles[-1])
+        c, s = cos(turn), sin(turn)
+        v_a, v_b = (float(np.interp(at, middles, speeds)) * grip for at in (one.time, two.time))
+        w_a, w_b = (float(np.interp(at, middles, rates_now)) for at in (one.time, two.time))
+        # what is estimated is the whole delay, though a part of it is corrected already
+        tau = self.mean[TAU] - self.corrections.delay
+        lx, ly = self._mount[0] + self.mean[LX], self._mount[1] + self.mean[LY]
+        ca, sa = cos(one.heading), sin(one.heading)
+        zx, zy = two.x - one.x, two.y - one.y
+        zx, zy = ca * zx + sa * zy, ca * zy - sa * zx
+        tau_x, tau_y = -(c * v_b - v_a), -s * v_b
+        residual = [
+            zx - grip * dx - (c - 1.0) * lx + s * ly - tau * tau_x,
+            zy - grip * dy - s * lx - (c - 1.0) * ly - tau * tau_y,
+        ]
+        rows = [
+            [c - 1.0, -s, tau_x, -dx, 0.0, 0.0],
+            [s, c - 1.0, tau_y, -dy, 0.0, 0.0],
+        ]
+        noise = 2.0 * one.sigma**2
+        way_length = hypot(dx, dy)
+        # forward and sideways as they are at the first position, which is near enough
+        variances = [noise + ALONG**2 * span + (0.003 * way_length) ** 2, noise + ACROSS**2 * span]
+        variances[1] += (AIMED * way_length) ** 2
+        if by_gyro and one.theta is not None and two.theta is not None:
+            residual.append(wrap_angle(two.theta - one.theta - turn) + tau * (w_b - w_a))
+            rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span])
+            variances.append(2.0 * one.sigma_theta**2 + GYRO**2 * span)
+        elif not by_gyro:
+            variances[1] += (BY_WHEELS * turn * way_length) ** 2
+        self._absorb(np.array(residual), np.array(rows), np.diag(variances), two.time)
+
+    def _absorb(self, residual: Array, rows: Array, noise: Array, time: float) -> None:
+        p = self.covariance + np.diag(WALK) * max(0.0, min(time - self._time, LONGEST))
+        self._time = time
+        s = rows @ p @ rows.T + noise
+        if float(residual @ np.linalg.solve(s, residual)) > GATE:
+            p[SLIPPED, SLIPPED] += CHANGED**2
+            s = rows @ p @ rows.T + noise
+            nis = float(residual @ np.linalg.solve(s, residual))
+            if nis > GATE:
+                s = s + noise * (nis / GATE)
+                noise = noise * (1.0 + nis / GATE)
+        gain = np.linalg.solve(s, rows @ p).T
+        self.mean = self.mean + gain @ residual
+        left = np.eye(6) - gain @ rows
+        self.covariance = left @ p @ left.T + gain @ noise @ gain.T  # Joseph's form, which stays positive
+        self.segments += 1
+        self._decide()
+
+    def _decide(self) -> None:
+        """Correct what is refuted of the mount, the clock and the gyro's scale."""
+        used, mean, p = self.corrections, self.mean, self.covariance
+        self._wrong = wrong = tuple([_probability(mean, p, places) for places in ((LX, LY), (TAU,), (SCALE,))])
+        x, y, delay, scale = used.x, used.y, used.delay, used.scale
+        if (x or y) or (wrong[0] > SURE and hypot(mean[LX], mean[LY]) > WORTH_M):
+            x, y = float(mean[LX]), float(mean[LY])
+        if delay or (wrong[1] > SURE and abs(mean[TAU]) > WORTH_S):
+            delay = float(mean[TAU])
+        if scale or (wrong[2] > SURE and abs(mean[SCALE]) > WORTH_SCALE):
+            scale = float(mean[SCALE])
+        self.corrections = Corrections(x, y, delay, scale)
+        self._left = self._left_to_doubt()
+
+    def _left_to_doubt(self) -> tuple[float, float, float, float]:
+        """Second moments of what may be wrong still: lever arm (along, both, across; m^2), clock (s^2)."""
+        used, p, wrong = self.corrections, self.covariance, self._wrong
+        left_x, left_y = self.mean[LX] - used.x, self.mean[LY] - used.y
+        late = self.mean[TAU] - used.delay
+        lever = 1.0 if used.x or used.y else wrong[0]
+        return (
+            lever * float(p[LX, LX] + left_x * left_x), lever * float(p[LX, LY] + left_x * left_y),
+            lever * float(p[LY, LY] + left_y * left_y),
+            (1.0 if used.delay else wrong[1]) * float(p[TAU, TAU] + late * late),
+        )  # fmt: skip
+
+
+def _probability(mean: Array, covariance: Array, places: tuple[int, ...]) -> float:
+    """The probability that a stated value is wrong."""
+    at = np.ix_(places, places)
+    apart, left = mean[list(places)], covariance[at]
+    known = np.linalg.det(left) / np.prod(START[list(places)])
+    exponent = 0.5 * float(apart @ np.linalg.solve(left, apart))
+    odds = WRONG / (1.0 - WRONG) * sqrt(max(float(known), 0.0)) * exp(min(exponent, 100.0))
+    return odds / (1.0 + odds)

@@ -1,0 +1,126 @@
+"""The fifth rule: three witnesses of the yaw rate vote, and an absolute position overrules the wheels.
+
+Over `WINDOW` the gyro, the wheels, and a third witness (an absolute heading, else the steering) tell how far the robot
+has turned. Two that agree outvote the third: mid-value selection, the common voter of redundant sensors (R. J. Patton,
+P. M. Frank, R. N. Clark, *Fault Diagnosis in Dynamic Systems*, Prentice Hall 1989). They agree within what slip,
+understeer and unequal tyres explain, as these are the car's model and no fault.
+
+The wheels' speed has one better witness, an absolute position. It is always right, by `txt1.estimation.judge`.
+"""
+
+from collections import deque
+from itertools import pairwise
+from math import hypot, sqrt
+from typing import Final, NamedTuple
+
+from txt1.model.kinematics import wrap_angle
+
+WINDOW: Final = 0.3  # s
+FRESH: Final = 0.5  # s that an absolute reading may be old
+ENOUGH: Final = 8  # cycles
+LEGS: Final = 5  # pieces into which a path by positions is cut
+SHARE: Final = 0.3  # of a rate that slip and understeer explain
+YAW: Final = 0.08  # rad/s, of noise, of lags, and of what is not straight
+TYRES: Final = 0.04  # rad/s at 1 m/s, of tyres that differ by 1 %
+SPEED: Final = 0.15  # m/s, of noise
+
+
+class Cycle(NamedTuple):
+    """What witnesses tell of a cycle; None where there is none."""
+
+    time: float  # s of the run, of its end
+    v: float  # m/s, of the wheels
+    wheels: float  # rad/s
+    gyro: float | None  # rad/s, without its bias
+    steering: float | None  # rad/s
+
+
+class Place(NamedTuple):
+    """An absolute reading."""
+
+    time: float  # s
+    x: float  # m
+    y: float  # m
+    theta: float | None  # rad
+    sigma: float  # m
+    sigma_theta: float  # rad
+
+
+class Vote:
+    """The witnesses' reports of the last seconds."""
+
+    def __init__(self) -> None:
+        self._cycles: deque[Cycle] = deque()
+        self._places: deque[Place] = deque()
+
+    def clear(self) -> None:
+        """Forget everything: the robot was carried elsewhere."""
+        self._cycles.clear()
+        self._places.clear()
+
+    def cycle(self, cycle: Cycle) -> None:
+        """Take in a cycle."""
+        self._cycles.append(cycle)
+        while cycle.time - self._cycles[0].time > WINDOW + FRESH:
+            self._cycles.popleft()
+
+    def place(self, place: Place) -> None:
+        """Take in an absolute reading that was taken in by the filter."""
+        self._places.append(place)
+        while place.time - self._places[0].time > WINDOW:
+            self._places.popleft()
+
+    def outvoted(self) -> tuple[bool, bool]:
+        """Whether the gyro is, and whether the wheels are."""
+        if not self._cycles:
+            return False, False
+        end = self._cycles[-1].time
+        seen = self._seen() if self._places and end - self._places[-1].time <= FRESH else None
+        begin = end - WINDOW
+        if seen is not None:
+            begin, end = self._places[0].time, self._places[-1].time
+        cycles = [each for each in self._cycles if begin < each.time <= end]
+        if len(cycles) < ENOUGH:
+            return False, False
+        v = sum(each.v for each in cycles) / len(cycles)
+        wheels = sum(each.wheels for each in cycles) / len(cycles)
+        gyro, third = _mean([each.gyro for each in cycles]), _mean([each.steering for each in cycles])
+        noise, sliding = YAW, False
+        if seen is not None:
+            speed, sigma, turning, uncertain = seen
+            v_share = SHARE * max(speed, abs(v))
+            sliding = abs(speed - abs(v)) > SPEED + v_share + 4.0 * sigma
+            if turning is not None:
+                third, noise = turning, YAW + 4.0 * uncertain
+        if gyro is None or third is None or _agree(gyro, wheels, v, YAW):
+            return False, sliding
+        gyro_agrees, wheels_agree = _agree(gyro, third, v, noise), _agree(wheels, third, v, noise)
+        return wheels_agree and not gyro_agrees, sliding or (gyro_agrees and not wheels_agree)
+
+    def _seen(self) -> tuple[float, float, float | None, float] | None:
+        """Speed (m/s) and its sigma, yaw rate (rad/s; None) and its sigma, by the absolute readings."""
+        first, last = self._places[0], self._places[-1]
+        span = last.time - first.time
+        if span < 0.5 * WINDOW:
+            return None
+        places = list(self._places)[:: max(1, len(self._places) // LEGS)]
+        if places[-1] is not last:
+            places.append(last)
+        path = sum(hypot(two.x - one.x, two.y - one.y) for one, two in pairwise(places))
+        turned: float | None = 0.0
+        for one, two in pairwise(places):
+            if turned is None or one.theta is None or two.theta is None:
+                turned = None
+            else:
+                turned += wrap_angle(two.theta - one.theta)
+        sigma = sqrt(2.0 * len(places)) * last.sigma / span
+        return path / span, sigma, None if turned is None else turned / span, sqrt(2.0) * last.sigma_theta / span
+
+
+def _mean(values: list[float | None]) -> float | None:
+    told = [each for each in values if each is not None]
+    return sum(told) / len(told) if 2 * len(told) > len(values) else None
+
+
+def _agree(one: float, two: float, v: float, noise: float) -> bool:
+    return abs(one - two) <= noise + TYRES * abs(v) + SHARE * max(abs(one), abs(two))
