@@ -14,7 +14,7 @@ from shutil import copyfile
 from typing import Any, Final
 
 from rigs import page_parts
-from studies.learners import compare, suite
+from studies.learners import compare, contenders, suite
 from studies.learners.__main__ import main as study
 
 HERE: Final = Path(__file__).parent
@@ -57,8 +57,8 @@ def main() -> None:
         copyfile(OUT, RAW)
         study(["worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
                  "--trials", given.worlds, "--episodes", "12", "--out", str(WORLDS), "--resume"])  # fmt: skip
-    page_parts.write(PAGE, "contenders", compare.table(*compare.read(RAW)), "docs.compared_learners")
-    compare.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
+    page_parts.write(PAGE, "contenders", contenders.table(*compare.read(RAW)), "docs.compared_learners")
+    contenders.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]
     if files:
         results = [json.loads(path.read_text(encoding="utf-8")) for path in files]

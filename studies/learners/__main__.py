@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.learners import compare, suite
+from studies.learners import compare, contenders, suite
+from studies.learners.contenders import ALL
 from studies.learners.floor import floor_of
 from studies.learners.suite import Each
 from txt1 import cli
@@ -84,12 +85,12 @@ def worlds(arguments: argparse.Namespace) -> int:
     return code
 
 
-def contenders(arguments: argparse.Namespace) -> int:
+def comparison(arguments: argparse.Namespace) -> int:
     """Compare contenders in one world, per seconds driven."""
     config, file = loaded(arguments).config, arguments.file.with_suffix(".jsonl")
 
     def tell(line: dict[str, Any]) -> None:
-        print(f"{line['contender']:<10} trial {line['trial']:<4} {compare.told(line)}", flush=True)
+        print(f"{line['contender']:<10} trial {line['trial']:<4} {contenders.told(line)}", flush=True)
 
     _, code = compare.compare(
         file, arguments.agent, config, arguments.trials, arguments.episodes, config.seed, _each(arguments), tell
@@ -113,9 +114,9 @@ ACTIONS = {
         "--resume": flag("continue the results in DIR"),
         "--set": CONFIGURATION["--set"],
     } | TRIALS | OPTIONS | SEED),
-    "compare": (contenders, {
+    "compare": (comparison, {
         "file": takes("FILE", "raw results in FILE.jsonl, carried on when it is there; a table and a figure", path),
-        "--agent": takes("NAMES", f"of {', '.join(compare.ALL)}; all by default", names, default=list(compare.ALL)),
+        "--agent": takes("NAMES", f"of {', '.join(ALL)}; all by default", names, default=list(ALL)),
     } | TRIALS | OPTIONS | CAR),
     "floor": (floor, TRIALS | CAR),
 }  # fmt: skip

@@ -4,6 +4,10 @@
     DIR/table.md              learner x world: success and ratios after the 7th episode
     DIR/LEARNER/WORLD.k.part  trials that are done already, while others are on
 
+How it goes: `run_all` lists what no file holds yet, by pair and block of trials; the runner of trials does it, and a
+block becomes a part as it comes. A pair whose blocks are all there becomes its file. The floor of each episode's world
+is computed beside the trials, once for each world that a process meets; a world that drifts has one for each stage.
+
 A world is a configuration file, config/worlds/*.yaml; four more are drawn from `RANGES` by a seed.
 """
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from studies.learners import OWN, compare
+from studies.learners import OWN, compare, contenders
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.trials.provenance import provenance
@@ -26,14 +26,14 @@ def line(rows: list[list[float]], name: str = "pilot", number: int = 1) -> dict[
 
 def raw(file: Path, lines: list[dict[str, Any]], **other: Any) -> Path:
     told = CONFIG.model_dump(mode="json", exclude={"seed"})
-    head = {"format": compare.FORMAT, "version": 1, "seed": 1, "episodes": 12, "columns": compare.COLUMNS,
+    head = {"format": compare.FORMAT, "version": 1, "seed": 1, "episodes": 12, "columns": contenders.COLUMNS,
             "config": told, "provenance": provenance(*OWN)} | other  # fmt: skip
     file.write_text("".join(json.dumps(each) + "\n" for each in [head, *lines]))
     return file
 
 
 def test_a_failure_is_counted_and_is_in_no_ratio() -> None:
-    one = compare.figures([line([LOST] * 7 + [QUICK] * 4 + [LOST])])
+    one = contenders.figures([line([LOST] * 7 + [QUICK] * 4 + [LOST])])
     assert (one["episodes"], one["failures"], one["success"]) == (5, 1, 0.8)
     assert one["to_floor"] == pytest.approx(5.0 / 4.5) and one["to_optimum"] == pytest.approx(1.25)
     assert one["driven"] == 7 * 300.0 + 4 * 5.0 + 300.0, "the robot drove them"
@@ -45,16 +45,16 @@ def here(work: Callable[[Any], Any], trials: Mapping[Any, Any], keep: Callable[[
 
 
 def test_who_is_skilled_has_ten_in_a_row_near_the_floor_and_the_seconds_before_count() -> None:
-    assert compare.until_skill(line([LOST, SLOW, SLOW] + [QUICK] * 10)) == 309.0
-    assert compare.until_skill(line([QUICK] * 9 + [LOST] + [QUICK] * 9)) == inf
-    assert compare.until_skill(line([SLOW] * 12)) == inf
+    assert contenders.until_skill(line([LOST, SLOW, SLOW] + [QUICK] * 10)) == 309.0
+    assert contenders.until_skill(line([QUICK] * 9 + [LOST] + [QUICK] * 9)) == inf
+    assert contenders.until_skill(line([SLOW] * 12)) == inf
     trained = {"contender": "ppo", "trial": 1, "curve": [[100.0, [LOST] * 10], [200.0, [QUICK] * 10]]}
-    assert compare.until_skill(trained) == 200.0
+    assert contenders.until_skill(trained) == 200.0
 
 
 def test_who_never_reaches_the_light_has_no_ratio_and_comes_first_in_the_table(tmp_path: Path) -> None:
     head, lines = compare.read(raw(tmp_path / "a.jsonl", [line([QUICK] * 12), line([LOST] * 12, "thesis")]))
-    rows = compare.table(head, lines).splitlines()
+    rows = contenders.table(head, lines).splitlines()
     assert rows[2].startswith("| thesis | 1 | 0.00 %") and "| - |" in rows[2] and "never" in rows[2]
     assert rows[3].startswith("| pilot | 1 | 100.00 %") and "1.111" in rows[3]
 
@@ -74,7 +74,7 @@ def test_the_table_is_the_same_in_whatever_order_the_trials_were_done(tmp_path: 
     some = [[QUICK] * 12, [SLOW] * 12, [QUICK] * 11 + [LOST], [QUICK, SLOW] * 6]
     lines = [line(rows, name, number) for name in ("pilot", "sweeps") for number, rows in enumerate(some)]
     head, every = compare.read(raw(tmp_path / "a.jsonl", lines))
-    assert compare.table(head, every[::-1]) == compare.table(head, every)
+    assert contenders.table(head, every[::-1]) == contenders.table(head, every)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_a_comparison_is_done_and_carried_on(tmp_path: Path) -> None:
             1,
             1,
             here,
-            lambda x: told.append(compare.told(x)),
+            lambda x: told.append(contenders.told(x)),
         )
     assert len(told) == 4
     assert {(each["contender"], each["trial"]) for each in compare.read(tmp_path / "a.jsonl")[1]} == {
