@@ -81,6 +81,7 @@ function forget() {
   map.clear()
   charts.forEach((chart) => chart.clear())
   know.topics = {}
+  drive.hand = null
   know.learning = { steps: [], episodes: new Map(), decisions: 0 }
   know.drawn = -1  // which sensors are drawn is found anew
   know.choose(know.plot.topic, know.plot.field)
