@@ -9,7 +9,7 @@
 
 How it goes: `prepare` writes or compares experiment.json and returns the trials that are there; the command does those
 that are missing, and each is saved as it ends (`save_result`); `write` makes the other files of all of them, each time
-anew. Nothing but trials/ is ever read back.
+anew. Nothing but experiment.json and trials/ is ever read back.
 
 A trial in simulation repeats bit for bit from its seed, so one that was interrupted is done again from its start. A
 real robot does not repeat: there, the agent carries on from what it had learned.

@@ -1,24 +1,35 @@
-"""A learner of another package, made to tell by its name what it does wrong."""
+"""A learner of another package, made to tell by its name what it does wrong.
+
+`Checked` asks the learner for each attribute of an `Agent`; `KINDS` has what must come back. An error travels on as one
+line that names who made the learner.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from operator import index
-from typing import Any, Final, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Final
 
 from txt1.errors import Txt1Error
-from txt1.learning.agent import Agent, Decision, Rows, Sharer
+from txt1.learning.agent import Agent, Decision, Sharer
 from txt1.learning.learned import Learned
 from txt1.learning.qtable import StoredTable
-from txt1.model.light_sensors import Readings
-from txt1.model.odometry import Odometry
 
-T = TypeVar("T")
+PROPERTIES: Final = ("name", "ready")
 METHODS: Final = [name for name in vars(Agent) if not name.startswith("_")]
+SHARES: Final = ("shared", "take")
+
+
+def _decision(value: Any) -> Decision:
+    state, reward, values = value
+    row, earned = None if state is None else index(state), None if reward is None else float(reward)
+    return Decision(row, earned, tuple(map(float, values)))
+
+
+KINDS: Final[dict[str, type]] = {"name": str, "table": StoredTable, "memory": dict, "shared": Learned}
+MADE: Final[dict[str, Callable[[Any], Any]]] = {
+    "ready": bool, "waits": bool, "act": index, "decision": _decision, "take": index,
+}  # what other returns are made, which raises TypeError or ValueError  # fmt: skip
 
 
 def checked(agent: Agent, who: str, actions: int) -> Agent:
@@ -26,7 +37,9 @@ def checked(agent: Agent, who: str, actions: int) -> Agent:
     there = dir(agent)
     if missing := [name for name in METHODS if name not in there]:
         raise Txt1Error(f"{who} is no txt1.learning.agent.Agent: {type(agent).__name__} has no {', '.join(missing)}")
-    return (CheckedSharer if isinstance(agent, Sharer) else Checked)(agent, who, actions)
+    made: Any = (CheckedSharer if isinstance(agent, Sharer) else Checked)(agent, who, actions)
+    own: Agent = made
+    return own
 
 
 class Checked:
@@ -35,100 +48,36 @@ class Checked:
     def __init__(self, agent: Any, who: str, actions: int) -> None:
         self._agent, self._who, self._actions = agent, who, actions
 
-    @contextmanager
-    def _in(self, method: str) -> Iterator[None]:
+    def ask(self, name: str, *given: Any) -> Any:
+        """Return an attribute of the learner, or what its method gives; Txt1Error: it failed, or gave nonsense."""
         try:
-            yield
+            value = getattr(self._agent, name)
+            value = value if name in PROPERTIES else value(*given)
+            value = MADE[name](value) if name in MADE else value
         except Txt1Error:
             raise
         except Exception as error:
             told = " ".join(f"{type(error).__name__}: {error}".split())
-            raise Txt1Error(f"{self._who} failed in {method}: {told}") from error
-
-    def _of(self, kind: type[T], method: str, value: object) -> T:
-        if not isinstance(value, kind):
-            raise Txt1Error(f"{self._who}: {method} returned {value!r}; return a {kind.__name__}")
+            raise Txt1Error(f"{self._who} failed in {name}: {told}") from error
+        if name in KINDS and not isinstance(value, KINDS[name]):
+            raise Txt1Error(f"{self._who}: {name} returned {value!r}; return a {KINDS[name].__name__}")
+        if name == "act" and not 0 <= value < self._actions:
+            raise Txt1Error(f"{self._who}: act returned {value}; return 0 to {self._actions - 1}")
         return value
-
-    @property
-    def name(self) -> str:
-        """The name it is asked for by."""
-        with self._in("name"):
-            return self._of(str, "name", self._agent.name)
-
-    def begin(self) -> None:
-        """An episode begins."""
-        with self._in("begin"):
-            self._agent.begin()
-
-    def see(self, readings: Readings, odometry: Odometry) -> None:
-        """One sample of the light."""
-        with self._in("see"):
-            self._agent.see(readings, odometry)
-
-    @property
-    def ready(self) -> bool:
-        """Whether it has seen enough to act."""
-        with self._in("ready"):
-            return bool(self._agent.ready)
-
-    def waits(self, now: float, odometry: Odometry) -> bool:
-        """Whether the action in force goes on."""
-        with self._in("waits"):
-            return bool(self._agent.waits(now, odometry))
-
-    def act(self, now: float, odometry: Odometry) -> int:
-        """The index of the next action."""
-        with self._in("act"):
-            action = index(self._agent.act(now, odometry))
-        if not 0 <= action < self._actions:
-            raise Txt1Error(f"{self._who}: act returned {action}; return 0 to {self._actions - 1}")
-        return action
-
-    def end(self, success: bool, odometry: Odometry) -> None:
-        """The episode is over."""
-        with self._in("end"):
-            self._agent.end(success, odometry)
-
-    def decision(self, odometry: Odometry) -> Decision:
-        """Return the grounds of the last decision."""
-        with self._in("decision"):
-            state, reward, values = self._agent.decision(odometry)
-            return Decision(
-                None if state is None else index(state), None if reward is None else float(reward),
-                tuple(map(float, values)),
-            )  # fmt: skip
-
-    def void(self) -> None:
-        """The episode does not count."""
-        with self._in("void"):
-            self._agent.void()
-
-    def table(self) -> StoredTable:
-        """Return the table learned so far."""
-        with self._in("table"):
-            return self._of(StoredTable, "table", self._agent.table())
-
-    def memory(self) -> dict[str, Any]:
-        """All that it needs to carry on later."""
-        with self._in("memory"):
-            return self._of(dict, "memory", self._agent.memory())
-
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Carry on from what `memory` gave."""
-        with self._in("recall"):
-            self._agent.recall(memory)
 
 
 class CheckedSharer(Checked):
     """One that can learn together with others."""
 
-    def shared(self) -> Learned:
-        """Return its rows."""
-        with self._in("shared"):
-            return self._of(Learned, "shared", self._agent.shared())
 
-    def take(self, rows: Rows, taken: NDArray[np.bool_], episodes: int) -> int:
-        """Take over rows of all."""
-        with self._in("take"):
-            return index(self._agent.take(rows, taken, episodes))
+def _asks(name: str) -> Any:
+    """Return the attribute of `Checked` that asks the learner for its own."""
+    if name in PROPERTIES:
+        return property(lambda self: self.ask(name))
+    return lambda self, *given: self.ask(name, *given)
+
+
+for _name in METHODS:
+    setattr(Checked, _name, _asks(_name))
+for _name in SHARES:
+    setattr(CheckedSharer, _name, _asks(_name))
