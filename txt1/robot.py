@@ -392,10 +392,9 @@ class Robot:
 
         def give() -> None:
             self.program.insist(v, omega)
-            reason = reason_not_to_move(self.runtime.state, self.hal.capabilities)
             # a switch or gains that were sent just before take until the next tick
-            if reason is not None and (v or omega) and self.now > began:
-                self.program.release()
+            late = (v or omega) and self.now > began
+            if late and (reason := reason_not_to_move(self.runtime.state, self.hal.capabilities)):
                 raise CommandRefused(reason)
 
         self.program.begin()

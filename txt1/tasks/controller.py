@@ -134,10 +134,13 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
         in_vain = passes and (state.power.esc is False or not state.gains.loaded)
         if in_vain and isinstance(given, Command) and (given.v or given.omega):
             asked_since = min(asked_since, now)
-            if not told and now - asked_since >= UNMOVED:
-                told, reason = True, reason_not_to_move(state, hal.capabilities)
-                if reason is not None:
-                    state.tell(now, reason)
+            if (
+                not told
+                and now - asked_since >= UNMOVED
+                and (reason := reason_not_to_move(state, hal.capabilities)) is not None
+            ):
+                told = True
+                state.tell(now, reason)
         else:
             # said again at the next attempt
             asked_since, told = inf, False

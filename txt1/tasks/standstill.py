@@ -77,12 +77,12 @@ class Watch:
             self._halt_due = now + AGAIN
             self.hal.halt(self.gate.neutral(state.servos), now)
         self._check_obedience(now, v, outputs)
-        if now < self._full_until and not armed and wheel is not None and wheel > STILL:
+        full = now < self._full_until and not armed and self.hal.capabilities.power
+        if full and wheel is not None and wheel > STILL:
             # somebody has switched the ESC on too soon, and loops that are full drive the car whatever they are told
             self._full_until = 0.0
-            if self.hal.capabilities.power:
-                state.tell(now, "the ESC came back before the board's loops were cleared: it is switched off")
-                self._switch(Switch.ESC, False, now)
+            state.tell(now, "the ESC came back before the board's loops were cleared: it is switched off")
+            self._switch(Switch.ESC, False, now)
         return stop
 
     def _enter(self, stop: Stop, before: Stop, now: float, blind: bool) -> None:
