@@ -48,6 +48,7 @@ def opener(hal: SimHal) -> Callable[..., Any]:
     async def opened(config: Config, unseen: bool) -> AsyncIterator[Robot]:
         wired = rewired(hal, config.channels, config.geometry.steering == "skid", unseen)
         async with Robot.open(wired, config=config) as robot:
+            await robot.load_gains()
             yield robot
 
     return opened
@@ -269,6 +270,7 @@ def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -
 
         async def drive() -> tuple[float, ...]:
             async with Robot.open(config=config) as robot:
+                await robot.load_gains()
                 await robot.drive(0.5, 0.4, 4.0)
                 assert robot.pose is not None
                 return robot.pose

@@ -114,6 +114,7 @@ def test_it_is_listed_and_exported(
 def test_it_is_in_the_runs_json(topics: dict[Rule, Topic[Compass]]) -> None:
     async def main() -> dict[str, Any]:
         async with Robot.open() as robot:
+            await robot.load_gains()
             await needle(robot, topics, 1)
             return report(robot.runtime)
 

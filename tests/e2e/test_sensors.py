@@ -257,6 +257,7 @@ async def test_simulated_readings_repeat_from_the_seed() -> None:
         told: list[Any] = []
         async with Robot.open("sim", seed=seed, settings=[*ENDLESS, "sensors.light.driver=sim_light"]) as robot:
             robot.runtime.bus.subscribe(lambda _, value, time: told.append(value), [LIGHT])
+            await robot.load_gains()
             await robot.drive(0.5, 0.5, 2.0)
         return told
 

@@ -208,7 +208,7 @@ def test_real_hardware_is_checked_only_with_its_wheels_off_the_ground(
     checked: list[str] = []
 
     def verdicts(suite: type, make: Callable[[], Hal], **settings: object) -> Iterator[tuple[str, str]]:
-        assert settings == {"speed": None}, "real hardware has real time"
+        assert settings["speed"] is None, "real hardware has real time"
         checked.append(make().name)
         yield "it opens", "ok"
 

@@ -61,6 +61,7 @@ def test_a_thermometer_is_listed_and_keeps_what_a_sensor_promises(capsys: Captur
 def test_its_readings_are_at_hand_in_a_program() -> None:
     async def main() -> None:
         async with Robot.open("sim", settings=["sensors.inside.driver=thermometer"]) as robot:
+            await robot.load_gains()
             await robot.drive(0.5, 0.0, 2.0)
             reading = robot.sensor("inside")
             assert reading is not None
@@ -73,6 +74,7 @@ def test_its_readings_are_at_hand_in_a_program() -> None:
 def test_its_readings_are_on_the_sensors_screen() -> None:
     async def main() -> str:
         async with Robot.open("sim", settings=["sensors.inside.driver=thermometer"]) as robot:
+            await robot.load_gains()
             await robot.drive(0.5, 0.0, 2.0)
             snapshot = Snapshot.decode(Snapshot.take(robot.runtime.bus, robot.now, "txt1").encode())
         console = Console(width=100, record=True, file=io.StringIO())

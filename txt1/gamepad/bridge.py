@@ -91,10 +91,10 @@ class Devices:
         return PadState(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
 
 
-def main(robot: Connection, hand: Mapping[str, Any], **parameters: Any) -> None:
+def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters: Any) -> None:
     """Command what the pads' hands want until the robot's process ends; `parameters` are those of `PadParameters`."""
     given = PadParameters(**parameters)
-    devices, pads = Devices(given.mapping), Pads(given, Hand(**hand))
+    devices, pads = Devices(given.mapping), Pads(given, Hand(**(hand or {})))
     known: dict[int, str] = {}
     driving = False
     try:
