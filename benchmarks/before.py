@@ -53,14 +53,16 @@ def main() -> None:
         costs = interleave(given.rounds, contestants)
         pairs = list(zip(costs["old"], costs["new"], strict=True))
         ratio = median(old.wall / new.wall for old, new in pairs)
-        rows.append((
-            case,
-            *(spread([cost.wall for cost in costs[name]]) for name in contestants),
-            f"{ratio:.3f}",
-            f"{min(cost.wall for cost in costs['old']) / min(cost.wall for cost in costs['new']):.3f}",
-            f"{median(old.processor / new.processor for old, new in pairs):.3f}",
-            verdict(ratio >= LIMIT),
-        ))  # fmt: skip
+        rows.append(
+            (
+                case,
+                *(spread([cost.wall for cost in costs[name]]) for name in contestants),
+                f"{ratio:.3f}",
+                f"{min(cost.wall for cost in costs['old']) / min(cost.wall for cost in costs['new']):.3f}",
+                f"{median(old.processor / new.processor for old, new in pairs):.3f}",
+                verdict(ratio >= LIMIT),
+            )
+        )
     table(
         f"Wall time of the simulation, s, and old / new (at least {LIMIT})",
         ("", "old", "new", "median ratio", "of the fastest", "processor, with start", ""),

@@ -176,7 +176,7 @@ def main() -> None:
             )
             for name, rounds in results.items()
         ],
-    )  # fmt: skip
+    )
     without, beside = results.values()
     within = sorted(each.p99 for each in beside)[len(beside) // 2] <= max(each.p99 for each in without)
     total: Counter[str] = Counter()

@@ -193,9 +193,11 @@ def main() -> None:
 def _coverage(kept: Kept, shifts: int) -> None:
     runs = kept.each(coverage, [Coverage], [(seed,) for seed in range(shifts)])
     row = (
-        f"{SHIFT * len(runs):g}", f"{min(least for least, _, _ in runs):.3f}",
-        str(sum(touched for _, touched, _ in runs)), f"{min(nearest for *_, nearest in runs):.3f} m",
-    )  # fmt: skip
+        f"{SHIFT * len(runs):g}",
+        f"{min(least for least, _, _ in runs):.3f}",
+        str(sum(touched for _, touched, _ in runs)),
+        f"{min(nearest for *_, nearest in runs):.3f} m",
+    )
     heads = ("hours", "least share in 10 min", "contacts", "nearest")
     table(f"Coverage of 6 x 6 m by 4 cars, {len(runs)} times {SHIFT:g} h", heads, [row])
 
@@ -234,9 +236,12 @@ def _rendezvous(kept: Kept, seeds: int, folder: Path | None) -> None:
     runs = kept.each(rendezvous, [Rendezvous], [(seed,) for seed in range(seeds)])
     times = [time for _, time, _ in runs if time is not None]
     row = (
-        str(len(runs)), str(len(times)), f"{mean(times):.1f} s", f"{max(times):.1f} s",
+        str(len(runs)),
+        str(len(times)),
+        f"{mean(times):.1f} s",
+        f"{max(times):.1f} s",
         str(sum(t > 0 for *_, t in runs)),
-    )  # fmt: skip
+    )
     heads = ("graphs", "converged", "mean", "longest", "runs with contact")
     table("Rendezvous of 2 to 8 cars over random switching graphs", heads, [row])
     if folder is not None:

@@ -213,21 +213,32 @@ CASES: Final[tuple[tuple[str, str, Case], ...]] = (
     ("hal-vesc.md", "Host killed (SIGKILL)", partial(device_without_host, "vesc")),
     ("hal-waveshare.md", "Host killed (SIGKILL)", partial(device_without_host, "waveshare")),
     ("hal-pi.md", "Host and guard killed at once", partial(guard_after, to_both(KILLED))),
-    ("hal-pi.md", "Process 1 of a pid namespace killed",
-     partial(guard_after, in_namespace(KILLED, True), namespace=True)),
-    ("hal-pi.md", "The same, with a watchdog", partial(guard_after, in_namespace(KILLED, True), namespace=True,
-     watchdog=True)),
-    ("hal-pi.md", "Host and guard killed at once, with a watchdog",
-     partial(guard_after, to_both(KILLED), watchdog=True)),
-    ("hal-pi.md", "Host and guard stopped (SIGSTOP) at once, with a watchdog",
-     partial(guard_after, to_both(STOPPED), watchdog=True)),
-    ("hal-pi.md", "Host killed in a pid namespace",
-     partial(guard_after, in_namespace(KILLED, False), namespace=True)),
+    (
+        "hal-pi.md",
+        "Process 1 of a pid namespace killed",
+        partial(guard_after, in_namespace(KILLED, True), namespace=True),
+    ),
+    (
+        "hal-pi.md",
+        "The same, with a watchdog",
+        partial(guard_after, in_namespace(KILLED, True), namespace=True, watchdog=True),
+    ),
+    (
+        "hal-pi.md",
+        "Host and guard killed at once, with a watchdog",
+        partial(guard_after, to_both(KILLED), watchdog=True),
+    ),
+    (
+        "hal-pi.md",
+        "Host and guard stopped (SIGSTOP) at once, with a watchdog",
+        partial(guard_after, to_both(STOPPED), watchdog=True),
+    ),
+    ("hal-pi.md", "Host killed in a pid namespace", partial(guard_after, in_namespace(KILLED, False), namespace=True)),
     ("hal-pi.md", "Host killed", partial(guard_after, to_host(KILLED))),
     ("hal-pi.md", "Host stopped", partial(guard_after, to_host(STOPPED))),
     ("hal-pi.md", "Guard killed", partial(guard_after, to_guard(KILLED))),
     ("hal-pi.md", "Guard stopped", partial(guard_after, to_guard(STOPPED))),
-)  # fmt: skip
+)
 """The page, what happens, and one round of it; first what may fail."""
 
 

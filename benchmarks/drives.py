@@ -89,9 +89,7 @@ def without_faults(drive: Drive, limit: float = 5.0) -> Drive:
 def events(drive: Drive) -> Iterator[tuple[str, Array]]:
     """Readings and samples of the wheels as they arrive; the wheels come last, as they make a step."""
     order = ("imu", "gps", "vicon", "wheels")
-    rows = [
-        (row[0], place, name, row) for place, name in enumerate(order) if name in drive for row in drive[name]
-    ]  # fmt: skip
+    rows = [(row[0], place, name, row) for place, name in enumerate(order) if name in drive for row in drive[name]]
     for _, _, name, row in sorted(rows, key=lambda each: each[:2]):
         yield name, row
 
@@ -120,8 +118,10 @@ def score(drive: Drive, rows: list[tuple[float, Array, Array]]) -> Score:
     return Score(
         float(np.sqrt(np.mean(found[:, 0] ** 2 + found[:, 1] ** 2))),
         float(np.sqrt(np.mean(found[:, 2] ** 2))) * 180.0 / pi,
-        float(told.mean()), float(np.mean((told > BAND[0]) & (told < BAND[1]))), longest,
-    )  # fmt: skip
+        float(told.mean()),
+        float(np.mean((told > BAND[0]) & (told < BAND[1]))),
+        longest,
+    )
 
 
 def plain(drive: Drive) -> Score:
@@ -185,9 +185,7 @@ def ours(
             estimator.take(name, reading_of(name, row))
             continue
         odometry.step((int(row[2]), int(row[3])), float(row[1]))
-        wheels = Wheels(
-            odometry.odometry, float(row[1]), float(row[4]) * STEERING_MAX, float(row[5]), float(row[6])
-        )  # fmt: skip
+        wheels = Wheels(odometry.odometry, float(row[1]), float(row[4]) * STEERING_MAX, float(row[5]), float(row[6]))
         estimate = estimator.step(float(row[0]), wheels)
         if watch is not None:
             watch(estimator, estimate)
@@ -226,12 +224,15 @@ def show(folder: Path) -> None:
         missed = mine.position > wanted[0] + 5e-5 or mine.heading > wanted[1] + 5e-3
         known = BEFORE.get(name)
         figures = [f"{m:.4f}, {d:.2f}" for m, d in known] if known else ["", ""]
-        rows.append((
-            not missed,
-            f"| {name} | {mine.position:.4f}, {mine.heading:.2f} | {wanted[0]:.4f}, {wanted[1]:.2f} "
-            f"| {'**missed**' if missed else 'met'} | {mine.nees:.2f} | {mine.share:.2f} | {mine.overconfident:.1f} "
-            f"| {other.position:.4f}, {other.heading:.2f} | {other.nees:.2f} | {figures[0]} | {figures[1]} |",
-        ))  # fmt: skip
+        rows.append(
+            (
+                not missed,
+                f"| {name} | {mine.position:.4f}, {mine.heading:.2f} | {wanted[0]:.4f}, {wanted[1]:.2f} "
+                f"| {'**missed**' if missed else 'met'} "
+                f"| {mine.nees:.2f} | {mine.share:.2f} | {mine.overconfident:.1f} "
+                f"| {other.position:.4f}, {other.heading:.2f} | {other.nees:.2f} | {figures[0]} | {figures[1]} |",
+            )
+        )
     print(
         "| drive | this filter: m, degrees rms | at most | | NEES | in band | sigma < error / 3, s "
         "| plain filter here | its NEES | plain filter, another's | version 0.2.0 |"

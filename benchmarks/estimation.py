@@ -40,9 +40,13 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf", "sim.battery.us
 SLIPPING: Final = (*ENDLESS, "sim.vehicle.slip=0.05", "sim.vehicle.understeer=0.1")
 RECTANGLE: Final = [(-1.5, -2.0), (-1.5, 2.0), (1.5, 2.0), (1.5, -2.0)]
 SENSORS: Final = (
-    "sensors.imu.driver=sim_imu", "sensors.vicon.driver=sim_vicon", "sensors.gps.driver=sim_gps",
-    "sensors.gps.options={slow: 0.0}", "sensors.slow.driver=sim_gps", "sensors.vicon.options={angle_noise: 0.002}",
-)  # fmt: skip
+    "sensors.imu.driver=sim_imu",
+    "sensors.vicon.driver=sim_vicon",
+    "sensors.gps.driver=sim_gps",
+    "sensors.gps.options={slow: 0.0}",
+    "sensors.slow.driver=sim_gps",
+    "sensors.vicon.options={angle_noise: 0.002}",
+)
 SETUPS: Final[dict[str, tuple[str, ...]]] = {
     "encoders, filtered": (ENCODERS,),
     "+ gyro": (ENCODERS, "imu"),
@@ -69,10 +73,13 @@ class Errors:
         """Root mean squares, final and largest values, the latter also from `SETTLED` after the first estimate on."""
         time, position, heading = np.array(self.rows).T
         return {
-            "rms_m": float(np.sqrt(np.mean(position**2))), "final_m": float(position[-1]),
-            "largest_m": float(position.max()), "settled_m": float(position[time > time[0] + SETTLED].max()),
-            "rms_rad": float(np.sqrt(np.mean(heading**2))), "final_rad": float(heading[-1]),
-        }  # fmt: skip
+            "rms_m": float(np.sqrt(np.mean(position**2))),
+            "final_m": float(position[-1]),
+            "largest_m": float(position.max()),
+            "settled_m": float(position[time > time[0] + SETTLED].max()),
+            "rms_rad": float(np.sqrt(np.mean(heading**2))),
+            "final_rad": float(heading[-1]),
+        }
 
 
 async def laps(seed: int, count: float) -> dict[str, Errors]:
@@ -82,11 +89,12 @@ async def laps(seed: int, count: float) -> dict[str, Errors]:
         await robot.load_gains()
         estimators = {
             name: Estimator(
-                EstimationConfig(sensors=names), {each: KINDS[each] for each in names if each in KINDS},
+                EstimationConfig(sensors=names),
+                {each: KINDS[each] for each in names if each in KINDS},
                 robot.config.geometry,
             )
             for name, names in SETUPS.items()
-        }  # fmt: skip
+        }
         for estimator in estimators.values():
             for name in estimator.settings:
                 if name != ENCODERS:
@@ -110,11 +118,10 @@ async def laps(seed: int, count: float) -> dict[str, Errors]:
 def tabulated(results: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
     """The root mean square over seeds of every number, by set-up."""
     return {
-        name: {
-            key: float(np.sqrt(np.mean([result[name][key] ** 2 for result in results]))) for key in results[0][name]
-        } | {key: max(result[name][key] for result in results) for key in ("largest_m", "settled_m")}
+        name: {key: float(np.sqrt(np.mean([result[name][key] ** 2 for result in results]))) for key in results[0][name]}
+        | {key: max(result[name][key] for result in results) for key in ("largest_m", "settled_m")}
         for name in results[0]
-    }  # fmt: skip
+    }
 
 
 def show_laps(cases: Sequence[str], count: float, kept: Path, minutes: float, file: Path | None) -> None:

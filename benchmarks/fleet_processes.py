@@ -62,9 +62,12 @@ def started(name: str) -> subprocess.Popen[str]:
     words = ["run", "--name", name, "--fleet", "--headless", "--json"]
     drive = ["--drive", "0.3,0.3", "--set", "safety.missed_ticks_max=1000"]  # a busy machine is to be measured
     return subprocess.Popen(
-        [sys.executable, "-m", "txt1", *words, *drive], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "txt1", *words, *drive],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def bridge_of(robot: int) -> int:

@@ -93,9 +93,11 @@ def main() -> None:
     os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[:threads]))
     print(f"{threads} thread(s) each on {processors()} processor(s); load {os.getloadavg()[0]:.1f}")
     contestants = {
-        "CartPole": cart_poles(threads), "robots": robots(sense=False), "robots with light": robots(sense=True),
+        "CartPole": cart_poles(threads),
+        "robots": robots(sense=False),
+        "robots with light": robots(sense=True),
         "environment": environment(),
-    }  # fmt: skip
+    }
     rates: dict[str, list[float]] = {name: [] for name in contestants}
     for one_round in contestants.values():
         one_round()  # compiled

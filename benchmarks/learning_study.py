@@ -153,9 +153,16 @@ def watched(number: int, config: Config, seed: int, episodes: int) -> tuple[list
                 compressed = agent.settings.direction == "summed" and sensed == sector(summed)
                 cause = "compression" if compressed else "noise"
             decisions.append(
-                Decision(one.time > SLOW, one.number, sector(bearing), float(distance[k]), CAUSES.index(cause),
-                         (after - k) * TICK, float(distance[k] - distance[after]))
-            )  # fmt: skip
+                Decision(
+                    one.time > SLOW,
+                    one.number,
+                    sector(bearing),
+                    float(distance[k]),
+                    CAUSES.index(cause),
+                    (after - k) * TICK,
+                    float(distance[k] - distance[after]),
+                )
+            )
     return outcome.episodes, decisions
 
 
@@ -207,8 +214,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args(argv)
     config = load(None, arguments.set).config
-    work = partial(trial, agent=arguments.agent, config=config, seed=arguments.seed, episodes=arguments.episodes,
-                   permute=arguments.permute)  # fmt: skip
+    work = partial(
+        trial,
+        agent=arguments.agent,
+        config=config,
+        seed=arguments.seed,
+        episodes=arguments.episodes,
+        permute=arguments.permute,
+    )
     numbers = range(arguments.first, arguments.first + arguments.trials)
     if arguments.where and (arguments.agent != ThesisAgent.name or arguments.permute or arguments.episodes <= LEARNED):
         parser.error(f"--where goes with --agent thesis, more than {LEARNED} episodes, and without --permute")

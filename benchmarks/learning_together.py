@@ -138,9 +138,13 @@ def _report(known: Mapping[tuple[str, int], Times], arguments: argparse.Namespac
         data = np.array([known[kind, seed] for seed in whole])  # (teams, robots, episodes)
         gain = [a - b for a, b in zip(alone, needed, strict=True)]
         rows.append(
-            (kind, _with_interval(needed), "" if kind == "alone" else _with_interval(gain),
-             *(_with_interval(data[:, :, third].mean(axis=(1, 2))) for third in thirds))
-        )  # fmt: skip
+            (
+                kind,
+                _with_interval(needed),
+                "" if kind == "alone" else _with_interval(gain),
+                *(_with_interval(data[:, :, third].mean(axis=(1, 2))) for third in thirds),
+            )
+        )
     skill = f"{IN_A_ROW} in a row within {SKILL:g} s"
     who = "newcomers to " if arguments.newcomer else ""
     teams = f"{arguments.learner}: {who}{len(whole)} teams of {arguments.robots}, {episodes} episodes"

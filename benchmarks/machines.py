@@ -54,9 +54,18 @@ def cluster(workers: int) -> Iterator[list[subprocess.Popen[bytes]]]:
 def learned(out: Path, arguments: argparse.Namespace, where: list[str], half: list[subprocess.Popen[bytes]]) -> float:
     """Seconds that the trials took; the first of `half` is killed when half of them are done."""
     words = [
-        "learn", "--trials", str(arguments.trials), "--episodes", str(arguments.episodes), "--seed", "1",
-        "--no-pictures", "--out", str(out), *where,
-    ]  # fmt: skip
+        "learn",
+        "--trials",
+        str(arguments.trials),
+        "--episodes",
+        str(arguments.episodes),
+        "--seed",
+        "1",
+        "--no-pictures",
+        "--out",
+        str(out),
+        *where,
+    ]
     again = ["--resume"] if (out / "experiment.json").exists() else []
     began = stopwatch_ns()
     with subprocess.Popen([sys.executable, "-m", "txt1", *words, *again], stdout=subprocess.DEVNULL) as learner:

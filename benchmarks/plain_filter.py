@@ -27,9 +27,11 @@ HORIZON: Final = 0.5  # s that a reading may be late
 Q: Final = np.array([1e-6, 1e-6, 1e-6, 1.0, 20.0, 1e-8, 1e-5])  # variance that a second adds to each state
 START: Final = np.array([1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.01, 0.05]) ** 2
 SIGMAS: Final = {
-    "wheels": np.array([0.015, 0.1]), "imu": np.array([0.006]), "gps": np.array([1.0, 1.0]),
+    "wheels": np.array([0.015, 0.1]),
+    "imu": np.array([0.006]),
+    "gps": np.array([1.0, 1.0]),
     "vicon": np.array([0.002, 0.002, 0.003]),
-}  # fmt: skip
+}
 """Standard deviations of the readings: m/s and rad/s; rad/s; m; m and rad."""
 
 

@@ -98,16 +98,19 @@ def show(results: dict[str, list[Round]], duration: float, busy: int) -> None:
     )
     rows = [
         (
-            name, *(spread([getattr(each, field) for each in rounds], 1) for field in ("p50", "p99", "max")),
-            str(sum(each.misses for each in rounds)), spread([100.0 * each.cpu for each in rounds], 1),
+            name,
+            *(spread([getattr(each, field) for each in rounds], 1) for field in ("p50", "p99", "max")),
+            str(sum(each.misses for each in rounds)),
+            spread([100.0 * each.cpu for each in rounds], 1),
             spread([100.0 * each.drawing_cpu for each in rounds], 1),
         )
         for name, rounds in results.items()
-    ]  # fmt: skip
+    ]
     table(
         f"Median over {len(results['C loop'])} rounds (smallest .. largest) {beside}, us",
-        ("", "p50", "p99", "latest", "missed", "processor, %", "its screens, %"), rows,
-    )  # fmt: skip
+        ("", "p50", "p99", "latest", "missed", "processor, %", "its screens, %"),
+        rows,
+    )
     for theirs, ours, limit in (("C loop", "txt1", LIMIT), ("C loop, SCHED_FIFO", "txt1 --realtime", LIMIT_FIFO)):
         if ours in results:
             ratio = median([r.p99 for r in results[ours]]) / median([r.p99 for r in results[theirs]])

@@ -25,9 +25,14 @@ Drive = Callable[[Robot], Coroutine[Any, Any, None]]
 
 SETUPS: Final = tuple(name for name, sensors in PRESETS.items() if sensors)
 SETTINGS: Final = (
-    "sim.room.length=.inf", "sim.room.width=.inf", "sim.battery.used_1=null", "sensors.imu.driver=sim_imu",
-    "sensors.gps.driver=sim_gps", "sensors.gps.options={slow: 0.0}", "sensors.vicon.driver=sim_vicon",
-)  # fmt: skip
+    "sim.room.length=.inf",
+    "sim.room.width=.inf",
+    "sim.battery.used_1=null",
+    "sensors.imu.driver=sim_imu",
+    "sensors.gps.driver=sim_gps",
+    "sensors.gps.options={slow: 0.0}",
+    "sensors.vicon.driver=sim_vicon",
+)
 SHARE: Final = 3.0  # an error is larger than so many sigma
 
 
@@ -77,10 +82,12 @@ class Watch:
             "m": float(np.sqrt(np.mean(rows[:, 1] ** 2 + rows[:, 2] ** 2))),
             "deg": float(np.sqrt(np.mean(rows[:, 3] ** 2))) * 180.0 / pi,
             "largest": float(np.hypot(rows[:, 1], rows[:, 2]).max()),
-            "nees": float(nees.mean()), "share": float(np.mean((nees > BAND[0]) & (nees < BAND[1]))),
-            "in_band": float(BAND[0] < nees[-1] < BAND[1]), "bold": longest,
+            "nees": float(nees.mean()),
+            "share": float(np.mean((nees > BAND[0]) & (nees < BAND[1]))),
+            "in_band": float(BAND[0] < nees[-1] < BAND[1]),
+            "bold": longest,
             "blind": float(rows[:, 6].sum()) * ESTIMATION_PERIOD,
-        }  # fmt: skip
+        }
 
 
 async def driven(vehicle: str, seed: int, drive: Drive, more: tuple[str, ...] = ()) -> dict[str, dict[str, float]]:

@@ -71,11 +71,14 @@ def main(*, quick: bool) -> None:
             ("without", f"{100 * shares['without']:.2f} %", str(misses["without"]), "", ""),
             ("recorded", f"{100 * shares['recorded']:.2f} %", str(misses["recorded"]), "", ""),
             (
-                "the recording", f"{100 * cost:.2f} %", str(misses["recorded"] - misses["without"]),
-                f"{100 * SHARE_MAX:.0f} %", verdict(cost <= SHARE_MAX),
+                "the recording",
+                f"{100 * cost:.2f} %",
+                str(misses["recorded"] - misses["without"]),
+                f"{100 * SHARE_MAX:.0f} %",
+                verdict(cost <= SHARE_MAX),
             ),
         ],
-    )  # fmt: skip
+    )
     print(f"\n  {size / 1000:.1f} kB on the disk per second")
 
 

@@ -54,15 +54,33 @@ PROMISED: Final = {
 }  # fmt: skip
 """Hz, by topic; what is told on change promises none."""
 ROBOT: Final = (
-    "--headless", "--seed", "1", "--ros2", "--arm",
-    "--set", "safety.missed_ticks_max=100000", "--set", "sim.room.length=20", "--set", "sim.room.width=20",
-)  # fmt: skip
+    "--headless",
+    "--seed",
+    "1",
+    "--ros2",
+    "--arm",
+    "--set",
+    "safety.missed_ticks_max=100000",
+    "--set",
+    "sim.room.length=20",
+    "--set",
+    "sim.room.width=20",
+)
 
 SENSORS: Final = (
-    "--set", "sensors.imu.driver=sim_imu", "--set", "sensors.laser.driver=sim_laser",
-    "--set", "sensors.gps.driver=sim_gps", "--set", "sensors.camera.driver=sim_camera",
-    "--set", "sensors.depth.driver=sim_depth", "--set", "estimation.preset=gyro",
-)  # fmt: skip
+    "--set",
+    "sensors.imu.driver=sim_imu",
+    "--set",
+    "sensors.laser.driver=sim_laser",
+    "--set",
+    "sensors.gps.driver=sim_gps",
+    "--set",
+    "sensors.camera.driver=sim_camera",
+    "--set",
+    "sensors.depth.driver=sim_depth",
+    "--set",
+    "estimation.preset=gyro",
+)
 
 
 @contextmanager
@@ -70,8 +88,10 @@ def robot(domain: Mapping[str, str], first: bool, *words: str) -> Iterator[None]
     """A robot in real time with a node of ROS 2."""
     process = subprocess.Popen(
         [*FIRST * first, sys.executable, "-m", "txt1", "run", *ROBOT, *words],
-        env={**os.environ, **domain, "PYTHONPATH": str(ROOT)}, cwd=ROOT, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+        env={**os.environ, **domain, "PYTHONPATH": str(ROOT)},
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+    )
     try:
         time.sleep(START)
         if first:
@@ -144,10 +164,13 @@ def latencies(ros: RosPython, domain: Mapping[str, str], first: bool, seconds: f
     if lost := len(told["sent"]) - len(sent):
         print(f"{lost} of {len(told['sent'])} commands were overtaken by the next before they were in force")
     return {
-        COMMANDER: [taken[v] + began - at for v, at in sent], SETPOINT: [cycles[v] + began - at for v, at in sent],
-        ODOMETRY: told["odometry"], HEARD: [heard[v][1] - at for v, at in sent],
-        RELAY: told["relayed"], IN_CYCLE: told["relayed_in_cycle"],
-    }  # fmt: skip
+        COMMANDER: [taken[v] + began - at for v, at in sent],
+        SETPOINT: [cycles[v] + began - at for v, at in sent],
+        ODOMETRY: told["odometry"],
+        HEARD: [heard[v][1] - at for v, at in sent],
+        RELAY: told["relayed"],
+        IN_CYCLE: told["relayed_in_cycle"],
+    }
 
 
 def latency_rows(got: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, ...]]:

@@ -44,8 +44,15 @@ KINDS: Final = {"sim": (), "ours": ("board.habits=ours",), "original": ("board.h
 WORDS: Final = {"sim": "simulation", "ours": "board as ours", "original": "board as the originals"}
 STANDING: Final = 0.05  # m/s: an original board reads 0 below 0.045, and its loops leave it creeping
 STOPS: Final = (
-    "event", "on", "neutral: median (worst)", "standing: median (worst)", "fastest", "still armed", "it took", "n",
-)  # fmt: skip
+    "event",
+    "on",
+    "neutral: median (worst)",
+    "standing: median (worst)",
+    "fastest",
+    "still armed",
+    "it took",
+    "n",
+)
 HARMLESS_TITLES: Final = "case", "on", "taken for a stop that is none", "commanded and not moving", "n"
 STEP: Final = 0.01  # s between two looks
 ROOT: Final = Path(__file__).parents[1]

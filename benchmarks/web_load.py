@@ -166,10 +166,14 @@ def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
     """Return the rows of the table, and the verdict in words."""
     kinds = {pages: some for pages in KINDS if (some := [each for each in found if each.pages == pages])}
     rows = [
-        (KINDS[pages], str(len(some)), spread([1e3 * each.p99 for each in some], 3),
-         f"{sum(each.misses for each in some)} of {sum(each.cycles for each in some)}")
+        (
+            KINDS[pages],
+            str(len(some)),
+            spread([1e3 * each.p99 for each in some], 3),
+            f"{sum(each.misses for each in some)} of {sum(each.cycles for each in some)}",
+        )
         for pages, some in kinds.items()
-    ]  # fmt: skip
+    ]
     beside = kinds["here"]
     middle = median(each.p99 for each in beside)
     within = {pages: verdict(middle <= max(each.p99 for each in kinds[pages])) for pages in kinds}

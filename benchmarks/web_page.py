@@ -82,10 +82,15 @@ def main() -> None:
             paints += [paint for paint, _ in loads]
             wires += [wire for _, wire in loads]
             counts += drawn
-            rows.append((
-                name, str(len(loads)), spread([paint for paint, _ in loads], 0), spread([wire for _, wire in loads], 1),
-                spread(drawn, 0),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    str(len(loads)),
+                    spread([paint for paint, _ in loads], 0),
+                    spread([wire for _, wire in loads], 1),
+                    spread(drawn, 0),
+                )
+            )
         version = browser.version
         browser.close()
     table("the page in a browser: median (least .. most)", HEAD, rows)

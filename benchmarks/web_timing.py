@@ -159,9 +159,15 @@ def held(
     again = any(each.v != 0.0 for each in watch.samples if each.time > stood.time)
     first, final = watch.first, watch.last
     return Round(
-        name, stood.time - last, stood.time - began, again, final.cycles - first.cycles, final.misses - first.misses,
-        os.getloadavg()[0], realtime,
-    )  # fmt: skip
+        name,
+        stood.time - last,
+        stood.time - began,
+        again,
+        final.cycles - first.cycles,
+        final.misses - first.misses,
+        os.getloadavg()[0],
+        realtime,
+    )
 
 
 def rounds(playwright: Any, name: str, number: int, realtime: bool) -> Iterator[Round]:
@@ -244,11 +250,16 @@ def show(found: Sequence[Round]) -> tuple[list[tuple[str, ...]], str]:
     for name in FAULTS:
         if some := [each for each in found if each.fault == name]:
             missed, cycles = sum(each.misses for each in some), sum(each.cycles for each in some)
-            rows.append((
-                name, str(len(some)), spread([each.input for each in some], 3),
-                spread([each.strike for each in some], 3), str(sum(each.again for each in some)),
-                f"{missed} of {cycles}",
-            ))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    str(len(some)),
+                    spread([each.input for each in some], 3),
+                    spread([each.strike for each in some], 3),
+                    str(sum(each.again for each in some)),
+                    f"{missed} of {cycles}",
+                )
+            )
     worst = max(each.input for each in found)
     calm = [each.input for each in found if not each.misses] or [0.0]
     loads = sorted(each.load for each in found)

@@ -64,9 +64,20 @@ def main() -> None:
     done = {}
     for kind, vehicle, settings in kinds():
         file = TABLES / f"{vehicle}{'-blind' if settings else ''}.csv"
-        execute([
-            "calibrate", "--vehicle", vehicle, *settings, "--practice", str(count), "--seed", "1", "--write", str(file)
-        ])  # fmt: skip
+        execute(
+            [
+                "calibrate",
+                "--vehicle",
+                vehicle,
+                *settings,
+                "--practice",
+                str(count),
+                "--seed",
+                "1",
+                "--write",
+                str(file),
+            ]
+        )
         done[kind] = [car for car in read_practised(file, vehicle) if car.seed <= count]
     page_parts.write(HERE / "calibrate.md", "calibrated_cars", table(done), "docs.calibrated_cars")
 

@@ -55,8 +55,23 @@ def main() -> None:
             copyfile(RAW, OUT)
         study(["compare", str(OUT), "--trials", given.trials, "--seed", SEED])
         copyfile(OUT, RAW)
-        study(["worlds", str(HERE.parent / "config" / "worlds"), "--agent", LEARNERS, "--seed", SEED,
-                 "--trials", given.worlds, "--episodes", "12", "--out", str(WORLDS), "--resume"])  # fmt: skip
+        study(
+            [
+                "worlds",
+                str(HERE.parent / "config" / "worlds"),
+                "--agent",
+                LEARNERS,
+                "--seed",
+                SEED,
+                "--trials",
+                given.worlds,
+                "--episodes",
+                "12",
+                "--out",
+                str(WORLDS),
+                "--resume",
+            ]
+        )
     page_parts.write(PAGE, "contenders", contenders.table(*compare.read(RAW)), "docs.compared_learners")
     contenders.draw(RAW.with_suffix(".png"), compare.read(RAW)[1])
     files = [path for name in LEARNERS.split(",") for path in sorted((WORLDS / name).glob("*.json"))]

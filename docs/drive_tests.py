@@ -44,9 +44,11 @@ WEAK = (
 LOCK = Profile(
     title="Full lock at 0.5 m/s",
     figure="velocities",
-    steps=tuple(ProfileStep(v=0.5 if omega is not None else 0.0, omega=omega or 0.0, seconds=4.0)
-                for omega in (None, 0.0, 0.5 / 0.56, 0.0)),
-)  # fmt: skip
+    steps=tuple(
+        ProfileStep(v=0.5 if omega is not None else 0.0, omega=omega or 0.0, seconds=4.0)
+        for omega in (None, 0.0, 0.5 / 0.56, 0.0)
+    ),
+)
 SEEN: Final = {
     "velocities": "speed and yaw rate over time, beside their set-points",
     "path": "the path, and the radius of the circle through it",
@@ -173,12 +175,23 @@ def on_ptys() -> dict[str, Run]:
             time.sleep(0.1)
         hosts = [
             subprocess.Popen(  # noqa: S603
-                [*txt1, "experiment", name, "--hal", "serial", "--port", f"{folder}/{name}-board", "--arm",
-                 "--out", f"{folder}/{name}", "--no-figure"],
+                [
+                    *txt1,
+                    "experiment",
+                    name,
+                    "--hal",
+                    "serial",
+                    "--port",
+                    f"{folder}/{name}-board",
+                    "--arm",
+                    "--out",
+                    f"{folder}/{name}",
+                    "--no-figure",
+                ],
                 stdout=subprocess.DEVNULL,
             )
             for name in DRIVES
-        ]  # fmt: skip
+        ]
         assert [host.wait() for host in hosts] == [0] * len(hosts)
         return {name: run_folder.read(Path(folder, name))._replace(label="serial, pty, real time") for name in DRIVES}
 
@@ -278,10 +291,12 @@ def gain(pairs: Sequence[Pair]) -> str:
     steps = [both for pair in pairs for both in zip(*(each.metrics["steps"] for each in pair), strict=True)]
     sooner = [old["settling"] - new["settling"] for old, new in steps]
     more, error = max(
-        ((new["overshoot"] - old["overshoot"], hypot(new["overshoot_error"], old["overshoot_error"]))
-         for old, new in steps),
+        (
+            (new["overshoot"] - old["overshoot"], hypot(new["overshoot_error"], old["overshoot_error"]))
+            for old, new in steps
+        ),
         key=lambda each: each[0] / each[1],
-    )  # fmt: skip
+    )
     return (
         f"{sum(each > 0.0 for each in sooner)} of {len(steps)} steps settle sooner, by {min(sooner):.3f} to "
         f"{max(sooner):.2f} s; the most that any overshoots more, by its standard errors, is "

@@ -119,8 +119,10 @@ def battery_run() -> None:
     left, right = figure.subplots(1, 2, sharey=True)
     for each, look in zip(runs, LOOKS, strict=False):
         fell = np.nanmean(each.volts[:50]) - np.nanmean(each.volts[-50:])
-        print(f"| {each.model} | {each.speed:.2f} | {each.minutes[-1]:.1f} | {each.metres[-1]:.0f} "
-              f"| {fell / each.minutes[-1]:.4f} | {1000.0 * fell / each.metres[-1]:.3f} |")  # fmt: skip
+        print(
+            f"| {each.model} | {each.speed:.2f} | {each.minutes[-1]:.1f} | {each.metres[-1]:.0f} "
+            f"| {fell / each.minutes[-1]:.4f} | {1000.0 * fell / each.metres[-1]:.3f} |"
+        )
         label = f"{each.model}, {each.speed:.2f} m/s: {each.minutes[-1]:.1f} min, {each.metres[-1]:.0f} m"
         for axes, along in ((left, each.minutes), (right, each.metres)):
             axes.plot(along, each.volts, **look, label=label)
@@ -151,8 +153,10 @@ def rectangle() -> None:
     )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     for model, each in [("full load", thesis), *(("by speed", each) for each in drives)]:
-        print(f"| {model} | {each.said} | {each.speed:.2f} | {each.minutes:.1f} | {each.metres:.0f} "
-              f"| {each.promised:.0f} | {_outside(each):.2f} |")  # fmt: skip
+        print(
+            f"| {model} | {each.said} | {each.speed:.2f} | {each.minutes:.1f} | {each.metres:.0f} "
+            f"| {each.promised:.0f} | {_outside(each):.2f} |"
+        )
     figure = Figure(figsize=(9.6, 4.0), dpi=120)
     left, right = figure.subplots(1, 2)
     v = np.linspace(0.15, 1.3, 120)
@@ -172,8 +176,11 @@ def rectangle() -> None:
     left.set(xlabel="speed, m/s", ylabel="energy, J/m", ylim=(0.0, None), title="Consumption; o: economical speed")
     left.legend()
     names = [f"{each.said} m/s" if isinstance(each.said, float) else f"“{each.said}”" for each in drives]
-    bars = right.bar(["full load\n0.5 m/s", *names], [thesis.metres, *(each.metres for each in drives)],
-                     color=["0.6", *[COLOURS[0]] * len(drives)])  # fmt: skip
+    bars = right.bar(
+        ["full load\n0.5 m/s", *names],
+        [thesis.metres, *(each.metres for each in drives)],
+        color=["0.6", *[COLOURS[0]] * len(drives)],
+    )
     right.bar_label(bars, [f"{each.metres:.0f} m\n{each.minutes:.1f} min" for each in (thesis, *drives)])
     right.set(ylabel="driven, m", title=f"The rectangle, {LEFT:.0f} min of full load left")
     right.margins(y=0.18)

@@ -32,9 +32,19 @@ def run(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     learned, log = folder / "learned", folder / "run.mcap"
     _done("learn", "--agent", "sweeps", "--trials", "1", "--episodes", "31", "--seed", "1", "--out", str(learned))
     _done(
-        "run", "--policy", str(learned / "qtable.json"), "--log", str(log), "--seed", "1", "--speed", "max",
-        "--headless", "--duration", str(END),
-    )  # fmt: skip
+        "run",
+        "--policy",
+        str(learned / "qtable.json"),
+        "--log",
+        str(log),
+        "--seed",
+        "1",
+        "--speed",
+        "max",
+        "--headless",
+        "--duration",
+        str(END),
+    )
     poses, speeds, asked, decoding, reading = [], [], 0.0, Decoding(), FilePass(log)
     for item in reading:
         time = reading.run_time(item)

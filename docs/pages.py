@@ -110,8 +110,12 @@ def _limits(schema: dict[str, Any], whole: dict[str, Any], key: str) -> Iterator
         return
     kinds = schema.get("anyOf", [schema])
     bounds = [f"{sign}{each[name]}" for each in kinds for name, sign in BOUNDS.items() if name in each]
-    names = [" or ".join(map(repr, each.get("enum", [each.get("const")]))) if "enum" in each or "const" in each
-             else str(each.get("type", each.get("$ref", "any").rpartition("/")[2])) for each in kinds]  # fmt: skip
+    names = [
+        " or ".join(map(repr, each.get("enum", [each.get("const")])))
+        if "enum" in each or "const" in each
+        else str(each.get("type", each.get("$ref", "any").rpartition("/")[2]))
+        for each in kinds
+    ]
     yield (
         key,
         " or ".join(dict.fromkeys(names)).replace("|", "\\|"),
@@ -126,9 +130,15 @@ def topics() -> str:
             import_module(module.name)
         except (ImportError, Txt1Error):  # needs an extra that is not here
             continue
-    lines = ["# Topics", "", "Everything that the robot tells, recorded and shown from one table.",
-             "A sensor adds `/sensors/NAME`; with a robot's name configured it stands before each.", "",
-             "| topic | tells | units | told | message |", "|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "# Topics",
+        "",
+        "Everything that the robot tells, recorded and shown from one table.",
+        "A sensor adds `/sensors/NAME`; with a robot's name configured it stands before each.",
+        "",
+        "| topic | tells | units | told | message |",
+        "|---|---|---|---|---|",
+    ]
     lines += [
         f"| `{name}` | {each.about} | {each.units or '–'} | {each.rule} | `{each.message}` |"
         for name, each in sorted(TOPICS.items())

@@ -21,9 +21,12 @@ FOLDER: Final = Path(__file__).parent / "web"
 BOX: Final = "{kind: box, x: 1.6, y: 1.5, length: 0.6, width: 0.4, theta: 0.4}"
 POST: Final = "{kind: post, x: -1.4, y: 1.2, radius: 0.2}"
 ROOM: Final = (
-    "sim.room.length=7", "sim.room.width=6", "sim.room.light=[-2.0, -1.5]", f"sim.obstacles=[{BOX}, {POST}]",
+    "sim.room.length=7",
+    "sim.room.width=6",
+    "sim.room.light=[-2.0, -1.5]",
+    f"sim.obstacles=[{BOX}, {POST}]",
     "sensors.laser.driver=sim_laser",
-)  # fmt: skip
+)
 PICTURES: Final = {
     "wide-light": ((1280, 800), "light", "events"),
     "wide-dark": ((1280, 800), "dark", "tasks"),

@@ -123,9 +123,11 @@ def main() -> None:
         study([*common, "--trials", given.thesis, "--out", str(THESIS), "--world", "thesis"])
     every = read(EVERY)
     texts = {
-        "losses": losses(every), "worlds": worlds(every), "changes": changes(every),
+        "losses": losses(every),
+        "worlds": worlds(every),
+        "changes": changes(every),
         "thesis": "".join(map(thesis, read(THESIS))),
-    }  # fmt: skip
+    }
     for name, text in texts.items():
         page_parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
 

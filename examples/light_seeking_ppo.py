@@ -21,9 +21,16 @@ EPISODES = 200
 def main(steps: int) -> None:
     config = load().config  # or any world: load(Path("config/worlds/sensors-swapped.yaml")).config
     model = PPO(
-        "MlpPolicy", LightSeekingVecEnv(config, 16, seed=1), n_steps=128, batch_size=256, gamma=0.99,
-        learning_rate=1e-3, seed=1, device="cpu", verbose=1,
-    )  # fmt: skip
+        "MlpPolicy",
+        LightSeekingVecEnv(config, 16, seed=1),
+        n_steps=128,
+        batch_size=256,
+        gamma=0.99,
+        learning_rate=1e-3,
+        seed=1,
+        device="cpu",
+        verbose=1,
+    )
     model.learn(steps)
     where = starts(10_000, 1, EPISODES)  # it has not seen them
     outcomes = drive(model, config, where, seed=2)

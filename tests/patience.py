@@ -3,5 +3,15 @@
 from rigs.patience import LIMIT, LOOK, MISSED, PATIENT, STALLED, TXT1, S, lateness, surviving, until, wait_until
 
 __all__ = [
-    "LIMIT", "LOOK", "MISSED", "PATIENT", "STALLED", "TXT1", "S", "lateness", "surviving", "until", "wait_until",
-]  # fmt: skip
+    "LIMIT",
+    "LOOK",
+    "MISSED",
+    "PATIENT",
+    "STALLED",
+    "TXT1",
+    "S",
+    "lateness",
+    "surviving",
+    "until",
+    "wait_until",
+]

@@ -28,9 +28,13 @@ from txt1.robot import Robot
 from txt1.sidecar import Sidecar
 
 FAULTS: Final = (
-    "console started again", "stops forged and repeated", "hostile peer", "bridge stood still", "two fleets",
+    "console started again",
+    "stops forged and repeated",
+    "hostile peer",
+    "bridge stood still",
+    "two fleets",
     "name taken",
-)  # fmt: skip
+)
 STALE: Final = 0.25  # s after which a command drives no more
 STOPPED: Final = 0.5  # s from a stop's first saying to a closed gate, with a third of the messages lost
 BUSY: Final = 3.0  # s that a busy machine may be late

@@ -198,8 +198,12 @@ def _decode(data: bytes) -> None:
 
 
 TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
-    "decoder": _decode, "setting": _settings, "file": _file, "recording": _recording, "view": _view,
-}  # fmt: skip
+    "decoder": _decode,
+    "setting": _settings,
+    "file": _file,
+    "recording": _recording,
+    "view": _view,
+}
 VIEW_SEEDS: Final = (
     b'{"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0.1}}',
     b'{"twist": {"linear": {"x": NaN}, "angular": {"z": 1e999}}}',

@@ -40,15 +40,30 @@ from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 
 ROOT: Final = Path(__file__).parents[1]
 MODULES: Final = (
-    "txt1/control", "txt1/protocol", "txt1/tasks/controller.py", "txt1/tasks/mode.py", "txt1/hal/serial.py",
-    "txt1/hal/line.py", "txt1/hal/restarts.py", "txt1/hal/acknowledged.py",
-    "txt1/guards/obstacle_stop/free_distance.py", "txt1/guards/roll_guard/guard.py",
-)  # fmt: skip
+    "txt1/control",
+    "txt1/protocol",
+    "txt1/tasks/controller.py",
+    "txt1/tasks/mode.py",
+    "txt1/hal/serial.py",
+    "txt1/hal/line.py",
+    "txt1/hal/restarts.py",
+    "txt1/hal/acknowledged.py",
+    "txt1/guards/obstacle_stop/free_distance.py",
+    "txt1/guards/roll_guard/guard.py",
+)
 TESTS: Final = (
-    "tests/unit/control", "tests/unit/guards", "tests/unit/protocol", "tests/unit/tasks", "tests/unit/hal",
-    "tests/e2e/test_safety.py", "tests/e2e/test_commander.py", "tests/e2e/test_board.py", "tests/e2e/test_wire.py",
-    "tests/e2e/test_robot.py", "tests/e2e/test_closed_loop.py",
-)  # fmt: skip
+    "tests/unit/control",
+    "tests/unit/guards",
+    "tests/unit/protocol",
+    "tests/unit/tasks",
+    "tests/unit/hal",
+    "tests/e2e/test_safety.py",
+    "tests/e2e/test_commander.py",
+    "tests/e2e/test_board.py",
+    "tests/e2e/test_wire.py",
+    "tests/e2e/test_robot.py",
+    "tests/e2e/test_closed_loop.py",
+)
 EQUIVALENT: Final = ROOT / "torture" / "equivalent.yaml"
 SLOW: Final = 4.0  # s of processor: tests that take longer are not asked
 ENOUGH: Final = 12.0  # s that the tests may take that one mutant is shown, the quickest that run its lines
@@ -321,9 +336,14 @@ def _repeat_hypothesis() -> None:
 
     phases = hypothesis.Phase.explicit, hypothesis.Phase.generate
     hypothesis.settings.register_profile(
-        "mutation", derandomize=True, deadline=None, database=None, max_examples=60, phases=phases,
+        "mutation",
+        derandomize=True,
+        deadline=None,
+        database=None,
+        max_examples=60,
+        phases=phases,
         suppress_health_check=list(hypothesis.HealthCheck),
-    )  # fmt: skip
+    )
     hypothesis.settings.load_profile("mutation")
 
 

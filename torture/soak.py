@@ -95,8 +95,9 @@ def main(words: Sequence[str] | None = None) -> int:
     lines = [
         f"{samples[-1].hour:.1f} hours of the robot's time, {len(samples)} samples; growth of the last four fifths.",
         "",
-        "| | after a fifth | at the end | growth an hour |", "|---|--:|--:|--:|",
-    ]  # fmt: skip
+        "| | after a fifth | at the end | growth an hour |",
+        "|---|--:|--:|--:|",
+    ]
     slopes = {}
     for name in ("memory", "descriptors", "threads", "objects"):
         values = [float(getattr(each, name)) for each in samples]

@@ -101,9 +101,12 @@ def messages_not_finite(desk: Desk, value: float) -> None:
     """Messages past the API: velocities, PWM, gains, odometry that are no numbers."""
     bad = pick(NOT_FINITE, value)
     for message in (
-        Velocity(bad, 0.5), PwmTest(bad, 0, 0, 0, 0), PwmCommand(0, bad), PidSet((bad, 1.0, 1.0), ()),
+        Velocity(bad, 0.5),
+        PwmTest(bad, 0, 0, 0, 0),
+        PwmCommand(0, bad),
+        PidSet((bad, 1.0, 1.0), ()),
         CombinedOdometry(0, 0, 0, bad, 0),
-    ):  # fmt: skip
+    ):
         desk.post(message, desk.now)
 
 

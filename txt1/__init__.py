@@ -33,8 +33,19 @@ if TYPE_CHECKING:
     from txt1.sim.world import World
 
 __all__ = [
-    "Box", "Button", "Fleet", "Odometry", "Post", "Robot", "Room", "Switch", "Txt1Error", "World", "__version__", "run",
-]  # fmt: skip
+    "Box",
+    "Button",
+    "Fleet",
+    "Odometry",
+    "Post",
+    "Robot",
+    "Room",
+    "Switch",
+    "Txt1Error",
+    "World",
+    "__version__",
+    "run",
+]
 
 _WHERE = {
     "Box": "txt1.sim.parameters",

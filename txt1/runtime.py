@@ -58,9 +58,15 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
     else:
         loops = loops_for(robot.config.car, geometry)
     serving = partial(
-        serial.serial, inbox=robot.inbox, state=state, hal=hal, gate=gate, send=robot.send,
-        answered=robot.answer, reason_to_keep_atx=robot.reason_to_keep_atx,
-    )  # fmt: skip
+        serial.serial,
+        inbox=robot.inbox,
+        state=state,
+        hal=hal,
+        gate=gate,
+        send=robot.send,
+        answered=robot.answer,
+        reason_to_keep_atx=robot.reason_to_keep_atx,
+    )
     yield (
         "controller",
         4,

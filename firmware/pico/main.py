@@ -48,9 +48,13 @@ def loop(hardware, core, display):
                 hardware.due = False
                 periods, hardware.periods = hardware.periods, 0
                 core.step(
-                    hardware.right.counts(), hardware.left.counts(), hardware.voltage(0), hardware.voltage(1),
-                    hardware.buttons(), max(periods, 1),
-                )  # fmt: skip
+                    hardware.right.counts(),
+                    hardware.left.counts(),
+                    hardware.voltage(0),
+                    hardware.voltage(1),
+                    hardware.buttons(),
+                    max(periods, 1),
+                )
                 hardware.put(core)
                 hardware.alive()
                 if display is not None:

@@ -78,9 +78,16 @@ def worlds(arguments: argparse.Namespace) -> int:
     lines = len(arguments.agent) * len(some)
     say(f"a line a learner and world, {lines} in all; Ctrl-C ends it, --out {out} --resume carries on")
     _, code = suite.run_all(
-        some, arguments.agent, arguments.trials, arguments.episodes, config.seed, out, _each(arguments),
-        arguments.resume, tell,
-    )  # fmt: skip
+        some,
+        arguments.agent,
+        arguments.trials,
+        arguments.episodes,
+        config.seed,
+        out,
+        _each(arguments),
+        arguments.resume,
+        tell,
+    )
     say(f"the table is in {out / 'table.md'}, the raw results beside it")
     return code
 
@@ -106,20 +113,36 @@ def _each(arguments: argparse.Namespace) -> Each:
 
 
 ACTIONS = {
-    "worlds": (worlds, {
-        "worlds": takes("DIR", "a configuration a world, such as config/worlds; four more are drawn by --seed", path),
-        "--world": takes("NAMES", "only these of them, separated by commas; none is drawn then", names, default=[]),
-        "--agent": takes("NAMES", f"of {', '.join(LEARNERS.names())}; thesis by default", names, default=["thesis"]),
-        "--out": takes("DIR", "where results go; out/worlds when left out, or out/worlds-2 and so on", path),
-        "--resume": flag("continue the results in DIR"),
-        "--set": CONFIGURATION["--set"],
-    } | TRIALS | OPTIONS | SEED),
-    "compare": (comparison, {
-        "file": takes("FILE", "raw results in FILE.jsonl, carried on when it is there; a table and a figure", path),
-        "--agent": takes("NAMES", f"of {', '.join(ALL)}; all by default", names, default=list(ALL)),
-    } | TRIALS | OPTIONS | CAR),
+    "worlds": (
+        worlds,
+        {
+            "worlds": takes(
+                "DIR", "a configuration a world, such as config/worlds; four more are drawn by --seed", path
+            ),
+            "--world": takes("NAMES", "only these of them, separated by commas; none is drawn then", names, default=[]),
+            "--agent": takes(
+                "NAMES", f"of {', '.join(LEARNERS.names())}; thesis by default", names, default=["thesis"]
+            ),
+            "--out": takes("DIR", "where results go; out/worlds when left out, or out/worlds-2 and so on", path),
+            "--resume": flag("continue the results in DIR"),
+            "--set": CONFIGURATION["--set"],
+        }
+        | TRIALS
+        | OPTIONS
+        | SEED,
+    ),
+    "compare": (
+        comparison,
+        {
+            "file": takes("FILE", "raw results in FILE.jsonl, carried on when it is there; a table and a figure", path),
+            "--agent": takes("NAMES", f"of {', '.join(ALL)}; all by default", names, default=list(ALL)),
+        }
+        | TRIALS
+        | OPTIONS
+        | CAR,
+    ),
     "floor": (floor, TRIALS | CAR),
-}  # fmt: skip
+}
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -87,9 +87,15 @@ def run_told(told: Sequence[Any]) -> Line:
 
 
 def compare(
-    file: Path, names: Sequence[str], config: Config, count: int, episodes: int, seed: int, each: Each,
+    file: Path,
+    names: Sequence[str],
+    config: Config,
+    count: int,
+    episodes: int,
+    seed: int,
+    each: Each,
     tell: Callable[[Line], None] = lambda line: None,
-) -> tuple[list[Line], int]:  # fmt: skip
+) -> tuple[list[Line], int]:
     """Do the trials that the file does not hold yet, write each as it is done, then table and figure; all lines.
 
     `each` is `txt1.trials.run.run` with its workers; its exit code comes with the lines.
@@ -111,9 +117,11 @@ def compare(
     done = {(line["contender"], line["trial"]) for line in lines}
     whole = config.model_dump(mode="json")
     missing = {
-        (name, number): [name, number, whole, episodes, seed] for number in range(1, count + 1) for name in names
+        (name, number): [name, number, whole, episodes, seed]
+        for number in range(1, count + 1)
+        for name in names
         if (name, number) not in done and (name not in TRAINED or number <= LONG)
-    }  # fmt: skip
+    }
 
     def keep(_: tuple[str, int], line: Line) -> None:
         rows.add(line)

@@ -80,16 +80,25 @@ def figures(lines: Sequence[Line]) -> Line:
     medians = [float(np.median(skill[which])) for which in again]
     won = every[every[:, 1] == 1.0]
     found |= {
-        "episodes": len(every), "failures": len(every) - len(won), "success": len(won) / len(every),
+        "episodes": len(every),
+        "failures": len(every) - len(won),
+        "success": len(won) / len(every),
         "success_95": _interval(drawn[:, 4] / drawn[:, 5]),
         "to_floor": float(won[:, 0].sum() / won[:, 3].sum()) if len(won) else None,
         "to_floor_95": _interval(ratios[np.isfinite(ratios)]) if len(won) else None,
         "to_optimum": float(won[:, 0].sum() / won[:, 2].sum()) if len(won) else None,
-        "skilled": int(np.isfinite(skill).sum()), "until_skill": float(np.median(skill)),
+        "skilled": int(np.isfinite(skill).sum()),
+        "until_skill": float(np.median(skill)),
         "until_skill_95": _interval(np.array(medians)),
-        "driven": float(np.median([line["curve"][-1][0] if line["contender"] in TRAINED
-                                   else np.array(line["curve"][-1][1])[:, 0].sum() for line in sound])),
-    }  # fmt: skip
+        "driven": float(
+            np.median(
+                [
+                    line["curve"][-1][0] if line["contender"] in TRAINED else np.array(line["curve"][-1][1])[:, 0].sum()
+                    for line in sound
+                ]
+            )
+        ),
+    }
     return found
 
 
@@ -150,13 +159,17 @@ def table(head: Line, lines: Sequence[Line]) -> str:
         hashes.setdefault(line["code"], []).append(line["contender"])
     codes = "; ".join(f"{code} ({', '.join(dict.fromkeys(names))})" for code, names in hashes.items())
     versions = ", ".join(f"{name} {made[name]}" for name in made if name not in ("code", "platform"))
-    return "\n".join([
-        *rows, "",
-        f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
-        f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor; the "
-        "seconds are those before these.",
-        f"Code {codes}; {versions}; {made['platform']}.", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            *rows,
+            "",
+            f"Seed {head['seed']}, {head['episodes']} episodes a trial; in brackets intervals of 95 % over trials "
+            f"({RESAMPLES} resamples). Skilled: {SKILL} in a row succeed, in at most {SKILLED:g} times their floor; "
+            "the seconds are those before these.",
+            f"Code {codes}; {versions}; {made['platform']}.",
+            "",
+        ]
+    )
 
 
 def curves(lines: Sequence[Line]) -> dict[str, dict[str, NDArray[np.float64]]]:
@@ -185,10 +198,12 @@ def curves(lines: Sequence[Line]) -> dict[str, dict[str, NDArray[np.float64]]]:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratios, ratio = drawn[0] / drawn[1], all_sums[0] / all_sums[1]
         found[name] = {
-            "driven": np.median(driven, axis=0), "success": all_sums[2] / all_sums[3], "ratio": ratio,
+            "driven": np.median(driven, axis=0),
+            "success": all_sums[2] / all_sums[3],
+            "ratio": ratio,
             "success_95": np.percentile(drawn[2] / drawn[3], (2.5, 97.5), axis=0),
             "ratio_95": np.array([_band(column) for column in ratios.T]).T,
-        }  # fmt: skip
+        }
     return found
 
 

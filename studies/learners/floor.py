@@ -32,9 +32,17 @@ Pieces = tuple[int, int, int, int, int]  # action a for m decisions, b for n, th
 
 @partial(compiled, nogil=True)
 def _drive(
-    robots: Array, plans: NDArray[np.int64], commands: Array, late: int, decisions: int, light: Array, goal: float,
-    p: Dynamics, loops: Loops, wheels: Wheels,
-) -> tuple[Array, Array]:  # fmt: skip
+    robots: Array,
+    plans: NDArray[np.int64],
+    commands: Array,
+    late: int,
+    decisions: int,
+    light: Array,
+    goal: float,
+    p: Dynamics,
+    loops: Loops,
+    wheels: Wheels,
+) -> tuple[Array, Array]:
     """Time at which each robot has the goal, s, and the way until then, m, by its plan (a, m, b, n, c).
 
     Infinite: it never has. `late`: in ticks.
@@ -92,8 +100,12 @@ def floor_of(config: Config) -> Floor:
         rest = max(0, int(reached * 10.0) - best[1]) if np.isfinite(reached) else turn
         three = [
             (best[0], m, b, n, c)
-            for m in near for b in range(actions) for n in range(1, rest, 2) for c in range(actions) if c != b
-        ]  # fmt: skip
+            for m in near
+            for b in range(actions)
+            for n in range(1, rest, 2)
+            for c in range(actions)
+            if c != b
+        ]
         if three:
             _, finer, other = _best(config, task, float(bearing), three, horizon)
             if np.isfinite(reached):
@@ -112,9 +124,16 @@ def _best(
     robots[PHASE : PHASE + 2] = 0.5
     light = np.array([task.start_radius * cos(bearing), task.start_radius * sin(bearing)])
     arrived, ways = _drive(
-        robots, np.array(plans), np.array(config.section(LearningConfig).actions),
-        round(task.delay * 1000.0 / TICK_MS), horizon, light, task.goal_radius,
-        dynamics(config.sim.vehicle, config.geometry), loops_of(config), wheels_of(config),
-    )  # fmt: skip
+        robots,
+        np.array(plans),
+        np.array(config.section(LearningConfig).actions),
+        round(task.delay * 1000.0 / TICK_MS),
+        horizon,
+        light,
+        task.goal_radius,
+        dynamics(config.sim.vehicle, config.geometry),
+        loops_of(config),
+        wheels_of(config),
+    )
     k = int(arrived.argmin())
     return plans[k], float(arrived[k]), float(ways[k])

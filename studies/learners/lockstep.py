@@ -157,10 +157,14 @@ class Lockstep:
         self._noise = noise_for_jitter(exponent=exponent) if light.noise is None else light.noise
         self._drag = sim.noise.drag
         self._world = Fixed(
-            dynamics(sim.vehicle, config.geometry), loops_of(config), wheels_of(config),
-            PointLight(*sim.room.light, light.intensity, exponent), light.mount, np.array(light.gains),
+            dynamics(sim.vehicle, config.geometry),
+            loops_of(config),
+            wheels_of(config),
+            PointLight(*sim.room.light, light.intensity, exponent),
+            light.mount,
+            np.array(light.gains),
             np.array([CODES[fault] for fault in light.faults]),
-        )  # fmt: skip
+        )
 
     def place(self, which: NDArray[np.intp], poses: Array) -> None:
         """Put some down at poses (m, rad), at rest, as new; shape (len(which), 3)."""

@@ -99,9 +99,10 @@ class LightSeekingVecEnv(VecEnv):  # type: ignore[misc]  # without the extra its
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k in np.flatnonzero(over):
             told[k] = {
-                "terminal_observation": self.seen[k].copy(), "TimeLimit.truncated": bool(late[k]),
+                "terminal_observation": self.seen[k].copy(),
+                "TimeLimit.truncated": bool(late[k]),
                 "success": bool(success[k]),
-            }  # fmt: skip
+            }
         if over.any():
             self._begin(np.flatnonzero(over))
         return self.seen.copy(), rewards.astype(np.float32), over, told

@@ -163,9 +163,16 @@ def run_told(told: Sequence[Any]) -> dict[str, Any]:
 
 
 def run_all(
-    some: Sequence[SuiteWorld], agents: Sequence[str], count: int, episodes: int, seed: int, out: Path, each: Each,
-    resume: bool, tell: Callable[[dict[str, Any]], None],
-) -> tuple[list[dict[str, Any]], int]:  # fmt: skip
+    some: Sequence[SuiteWorld],
+    agents: Sequence[str],
+    count: int,
+    episodes: int,
+    seed: int,
+    out: Path,
+    each: Each,
+    resume: bool,
+    tell: Callable[[dict[str, Any]], None],
+) -> tuple[list[dict[str, Any]], int]:
     """Do all learners in all worlds, write a file for each pair and the table; `tell` hears of each that is done.
 
     `each` is `txt1.trials.run.run` with its workers; its exit code comes with the results.
@@ -249,9 +256,11 @@ def figures(result: dict[str, Any]) -> dict[str, Any]:
     won = late[..., 3] == 1.0
     rng = np.random.default_rng(0)
     found: dict[str, Any] = {
-        "episodes": int(won.size), "failures": int((~won).sum()), "success": float(won.mean()),
+        "episodes": int(won.size),
+        "failures": int((~won).sum()),
+        "success": float(won.mean()),
         "failures_before": int((data[:, :LEARNED, 3] == 0.0).sum()),
-    }  # fmt: skip
+    }
     for name, column in (("to_floor", 5), ("to_optimum", 4)):
         found[name] = _ratio(late, won, column)
         again = [rng.integers(0, len(late), len(late)) for _ in range(RESAMPLES if len(late) > 1 else 0)]

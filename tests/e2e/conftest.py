@@ -41,9 +41,19 @@ def recorder(robot: Robot) -> list[Sample]:
             true = robot.hal.vehicle.state  # type: ignore[attr-defined]
             odometry, control = robot.odometry, robot.runtime.state.control
             samples.append(
-                Sample(now, true.x, true.y, true.theta, true.v, odometry.v, odometry.omega,
-                       control.outputs.motor, control.outputs.rear, control.v)
-            )  # fmt: skip
+                Sample(
+                    now,
+                    true.x,
+                    true.y,
+                    true.theta,
+                    true.v,
+                    odometry.v,
+                    odometry.omega,
+                    control.outputs.motor,
+                    control.outputs.rear,
+                    control.v,
+                )
+            )
 
     robot.add_task("recorder", 0.02, record, priority=-1)
     return samples

@@ -110,9 +110,13 @@ def test_what_it_asks_wrongly_is_counted_and_told_once() -> None:
                 await until(lambda: "bridge 'ask': done" in told())
             text = "\n".join(told())
             for part in (
-                "v: 'fast' is no number", "missing a required argument", "must be a finite", "no request 'fly'",
-                "'eject' is none", "rate: 0 Hz",
-            ):  # fmt: skip
+                "v: 'fast' is no number",
+                "missing a required argument",
+                "must be a finite",
+                "no request 'fly'",
+                "'eject' is none",
+                "rate: 0 Hz",
+            ):
                 assert part in text
             assert robot.armed
 

@@ -362,12 +362,22 @@ def test_a_signal_ends_a_driving_robot_with_its_code_and_neutral_outputs(witness
         runs = {
             number: stack.enter_context(
                 start(
-                    "run", "--hal", "witness", "--headless", "--duration", "3600", "--drive", "0.5,0",
-                    "--set", f"hal_options.report={witness / number.name}", program=TXT1, stdout=subprocess.PIPE,
+                    "run",
+                    "--hal",
+                    "witness",
+                    "--headless",
+                    "--duration",
+                    "3600",
+                    "--drive",
+                    "0.5,0",
+                    "--set",
+                    f"hal_options.report={witness / number.name}",
+                    program=TXT1,
+                    stdout=subprocess.PIPE,
                 )
             )
             for number in signals
-        }  # fmt: skip
+        }
         for run in runs.values():
             stack.callback(run.kill)
         for number, run in runs.items():

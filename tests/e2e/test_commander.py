@@ -208,8 +208,11 @@ async def test_who_drives_and_who_was_refused_is_telemetry(robot: Robot) -> None
     await asyncio.sleep(0.5)
     names = [driver.name for driver in told]
     assert [name for name, before in zip(names, [None, *names], strict=False) if name != before] == [
-        "", "program", "keys", ""
-    ]  # fmt: skip
+        "",
+        "program",
+        "keys",
+        "",
+    ]
     assert told[-1] == robot.driver
     message = DRIVER.make(robot.driver)
     assert isinstance(message, dict)

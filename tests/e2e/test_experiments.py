@@ -207,8 +207,10 @@ def stopped(number: signal.Signals, after: float, folder: Path) -> dict[str, Any
     """The metrics of an experiment that gets a signal `after` so many s."""
     process = subprocess.Popen(
         [sys.executable, "-m", "txt1", "experiment", "linear-steps", "--speed", "20", "--out", str(folder)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "COLUMNS": "100"},
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "COLUMNS": "100"},
+    )
     assert process.stderr is not None
     assert b"Ctrl-C" in process.stderr.readline()
     time.sleep(after)
@@ -224,8 +226,9 @@ def test_a_signal_ends_tuning_and_writes_nothing(tmp_path: Path, number: signal.
     file = tmp_path / "gains.yaml"
     process = subprocess.Popen(
         [sys.executable, "-m", "txt1", "tune", "--speed", "20", "--write", str(file)],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
     assert process.stderr is not None
     assert b"trying out the vehicle" in process.stderr.readline()
     time.sleep(1.0)

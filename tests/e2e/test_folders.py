@@ -104,9 +104,13 @@ def said(tree: Path, *words: str) -> str:
     """What Python with this program says, started in a folder elsewhere."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith("TXT1_")}
     done = subprocess.run(
-        [sys.executable, *words], cwd=tree.parent, env={**clean, "PYTHONPATH": str(tree)}, capture_output=True,
-        text=True, timeout=10.0 * LIMIT,
-    )  # fmt: skip
+        [sys.executable, *words],
+        cwd=tree.parent,
+        env={**clean, "PYTHONPATH": str(tree)},
+        capture_output=True,
+        text=True,
+        timeout=10.0 * LIMIT,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

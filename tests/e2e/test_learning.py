@@ -253,8 +253,15 @@ def test_learn_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
     with (out / "learning.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
-        "trial", "episode", "bearing_rad", "heading_rad", "time_s", "success", "optimal_time_s", "floor_s",
-    ]  # fmt: skip
+        "trial",
+        "episode",
+        "bearing_rad",
+        "heading_rad",
+        "time_s",
+        "success",
+        "optimal_time_s",
+        "floor_s",
+    ]
     assert [(row["trial"], row["episode"]) for row in rows] == [(t, r) for t in "12" for r in "1234"]
     assert all(float(row["time_s"]) > float(row["optimal_time_s"]) > 2.0 for row in rows)
     metrics = json.loads((out / "metrics.json").read_text())
@@ -453,8 +460,11 @@ def process(out: Path, *more: str) -> subprocess.Popen[str]:
     words = ["learn", "--agent", "sweeps", "--trials", "3", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
     return subprocess.Popen(
         [sys.executable, "-m", "txt1", *words],
-        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True, text=True,
-    )  # fmt: skip
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        text=True,
+    )
 
 
 PROCESS = Plan("sweeps", 3, 6, 3, load(options={"seed": 3}).config)

@@ -313,10 +313,11 @@ def kit(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Channel]]:
     """The channels of an Interface Kit, as they are opened."""
     ours = type("VoltageRatioInput", (Channel,), {"kit": []})
     contents: dict[str, dict[str, Any]] = {
-        "Phidget22": {}, "Phidget22.Devices": {},
+        "Phidget22": {},
+        "Phidget22.Devices": {},
         "Phidget22.Devices.VoltageRatioInput": {"VoltageRatioInput": ours},
         "Phidget22.PhidgetException": {"PhidgetException": PhidgetError},
-    }  # fmt: skip
+    }
     for name, content in contents.items():
         module = ModuleType(name)
         module.__dict__.update(content)

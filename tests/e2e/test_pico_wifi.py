@@ -50,10 +50,20 @@ def doctor(port: int, secret: str, folder: Path) -> subprocess.CompletedProcess[
     file = folder / "secret"
     file.write_text(f"{secret}\n")
     return subprocess.run(
-        [*TXT1, "doctor", "--port", f"socket://127.0.0.1:{port}", "--duration", "5",
-         "--set", f"serial.secret_file={file}"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            *TXT1,
+            "doctor",
+            "--port",
+            f"socket://127.0.0.1:{port}",
+            "--duration",
+            "5",
+            "--set",
+            f"serial.secret_file={file}",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 @pytest.mark.long

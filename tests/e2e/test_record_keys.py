@@ -33,8 +33,11 @@ class Replay:
         self.tty = Tty()
         self.process = subprocess.Popen(
             [*TXT1, "replay", *words],
-            stdin=self.tty.slave, stdout=self.tty.slave, start_new_session=True, cwd=ROOT,
-        )  # fmt: skip
+            stdin=self.tty.slave,
+            stdout=self.tty.slave,
+            start_new_session=True,
+            cwd=ROOT,
+        )
         self.until("TXT-1  (replay|paused)")
 
     def until(self, pattern: str, limit: float = LIMIT) -> re.Match[str]:

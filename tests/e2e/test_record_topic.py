@@ -38,9 +38,16 @@ MESSAGE = define("txt1_msgs/TestCompass", "std_msgs/Header header\nfloat64 headi
 
 def compass(name: str, rule: Rule) -> Topic[Compass]:
     return Topic(
-        name, Compass, "rad", MESSAGE, rule, "where the needle points", {"header": {"frame_id": "needle"}},
-        ("heading", "sure"), lambda value: value,
-    )  # fmt: skip
+        name,
+        Compass,
+        "rad",
+        MESSAGE,
+        rule,
+        "where the needle points",
+        {"header": {"frame_id": "needle"}},
+        ("heading", "sure"),
+        lambda value: value,
+    )
 
 
 @pytest.fixture

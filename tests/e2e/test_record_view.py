@@ -330,8 +330,15 @@ def test_the_layout_shows_values_that_there_are() -> None:
     messages = {topic.name: topic.message for topic in TOPICS.values()}
     named = set(re.findall(r'"(/[^"]+)"', json.dumps(LAYOUT)))
     assert {path.partition(".")[0] for path in named} == {
-        "/odom", "/pose", "/markers", "/setpoint", "/pwm", "/diagnostics", "/rosout", "/cmd_vel",
-    }  # fmt: skip
+        "/odom",
+        "/pose",
+        "/markers",
+        "/setpoint",
+        "/pwm",
+        "/diagnostics",
+        "/rosout",
+        "/cmd_vel",
+    }
     for path in named:
         topic, *names = path.split(".")
         kind = messages[topic]

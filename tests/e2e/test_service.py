@@ -149,8 +149,9 @@ def test_the_service_manager_hears_of_readiness_of_every_quarter_of_the_watchdog
     began = time.monotonic()
     robot = subprocess.Popen(
         [sys.executable, "-m", "txt1", "run", "--hal", "sim", "--headless", "--no-arm"],
-        env=environment, stdout=subprocess.PIPE,
-    )  # fmt: skip
+        env=environment,
+        stdout=subprocess.PIPE,
+    )
     try:
         assert manager.recv(1000) == b"READY=1"
         first = manager.recv(1000)

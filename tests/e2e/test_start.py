@@ -131,11 +131,22 @@ def recording(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "words",
     [
-        "log info FILE", "log cat FILE", "log export FILE", "log recover FILE", "replay FILE", "replay --verify FILE",
-        "report FILE", "decode --role host FILE", "config check FILE", "config show --config FILE",
-        "run --config FILE", "run --policy FILE", "experiment FILE.yaml", "experiment compare FILE FILE",
+        "log info FILE",
+        "log cat FILE",
+        "log export FILE",
+        "log recover FILE",
+        "replay FILE",
+        "replay --verify FILE",
+        "report FILE",
+        "decode --role host FILE",
+        "config check FILE",
+        "config show --config FILE",
+        "run --config FILE",
+        "run --policy FILE",
+        "experiment FILE.yaml",
+        "experiment compare FILE FILE",
     ],
-)  # fmt: skip
+)
 def test_a_file_that_is_not_there_is_2_in_every_command(
     words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,7 +183,7 @@ def test_a_file_that_is_not_there_is_2_in_every_command(
         (["config", "show"], 0),
         (["hal", "list"], 0),
     ],
-)  # fmt: skip
+)
 def test_exit_codes_mean_the_same_in_every_command(
     words: Sequence[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,8 +199,11 @@ def test_what_is_done_again_without_a_folder_named_gets_a_new_one(
         assert execute(["learn", "--trials", "1", "--episodes", "1", "--agent", "sweeps"]) == 0
         assert execute(["experiment", "linear-steps", "--no-figure"]) == 0
     assert {each.name for each in (tmp_path / "out").iterdir()} == {
-        "learn", "learn-2", "linear-steps", "linear-steps-2"
-    }  # fmt: skip
+        "learn",
+        "learn-2",
+        "linear-steps",
+        "linear-steps-2",
+    }
 
 
 def test_a_topic_that_is_not_there_is_a_mistake_and_those_that_are_there_are_named(
@@ -239,8 +253,13 @@ def test_an_output_that_nobody_reads_any_more_is_a_normal_end(command: str) -> N
     os.close(reading)
     done = subprocess.run(
         [sys.executable, "-m", "txt1", *command.split()],
-        cwd=ROOT, stdin=subprocess.DEVNULL, stdout=writing, stderr=subprocess.PIPE, timeout=LIMIT, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        timeout=LIMIT,
+        check=False,
+    )
     os.close(writing)
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr

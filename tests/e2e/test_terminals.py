@@ -19,9 +19,13 @@ def start(columns: int, rows: int, *words: str, **environment: str) -> "pexpect.
     """A command on a terminal of that size."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(("TXT1_", "LC_", "LANG"))}
     return pexpect.spawn(
-        TXT1[0], [*TXT1[1:], *words], dimensions=(rows, columns), timeout=LIMIT,
-        env=clean | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"} | environment, cwd=str(ROOT),
-    )  # fmt: skip
+        TXT1[0],
+        [*TXT1[1:], *words],
+        dimensions=(rows, columns),
+        timeout=LIMIT,
+        env=clean | {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color"} | environment,
+        cwd=str(ROOT),
+    )
 
 
 class Watched:

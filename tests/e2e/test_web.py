@@ -276,11 +276,21 @@ def test_a_wrong_token_gets_nowhere_and_not_often(car: Live) -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        "/../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..%2f..%2fserver.py", "/static/../server.py",
-        "/server.py", "/recordings/..%2ftoken", "/recordings/%2e%2e%2f%2e%2e%2fetc%2fpasswd", "/recordings/token",
-        "/recordings//etc/passwd", "/recordings/a.mcap%00", "//etc/passwd", "/index.html%00.js", "/\\..\\token",
+        "/../../../etc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/..%2f..%2fserver.py",
+        "/static/../server.py",
+        "/server.py",
+        "/recordings/..%2ftoken",
+        "/recordings/%2e%2e%2f%2e%2e%2fetc%2fpasswd",
+        "/recordings/token",
+        "/recordings//etc/passwd",
+        "/recordings/a.mcap%00",
+        "//etc/passwd",
+        "/index.html%00.js",
+        "/\\..\\token",
     ],
-)  # fmt: skip
+)
 def test_no_path_leads_to_another_file(car: Live, path: str) -> None:
     with socket.create_connection(("127.0.0.1", car.port)) as raw:
         raw.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{car.port}\r\nConnection: close\r\n\r\n".encode())

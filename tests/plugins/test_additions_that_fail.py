@@ -190,9 +190,11 @@ def test_one_whose_other_parts_cannot_be_had_is_told_in_a_line(
     field: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parts = {
-        "settings": "plugin_missing:Section", "options": "plugin_missing:OPTIONS",
-        "commands": {"broken": ("plugin_missing", "it is broken")}, "wanted": lambda config: config.no_such_thing,
-    }  # fmt: skip
+        "settings": "plugin_missing:Section",
+        "options": "plugin_missing:OPTIONS",
+        "commands": {"broken": ("plugin_missing", "it is broken")},
+        "wanted": lambda config: config.no_such_thing,
+    }
     mine = additions.Addition("broken", **{field: parts[field]})  # type: ignore[arg-type]
     monkeypatch.setattr(additions, "ours", lambda: {"broken": mine})
     monkeypatch.setattr(additions, "strangers", cache(lambda: additions.Strangers({}, {})))

@@ -33,10 +33,15 @@ def perform(line: str, folder: Path) -> str:
     module = {"txt1": ["-m", "txt1"], "pip": ["-m", "pip", "--quiet"], "python": []}[command]
     site = folder / "site"
     ours = {
-        "PYTHONPATH": os.pathsep.join((str(site), str(ROOT))), "PYTHONDONTWRITEBYTECODE": "1", "PIP_TARGET": str(site),
-        "PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1", "PIP_NO_BUILD_ISOLATION": "0",  # which pip takes for: without it
-        "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_ROOT_USER_ACTION": "ignore",
-    }  # fmt: skip
+        "PYTHONPATH": os.pathsep.join((str(site), str(ROOT))),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PIP_TARGET": str(site),
+        "PIP_NO_INDEX": "1",
+        "PIP_NO_DEPS": "1",
+        "PIP_NO_BUILD_ISOLATION": "0",  # which pip takes for: without it
+        "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+        "PIP_ROOT_USER_ACTION": "ignore",
+    }
     done = subprocess.run(
         [sys.executable, *module, *words],
         cwd=folder,
@@ -69,9 +74,13 @@ def test_what_is_written_at_first_keeps_all_promises(tmp_path: Path, capsys: pyt
     assert execute(["hal", "new", "my_car", "--to", str(tmp_path)]) == 0
     ours = {"PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path / "my_car")))}
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "my_car"], cwd=tmp_path, env=os.environ | ours, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "pytest", "-q", "my_car"],
+        cwd=tmp_path,
+        env=os.environ | ours,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout
     assert execute(["hal", "new", "my_car", "--to", str(tmp_path)]) == 2
     assert "is there already" in capsys.readouterr().err

@@ -115,9 +115,11 @@ def circle():
     seen = Counter()
     for name, message in (("camera_info", "sensor_msgs/CameraInfo"), ("image_raw", "sensor_msgs/Image")):
         peer.create_subscription(
-            kind(message), f"camera/depth/{name}",
-            lambda told: seen.update([(told.header.stamp.sec, told.header.stamp.nanosec)]), SENSOR,
-        )  # fmt: skip
+            kind(message),
+            f"camera/depth/{name}",
+            lambda told: seen.update([(told.header.stamp.sec, told.header.stamp.nanosec)]),
+            SENSOR,
+        )
     peer.hear("battery_state", "sensor_msgs/BatteryState", LATCHED)
     peer.hear("robot_description", "std_msgs/String", LATCHED)
     peer.hear("/diagnostics", "diagnostic_msgs/DiagnosticArray")
@@ -142,18 +144,24 @@ def circle():
     told = {
         "setpoint": (moving.linear.x, moving.angular.z),
         "odom": [
-            (o := peer.last["odom"]).pose.pose.position.x, o.pose.pose.position.y, theta(o.pose.pose.orientation),
-            o.twist.twist.linear.x, o.twist.twist.angular.z,
+            (o := peer.last["odom"]).pose.pose.position.x,
+            o.pose.pose.position.y,
+            theta(o.pose.pose.orientation),
+            o.twist.twist.linear.x,
+            o.twist.twist.angular.z,
         ],
         "odom_frames": (o.header.frame_id, o.child_frame_id),
         "odom_covariance": (o.twist.covariance[0], o.twist.covariance[35], o.pose.covariance[0]),
         "stamp_age": time.time() - o.header.stamp.sec - 1e-9 * o.header.stamp.nanosec,
         "joints": dict(zip(*joints, strict=True)),
-        "gyro": peer.last["imu/data"].angular_velocity.z, "imu_frame": peer.last["imu/data"].header.frame_id,
-        "scan": len(peer.last["scan"].ranges), "scan_frame": peer.last["scan"].header.frame_id,
+        "gyro": peer.last["imu/data"].angular_velocity.z,
+        "imu_frame": peer.last["imu/data"].header.frame_id,
+        "scan": len(peer.last["scan"].ranges),
+        "scan_frame": peer.last["scan"].header.frame_id,
         "depth": (depth.width, depth.height, depth.k[0], depth.k[2], depth.k[5], depth.header.frame_id),
         "pairs": sum(count == 2 for count in seen.values()),
-        "picture": (picture.width, picture.height, picture.k[0]), "fix": (fix.latitude, fix.longitude),
+        "picture": (picture.width, picture.height, picture.k[0]),
+        "fix": (fix.latitude, fix.longitude),
         "filtered": [each[max(speeds["odom"].keys() & speeds["odometry/filtered"].keys())] for each in speeds.values()],
         "battery": peer.last["battery_state"].voltage,
         "pwm": (peer.last["/txt1/pwm"].motor, peer.last["/txt1/pwm"].front, peer.last["/txt1/pwm"].rear),
@@ -162,7 +170,7 @@ def circle():
         "tf": (base.translation.y, theta(base.rotation)),
         "static": {c: (t.transform.translation.x, t.transform.translation.z) for c, t in static.items()},
         "diagnostics": peer.seen["/diagnostics"],
-    }  # fmt: skip
+    }
     peer.until(lambda: peer.last["/txt1/setpoint"].twist.linear.x == 0.0)  # silent
     return told
 
@@ -422,10 +430,13 @@ def raw():
     """The bytes of messages, as they come."""
     peer, heard = Peer(), {}
     for topic, message, quality in (
-        ("odom", "nav_msgs/Odometry", 10), ("/txt1/setpoint", "geometry_msgs/TwistStamped", 10),
-        ("scan", "sensor_msgs/LaserScan", SENSOR), ("camera/depth/image_raw", "sensor_msgs/Image", SENSOR),
-        ("battery_state", "sensor_msgs/BatteryState", LATCHED), ("/txt1/mode", "txt1_msgs/Mode", LATCHED),
-    ):  # fmt: skip
+        ("odom", "nav_msgs/Odometry", 10),
+        ("/txt1/setpoint", "geometry_msgs/TwistStamped", 10),
+        ("scan", "sensor_msgs/LaserScan", SENSOR),
+        ("camera/depth/image_raw", "sensor_msgs/Image", SENSOR),
+        ("battery_state", "sensor_msgs/BatteryState", LATCHED),
+        ("/txt1/mode", "txt1_msgs/Mode", LATCHED),
+    ):
         taken = heard[topic] = []
         peer.create_subscription(kind(message), topic, lambda data, taken=taken: taken.append(data), quality, raw=True)
     peer.until(lambda: all(heard.values()) and len(heard["odom"]) > 100)
@@ -449,10 +460,13 @@ def replayed():
     told = clock(peer)
     twist = peer.last["odom"].twist.twist
     return told | {
-        "odom": [twist.linear.x, twist.angular.z], "mode": peer.last["/txt1/mode"].mode, "frames": frames,
-        "wheel": peer.last["joint_states"].position[0], "scan": len(peer.last["scan"].ranges),
+        "odom": [twist.linear.x, twist.angular.z],
+        "mode": peer.last["/txt1/mode"].mode,
+        "frames": frames,
+        "wheel": peer.last["joint_states"].position[0],
+        "scan": len(peer.last["scan"].ranges),
         "description": peer.last["robot_description"].data,
-    }  # fmt: skip
+    }
 
 
 def board():

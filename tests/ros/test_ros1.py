@@ -74,9 +74,13 @@ class Ros:
         here, there = (ADDRESSES[HOST], ADDRESSES[GUEST]) if two else ("127.0.0.1", "127.0.0.1")
         self.uri = {"ROS_MASTER_URI": f"http://{here}:{self.port}", "ROS_HOSTNAME": here}
         self.environment = {
-            **clean(os.environ), **self.uri, "PYTHONPATH": str(package / "python"), "PYTHONUNBUFFERED": "1",
-            "ROS_PACKAGE_PATH": f"{package / 'src'}:/usr/share", "ROS_HOSTNAME": there,
-        }  # fmt: skip
+            **clean(os.environ),
+            **self.uri,
+            "PYTHONPATH": str(package / "python"),
+            "PYTHONUNBUFFERED": "1",
+            "ROS_PACKAGE_PATH": f"{package / 'src'}:/usr/share",
+            "ROS_HOSTNAME": there,
+        }
         self.start()
 
     def start(self) -> None:
@@ -113,8 +117,12 @@ def robot(ros: Ros, *words: str, path: str = "") -> Iterator[subprocess.Popen[st
     environment = {**os.environ, **ros.uri, "PYTHONPATH": str(ROOT), "PATH": f"{path}:{os.environ['PATH']}"}
     process = subprocess.Popen(
         [*ros.place, *TXT1, "run", "--headless", "--seed", "1", "--ros1", *room, *words],
-        env=environment, text=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        env=environment,
+        text=True,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     try:
         yield process
     finally:
@@ -207,10 +215,22 @@ def test_the_thesis_s_example_in_cpp_runs_unchanged(ros: Ros, package: Path, tmp
     source = package / "src" / "txt_driver"
     for file in (*sorted((source / "msg").iterdir()), *sorted((source / "srv").iterdir())):
         subprocess.run(
-            [SYSTEM, str(GENCPP), str(file), f"-Itxt_driver:{source / 'msg'}", "-Istd_msgs:/usr/share/std_msgs/msg",
-             "-p", "txt_driver", "-o", str(out), "-e", "/usr/share/gencpp"],
-            check=True, env=clean(os.environ),
-        )  # fmt: skip
+            [
+                SYSTEM,
+                str(GENCPP),
+                str(file),
+                f"-Itxt_driver:{source / 'msg'}",
+                "-Istd_msgs:/usr/share/std_msgs/msg",
+                "-p",
+                "txt_driver",
+                "-o",
+                str(out),
+                "-e",
+                "/usr/share/gencpp",
+            ],
+            check=True,
+            env=clean(os.environ),
+        )
     client, stub = tmp_path / "client", tmp_path / "bin" / "shutdown"
     libraries = ["-lroscpp", "-lrosconsole", "-lroscpp_serialization", "-lrostime", "-ltf", "-ltf2"]
     subprocess.run(

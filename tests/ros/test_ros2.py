@@ -56,9 +56,13 @@ def robot(domain: dict[str, str], *words: str, place: Sequence[str] = ()) -> Ite
     command = [*place, *TXT1, "run", "--headless", "--seed", "1", "--ros2", *words]
     room = ["--set", "sim.room.length=20", "--set", "sim.room.width=20"]
     process = subprocess.Popen(
-        [*command, *room], env={**os.environ, **domain, "PYTHONPATH": str(ROOT)}, text=True, cwd=ROOT,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        [*command, *room],
+        env={**os.environ, **domain, "PYTHONPATH": str(ROOT)},
+        text=True,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     try:
         yield process
     finally:
@@ -89,10 +93,19 @@ LOOPBACK = (
 )
 """cyclonedds on this computer alone, as ROS_AUTOMATIC_DISCOVERY_RANGE has it of ROS."""
 SENSORS = (
-    "--set", "sensors.imu.driver=sim_imu", "--set", "sensors.laser.driver=sim_laser",
-    "--set", "sensors.camera.driver=sim_camera", "--set", "sensors.depth.driver=sim_depth",
-    "--set", "sensors.gps.driver=sim_gps", "--set", "estimation.preset=gyro",
-)  # fmt: skip
+    "--set",
+    "sensors.imu.driver=sim_imu",
+    "--set",
+    "sensors.laser.driver=sim_laser",
+    "--set",
+    "sensors.camera.driver=sim_camera",
+    "--set",
+    "sensors.depth.driver=sim_depth",
+    "--set",
+    "sensors.gps.driver=sim_gps",
+    "--set",
+    "estimation.preset=gyro",
+)
 
 
 def test_a_left_circle_has_the_signs_of_rep_103_in_every_frame(ros: RosPython, domain: dict[str, str]) -> None:
@@ -207,10 +220,12 @@ def obeyed_for(file: Path, way: int = 1) -> float:
     said = subprocess.run([sys.executable, "-m", "txt1", *words], cwd=ROOT, capture_output=True, text=True).stdout
     lines = [json.loads(line) for line in said.splitlines()]
     given = [
-        line["message"]["given"] for line in lines
-        if line["topic"] == "/input" and line["message"]["kind"] == "Velocity"
+        line["message"]["given"]
+        for line in lines
+        if line["topic"] == "/input"
+        and line["message"]["kind"] == "Velocity"
         and way * line["message"]["values"][0] > 0.0
-    ]  # fmt: skip
+    ]
     moving = [
         i
         for i, line in enumerate(lines)
@@ -299,9 +314,12 @@ def test_another_dds_understands_it_and_drives_it(ros: RosPython, domain: dict[s
     with robot(domain):
         words = [sys.executable, str(HERE / "cyclone.py"), domain["ROS_DOMAIN_ID"]]
         done = subprocess.run(
-            words, env={**os.environ, "PYTHONPATH": cyclone, "CYCLONEDDS_URI": LOOPBACK}, capture_output=True,
-            text=True, timeout=LIMIT,
-        )  # fmt: skip
+            words,
+            env={**os.environ, "PYTHONPATH": cyclone, "CYCLONEDDS_URI": LOOPBACK},
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+        )
     assert done.returncode == 0, done.stderr[-2000:]
     assert float(done.stdout.splitlines()[-1]) > 0.2
 
@@ -340,9 +358,21 @@ def test_a_virtual_board_tells_everything_and_obeys_who_stands_beside_it_but_tak
     words = ["board", "--tcp", str(port), "--ros2"]
     board = subprocess.Popen([*TXT1, *words], cwd=ROOT, env={**os.environ, **domain})
     host = subprocess.Popen(
-        [*TXT1, "run", "--headless", "--drive", "0.4,0", "--arm", "--hal", "serial", "--set", f"serial.port=socket://127.0.0.1:{port}"],
-        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [
+            *TXT1,
+            "run",
+            "--headless",
+            "--drive",
+            "0.4,0",
+            "--arm",
+            "--hal",
+            "serial",
+            "--set",
+            f"serial.port=socket://127.0.0.1:{port}",
+        ],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     try:
         told = ask(ros, domain, "board")
     finally:

@@ -31,8 +31,9 @@ def test_colcon_finds_both_packages_and_builds_the_example(tmp_path: Path) -> No
 
     told = [line.split() for line in ask("list").splitlines()]
     assert told == [
-        ["txt1_bringup", "src/txt1_bringup", "(ros.ament_python)"], ["txt1_msgs", "src/txt1_msgs", "(ros.ament_cmake)"]
-    ]  # fmt: skip
+        ["txt1_bringup", "src/txt1_bringup", "(ros.ament_python)"],
+        ["txt1_msgs", "src/txt1_msgs", "(ros.ament_cmake)"],
+    ]
     ask("build", "--packages-select", "txt1_bringup")
     share = tmp_path / "install" / "txt1_bringup" / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / "txt1_bringup").is_file()

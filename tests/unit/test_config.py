@@ -140,8 +140,11 @@ def test_settings_of_another_packages_hal_pass_as_they_are(write: Write) -> None
     file = write("hal_options: {port: /dev/ttyUSB0, nested: {Deep: [1, 2]}, nothing: null}")
     config = load(file, ["hal_options.baud=57600"]).config
     assert config.hal_options == {
-        "port": "/dev/ttyUSB0", "nested": {"Deep": [1, 2]}, "nothing": None, "baud": 57600,
-    }  # fmt: skip
+        "port": "/dev/ttyUSB0",
+        "nested": {"Deep": [1, 2]},
+        "nothing": None,
+        "baud": 57600,
+    }
 
 
 def test_walls_may_be_infinitely_far_and_a_pack_missing() -> None:
@@ -458,12 +461,15 @@ NAMES = {"car.weight": "body.mass", "wheels": "body.wheels", "gear": "body.drive
 def test_a_recordings_settings_get_their_present_names() -> None:
     tree = {"car": {"weight": 5, "colour": "red"}, "wheels": {"count": 4}, "gear": 2, "body": {"length": 0.5}}
     assert translated(tree, NAMES) == {
-        "car": {"colour": "red"}, "body": {"length": 0.5, "mass": 5, "wheels": {"count": 4}, "drive": {"gear": 2}},
-    }  # fmt: skip
+        "car": {"colour": "red"},
+        "body": {"length": 0.5, "mass": 5, "wheels": {"count": 4}, "drive": {"gear": 2}},
+    }
     assert tree["gear"] == 2, "the recording's own is left as it was"
     assert translated({"car.weight": 5, "wheels.count": 4, "seed": 1}, NAMES) == {
-        "body.mass": 5, "body.wheels.count": 4, "seed": 1,
-    }  # fmt: skip
+        "body.mass": 5,
+        "body.wheels.count": 4,
+        "seed": 1,
+    }
 
 
 def test_every_present_name_is_a_setting_and_no_former_one_is() -> None:

@@ -122,9 +122,14 @@ def run_page(page: Path, folder: Path, without: tuple[str, ...] = ()) -> None:
         if ">" in words:
             words, output = words[: words.index(">")], folder / words[-1]
         with subprocess.Popen(
-            [*program, *words[1:]], cwd=folder, env=clean, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True,
-        ) as process:  # fmt: skip
+            [*program, *words[1:]],
+            cwd=folder,
+            env=clean,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
             endless = words[:2] == ["txt1", "run"] and "--duration" not in words
             try:
                 out, err = process.communicate(timeout=PATIENCE if endless else 10.0 * LIMIT)

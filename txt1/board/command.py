@@ -42,25 +42,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `board` takes."""
     device = {"--port": takes("DEV", "a serial device, e.g. one end of a null-modem cable")}
     commands.add(parser.add_mutually_exclusive_group(required=True), FAR_END | device)
-    commands.add(parser, options.CONFIGURATION | options.SEED | LOG | VIEW | ROS2 | {
-        "--tui": {"dest": "headless", "action": "store_false", "help": "show the board's screens, not status lines"},
-        "--manual": flag("start in manual mode, which obeys PWM test"),
-        "--as": {
-            "dest": "habits", "choices": tuple(HABITS),
-            "help": "behave like our boards, or like those of 2011 as they were observed",
+    commands.add(
+        parser,
+        options.CONFIGURATION
+        | options.SEED
+        | LOG
+        | VIEW
+        | ROS2
+        | {
+            "--tui": {
+                "dest": "headless",
+                "action": "store_false",
+                "help": "show the board's screens, not status lines",
+            },
+            "--manual": flag("start in manual mode, which obeys PWM test"),
+            "--as": {
+                "dest": "habits",
+                "choices": tuple(HABITS),
+                "help": "behave like our boards, or like those of 2011 as they were observed",
+            },
+            "--event": takes(
+                "T:NAME[=VALUE]",
+                "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "
+                "without power for S s); may be repeated",
+                board_event,
+                action="append",
+                default=[],
+            ),
+            "--fault": takes(
+                "KIND=VALUE",
+                "put a fault on the line: drop, tear, duplicate (shares of the frames), flip (of the "
+                "bits), split=true, merge, delay, jitter, stall, stall_every, cut (s); may be repeated",
+                action="append",
+                default=[],
+            ),
+            "--duration": takes("S", "end after S seconds", commands.positive),
+            "--json": flag("no status lines; one JSON object at the end"),
         },
-        "--event": takes(
-            "T:NAME[=VALUE]", "let something happen at T s: centre, esc=off, battery=V, restart=S (an original board "
-            "without power for S s); may be repeated", board_event, action="append", default=[],
-        ),
-        "--fault": takes(
-            "KIND=VALUE", "put a fault on the line: drop, tear, duplicate (shares of the frames), flip (of the "
-            "bits), split=true, merge, delay, jitter, stall, stall_every, cut (s); may be repeated",
-            action="append", default=[],
-        ),
-        "--duration": takes("S", "end after S seconds", commands.positive),
-        "--json": flag("no status lines; one JSON object at the end"),
-    })  # fmt: skip
+    )
 
 
 def board_event(text: str) -> tuple[float, BoardEvent]:

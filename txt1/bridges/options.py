@@ -36,8 +36,11 @@ def asked(arguments: Namespace, config: Config) -> BridgesAsked | None:
 
 BRIDGE: Final = {
     "--bridge": takes(
-        "NAME[:KEY=VALUE,...]", "run this bridge beside the robot (entry points txt1.bridges); may be given again",
-        bridge_options, action="append", default=[],
+        "NAME[:KEY=VALUE,...]",
+        "run this bridge beside the robot (entry points txt1.bridges); may be given again",
+        bridge_options,
+        action="append",
+        default=[],
     ),
-}  # fmt: skip
+}
 OPTIONS: Final = Options("bridges", BRIDGE, asked)

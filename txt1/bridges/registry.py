@@ -105,9 +105,15 @@ async def _at_work(
     first = desks[0]
     where = await asyncio.to_thread(BRIDGES.place, "bridge", name)  # reads files
     beside = Sidecar(
-        str(where), end.telemetry, end.request, options=options or {}, restart=restart, silence=silence,
-        tell=lambda text: first.say(f" {text}"), lost=let_go,
-    )  # fmt: skip
+        str(where),
+        end.telemetry,
+        end.request,
+        options=options or {},
+        restart=restart,
+        silence=silence,
+        tell=lambda text: first.say(f" {text}"),
+        lost=let_go,
+    )
     try:
         with ExitStack() as watched:
             for desk in desks:

@@ -25,12 +25,16 @@ from txt1.telemetry.topics import Rule, Topic, declare
 FOLDER: Final = Path("out/recordings")
 SERVICES_PERIOD: Final = 0.02  # s between two looks at whether a route is still held
 
-RECORDING: Final = declare(Topic(
-    "/recording", str, "", "std_msgs/String", Rule.SNAPSHOT, "the recording that a bridge has begun; empty for none"
-))  # fmt: skip
-ROUTE: Final = declare(Topic[tuple[tuple[float, float], ...]](
-    "/route", tuple, "m", "std_msgs/String", Rule.SNAPSHOT, "the waypoints that a bridge has the robot drive along"
-))  # fmt: skip
+RECORDING: Final = declare(
+    Topic(
+        "/recording", str, "", "std_msgs/String", Rule.SNAPSHOT, "the recording that a bridge has begun; empty for none"
+    )
+)
+ROUTE: Final = declare(
+    Topic[tuple[tuple[float, float], ...]](
+        "/route", tuple, "m", "std_msgs/String", Rule.SNAPSHOT, "the waypoints that a bridge has the robot drive along"
+    )
+)
 
 
 @asynccontextmanager
@@ -67,8 +71,12 @@ class Services:
         robot.runtime.bus.offer(RECORDING, lambda: self._file)
         robot.runtime.bus.offer(ROUTE, lambda: self._points)
         self.requests: Mapping[str, Callable[..., object]] = {
-            "go": self._go, "hold": self._hold, "halt": self._halt, "gains": self._gains, "record": self._record,
-        }  # fmt: skip
+            "go": self._go,
+            "hold": self._hold,
+            "halt": self._halt,
+            "gains": self._gains,
+            "record": self._record,
+        }
 
     async def close(self) -> None:
         """Stop on the way, and complete the recording."""

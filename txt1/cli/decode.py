@@ -16,12 +16,15 @@ CHUNK = 1 << 16  # bytes of a capture that are read at a time
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the capture and how it is to be read."""
-    add(parser, {
-        "file": takes("FILE", "the captured bytes; - for standard input"),
-        "--role": {"choices": ("host", "board"), "required": True, "help": "which end of the line received them"},
-        "--hex": flag("the file is hexadecimal text"),
-        "--json": flag("one JSON object a line"),
-    })  # fmt: skip
+    add(
+        parser,
+        {
+            "file": takes("FILE", "the captured bytes; - for standard input"),
+            "--role": {"choices": ("host", "board"), "required": True, "help": "which end of the line received them"},
+            "--hex": flag("the file is hexadecimal text"),
+            "--json": flag("one JSON object a line"),
+        },
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

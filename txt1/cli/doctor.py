@@ -125,13 +125,17 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
     if f.arrivals:
         rate = len(f.arrivals) / f.duration
         yield judged(
-            "odometry", f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}", rate >= RATE_SHARE * ODOMETRY_RATE,
+            "odometry",
+            f"{rate:.1f} a second of {ODOMETRY_RATE:.0f}",
+            rate >= RATE_SHARE * ODOMETRY_RATE,
             "frames are lost; look at the cable, its ground and its length",
-        )  # fmt: skip
+        )
         yield judged(
-            "age", f"odometry was at most {1e3 * f.age_max:.0f} ms old", f.age_max <= AGE_MAX,
+            "age",
+            f"odometry was at most {1e3 * f.age_max:.0f} ms old",
+            f.age_max <= AGE_MAX,
             "something holds it up; USB adapters have a latency timer, hubs add to it",
-        )  # fmt: skip
+        )
         if f.levels:
             one, two = f.levels[-1]
             yield Remark("battery", f"{len(f.levels)} times in {f.duration:.1f} s, {one:.2f} V and {two:.2f} V")
@@ -144,14 +148,18 @@ def remarks(f: Findings, baud: int) -> Iterator[Remark]:
         else:
             trip, share = median(f.answers), len(f.answers) / f.asked
             yield judged(
-                "PID set", f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms",
-                trip <= ANSWER_MAX and share >= 0.75, "long frames are lost or held up on the way",
-            )  # fmt: skip
+                "PID set",
+                f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms",
+                trip <= ANSWER_MAX and share >= 0.75,
+                "long frames are lost or held up on the way",
+            )
     else:
         yield Remark(
-            "odometry", f"none among {f.octets} bytes: the baud rate is not {baud}, this is another device, or the "
-            "board does not hear this host (transmit line)", False,
-        )  # fmt: skip
+            "odometry",
+            f"none among {f.octets} bytes: the baud rate is not {baud}, this is another device, or the "
+            "board does not hear this host (transmit line)",
+            False,
+        )
     counted = ", ".join(f"{count} x {reason.value}" for reason, count in f.faults.items())
     if set(f.faults) == {Reason.OLD_COMMAND}:
         yield Remark("faults", f"{counted}: messages of older boards, harmless")
@@ -179,10 +187,16 @@ def real_time() -> Remark:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the line and the time of listening to it."""
-    add(parser, CONFIGURATION | LINE | VEHICLE | {
-        "--hal": takes("NAME", f"hardware layer to look at: {HALS}, ...; serial by default"),
-        "--duration": takes("S", "of listening; 5 by default", positive, default=5.0),
-    })  # fmt: skip
+    add(
+        parser,
+        CONFIGURATION
+        | LINE
+        | VEHICLE
+        | {
+            "--hal": takes("NAME", f"hardware layer to look at: {HALS}, ...; serial by default"),
+            "--duration": takes("S", "of listening; 5 by default", positive, default=5.0),
+        },
+    )
     parser.set_defaults(hal="serial")
 
 

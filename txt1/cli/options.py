@@ -40,11 +40,12 @@ _OF_BOARDS: Final = ", ".join(name for name in _brought("txt1.ports") if name no
 _OF_CARS: Final = "".join(f"; with --hal {name}: {name}" for name in _brought("txt1.ports") if name in _CARS)
 LINE: Final = {
     "--port": takes(
-        "PORT", "where the board is: a device, socket://HOST:PORT, or a virtual one in this process "
+        "PORT",
+        "where the board is: a device, socket://HOST:PORT, or a virtual one in this process "
         f"({_OF_BOARDS}{_OF_CARS}); left out, the only device that is plugged in",
     ),
     "--baud": takes("N", "bits a second of the line, 57600 by default (--hal serial)", int),
-}  # fmt: skip
+}
 CONFIGURATION: Final = {
     "--config": takes("FILE", "YAML file, e.g. config/txt1.yaml"),
     "--set": takes(
@@ -53,13 +54,21 @@ CONFIGURATION: Final = {
 }
 SEED: Final = {"--seed": takes("N", "repeats every random value of a simulation", int)}
 VEHICLE: Final = {"--vehicle": takes("NAME", "txt1, another in config/vehicles/, or a YAML file of your own")}
-ROBOT: Final = CONFIGURATION | LINE | SEED | VEHICLE | {
-    "--hal": takes("NAME", f"hardware layer: {HALS}, or one from another package"),
-    "--speed": takes(
-        "N|max", "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
-        "when nobody watches", speed,
-    ),
-}  # fmt: skip
+ROBOT: Final = (
+    CONFIGURATION
+    | LINE
+    | SEED
+    | VEHICLE
+    | {
+        "--hal": takes("NAME", f"hardware layer: {HALS}, or one from another package"),
+        "--speed": takes(
+            "N|max",
+            "virtual time, N times as fast as real time or as fast as possible; simulation only, and there max "
+            "when nobody watches",
+            speed,
+        ),
+    }
+)
 ARM: Final = {"--arm": flag("arm at the start; a simulation arms itself", default=None)}
 RECORDING: Final = {"file": takes("FILE", None, recording)}
 ONE_ROBOT: Final = {"--robot": takes("NAME", "show this robot, of a recording of several")}

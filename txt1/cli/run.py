@@ -10,21 +10,31 @@ from txt1.errors import ConfigError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` takes."""
-    add(parser, options.ROBOT | {
-        "--duration": takes("S", "end after S seconds of the robot's time", positive),
-        "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
-        "--headless": flag("no screens; one status line a second"),
-        "--json": flag("no screens; one JSON object at the end"),
-        "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
-    })  # fmt: skip
-    add(parser.add_mutually_exclusive_group(), {
-        "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", velocity),
-        "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
-    })  # fmt: skip
-    add(parser.add_mutually_exclusive_group(), {
-        "--arm": flag("arm at the start", default=None),
-        "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
-    })  # fmt: skip
+    add(
+        parser,
+        options.ROBOT
+        | {
+            "--duration": takes("S", "end after S seconds of the robot's time", positive),
+            "--realtime": flag("ask for SCHED_FIFO, locked memory and a processor of its own; says what was granted"),
+            "--headless": flag("no screens; one status line a second"),
+            "--json": flag("no screens; one JSON object at the end"),
+            "--name": takes("NAME", "name of the robot, before the names of its topics and in the fleet"),
+        },
+    )
+    add(
+        parser.add_mutually_exclusive_group(),
+        {
+            "--drive": takes("V,OMEGA", "command this velocity throughout: m/s, rad/s", velocity),
+            "--source": takes("NAME", "let this source of commands drive (entry points txt1.sources)"),
+        },
+    )
+    add(
+        parser.add_mutually_exclusive_group(),
+        {
+            "--arm": flag("arm at the start", default=None),
+            "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm, not even in simulation"},
+        },
+    )
     optional = {name: additions.brought(each, each.options) for name, each in additions.known().items() if each.options}
     for name, told in optional.items():
         try:

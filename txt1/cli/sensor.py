@@ -28,17 +28,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     name = {"name": takes("NAME", "a configured sensor, or a driver that needs no options")}
     kind = {
-        "kind": {"choices": tuple(FAKES), "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
-                 "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19"},
+        "kind": {
+            "choices": tuple(FAKES),
+            "help": "imu: 3DM-GX2; gps: NMEA at --pty, gpsd's JSON at --tcp; "
+            "vicon: VRPN; laser: Hokuyo SCIP 2.0; ld19: LDROBOT LD19",
+        },
         **FAR_END,
         "--drive": takes("V,OMEGA", "how the simulated robot drives meanwhile: m/s, rad/s", velocity),
         "--duration": takes("S", "end after S seconds", positive),
-    }  # fmt: skip
-    add_actions(parser, {
-        "list": (list_sensors, CONFIGURATION),
-        "check": (check_sensor, name | CONFIGURATION),
-        "fake": (fake_sensor, kind | CONFIGURATION),
-    })  # fmt: skip
+    }
+    add_actions(
+        parser,
+        {
+            "list": (list_sensors, CONFIGURATION),
+            "check": (check_sensor, name | CONFIGURATION),
+            "fake": (fake_sensor, kind | CONFIGURATION),
+        },
+    )
 
 
 def list_sensors(arguments: argparse.Namespace) -> int:

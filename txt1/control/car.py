@@ -31,9 +31,16 @@ def car_of(known: KnownCar, body: Geometry) -> CarParameters | None:
         return None
     steered = body.steering == "both"  # encoders of a car whose front wheels steer sit at its rear ones
     return CarParameters(
-        body.lever, body.wheelbase if steered else 0.0, body.tan_steering_max, body.steering_max, known.speed_gain,
-        known.dead_band, known.time_constant, known.scrub, known.acceleration,
-    )  # fmt: skip
+        body.lever,
+        body.wheelbase if steered else 0.0,
+        body.tan_steering_max,
+        body.steering_max,
+        known.speed_gain,
+        known.dead_band,
+        known.time_constant,
+        known.scrub,
+        known.acceleration,
+    )
 
 
 def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, float]:
@@ -53,9 +60,18 @@ def true_velocity(v: float, omega: float, wheelbase: float) -> tuple[float, floa
 
 
 def informed_step(
-    linear: Past, angular: Past, lead: float, v: float, omega: float, v_now: float, omega_now: float,
-    linear_gains: tuple[float, float, float], angular_gains: tuple[float, float, float], dt: float, car: CarParameters,
-) -> tuple[Past, Past, float, float, float]:  # fmt: skip
+    linear: Past,
+    angular: Past,
+    lead: float,
+    v: float,
+    omega: float,
+    v_now: float,
+    omega_now: float,
+    linear_gains: tuple[float, float, float],
+    angular_gains: tuple[float, float, float],
+    dt: float,
+    car: CarParameters,
+) -> tuple[Past, Past, float, float, float]:
     """Both loops' next states, the reference speed to `lead` the next cycle, and motor and steering output, counts.
 
     The reference goes to the set-point v at the car's acceleration. The motor gets what the car needs for it,

@@ -192,9 +192,13 @@ def _draw_paths(axes: Any, runs: Sequence[Run]) -> None:
 def _legend(figure: Figure, axes: Any, title: str | None = None) -> None:
     """The legend of these axes, below everything."""
     figure.legend(
-        *axes.get_legend_handles_labels(), fontsize="x-small", loc="outside lower center", ncols=2,
-        title=title, title_fontsize="x-small",
-    )  # fmt: skip
+        *axes.get_legend_handles_labels(),
+        fontsize="x-small",
+        loc="outside lower center",
+        ncols=2,
+        title=title,
+        title_fontsize="x-small",
+    )
 
 
 def _shown(recording: Recording, channel: Channel, first: int, last: int) -> Array:

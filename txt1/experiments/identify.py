@@ -148,10 +148,15 @@ async def _by_feedback(robot: Robot) -> list[Hold]:
         motor, steering = 1000.0 * speed.kp, 1000.0 * turn.kp
         holds.append(
             Hold(
-                motor * (v - _steady(speeds)), steering * (omega - _steady(rates)), speeds, rates,
-                tuple(time - begin for time in times), motor, steering,
+                motor * (v - _steady(speeds)),
+                steering * (omega - _steady(rates)),
+                speeds,
+                rates,
+                tuple(time - begin for time in times),
+                motor,
+                steering,
             )
-        )  # fmt: skip
+        )
 
     try:
         await load(SPEED_FEEDBACK, angular)
@@ -197,9 +202,12 @@ def identify(holds: Sequence[Hold], period: float = SAMPLING_PERIOD) -> Plant:
     _, turned_after = _delay_and_lag(turns, (delay,))
     turn_feedback = float(np.mean([abs(_steady(hold.v)) * hold.turn_feedback for _, hold in turning]))
     return Plant(
-        float(gain), dead_band, _without_feedback(followed, float(gain) * holds[0].speed_feedback),
-        steering_gain, _without_feedback(turned_after, steering_gain * turn_feedback),
-    )  # fmt: skip
+        float(gain),
+        dead_band,
+        _without_feedback(followed, float(gain) * holds[0].speed_feedback),
+        steering_gain,
+        _without_feedback(turned_after, steering_gain * turn_feedback),
+    )
 
 
 def _without_feedback(lag: float, loop_gain: float) -> float:

@@ -31,8 +31,9 @@ def show(runs: Sequence[Run], console: Console, *, with_differences: bool = Fals
         console.print(
             f"{result.label}: ended by {told['stopped_by']} after {told['duration_s']:.1f} s{warning}; "
             f"judged by {told['judged_by']}",
-            markup=False, highlight=False,
-        )  # fmt: skip
+            markup=False,
+            highlight=False,
+        )
 
 
 def tables(runs: Sequence[Run]) -> list[Titled]:

@@ -197,12 +197,24 @@ class Experiment:
             volts = [volt for volt in battery[:2] if volt is not None]
             self._samples.append(
                 Instant(
-                    now - self._begin, set_v, set_omega, v, omega, x, y, theta,
-                    robot.runtime.state.odometry_time - self._begin, way, turn,
-                    true_v, true_omega, *(pose or (nan, nan, nan)),
-                    max(volts) if volts else nan, nan if battery.remaining is None else battery.remaining,
+                    now - self._begin,
+                    set_v,
+                    set_omega,
+                    v,
+                    omega,
+                    x,
+                    y,
+                    theta,
+                    robot.runtime.state.odometry_time - self._begin,
+                    way,
+                    turn,
+                    true_v,
+                    true_omega,
+                    *(pose or (nan, nan, nan)),
+                    max(volts) if volts else nan,
+                    nan if battery.remaining is None else battery.remaining,
                 )
-            )  # fmt: skip
+            )
             if abs(set_v) < STOPPED_V or abs(v) > STOPPED_V:
                 self._still_since = inf
             elif self._still_since == inf:

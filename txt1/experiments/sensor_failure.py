@@ -168,10 +168,17 @@ async def drive(config: Config, setup: str, sensor: str, failure: str) -> Failur
         disarmed = "" if robot.armed else disarmed or robot.reason
     time, distance, heading, share, band = np.array(rows).T
     return FailureOutcome(
-        setup, sensor, failure, float(distance.max()), float(heading.max()), float(share.max()),
-        lost - BEGIN, max(again - END, 0.0) if again < inf else inf if lost < inf else 0.0, disarmed,
+        setup,
+        sensor,
+        failure,
+        float(distance.max()),
+        float(heading.max()),
+        float(share.max()),
+        lost - BEGIN,
+        max(again - END, 0.0) if again < inf else inf if lost < inf else 0.0,
+        disarmed,
         np.stack((time, distance, band), axis=1),
-    )  # fmt: skip
+    )
 
 
 def plan(config: Config) -> list[Which]:

@@ -39,27 +39,48 @@ EARLY: Final = 3.5  # s after which a stop of all that is not complete is told a
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `fleet` takes."""
-    commands.add(parser.add_mutually_exclusive_group(required=True), {
-        "plan": {"nargs": "?", "metavar": "FLEET.yaml", "type": commands.existing, "help": "names, starts and tasks"},
-        "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", commands.count),
-        "--join": takes(
-            "INTERFACE", "watch, stop and drive the fleet on this network interface; left out, on loopback", nargs="?",
-            const="",
-        ),
-    })  # fmt: skip
-    commands.add(parser, options.CONFIGURATION | options.SEED | {"--speed": options.ROBOT["--speed"]} | LOG | {
-        "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
-        "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
-        "--fleet-key": NETWORK["--fleet-key"],
-        "--fleet-name": NETWORK["--fleet-name"],
-        "--stop": takes(
-            "NAME,NAME,...", "with --join: stop all robots, say which stand, and end; those named must answer",
-            commands.names, nargs="?", const=[],
-        ),
-        "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
-        "--headless": flag("no screens; one status line a second"),
-        "--json": flag("no screens; one JSON object at the end"),
-    } | WEB)  # fmt: skip
+    commands.add(
+        parser.add_mutually_exclusive_group(required=True),
+        {
+            "plan": {
+                "nargs": "?",
+                "metavar": "FLEET.yaml",
+                "type": commands.existing,
+                "help": "names, starts and tasks",
+            },
+            "--robots": takes("N", "number of robots; their names are txt01, txt02 and so on", commands.count),
+            "--join": takes(
+                "INTERFACE",
+                "watch, stop and drive the fleet on this network interface; left out, on loopback",
+                nargs="?",
+                const="",
+            ),
+        },
+    )
+    commands.add(
+        parser,
+        options.CONFIGURATION
+        | options.SEED
+        | {"--speed": options.ROBOT["--speed"]}
+        | LOG
+        | {
+            "--duration": takes("S", "end after S seconds of the robots' time", commands.positive),
+            "--drive": takes("V,OMEGA", "command this velocity to those without a task: m/s, rad/s", commands.velocity),
+            "--fleet-key": NETWORK["--fleet-key"],
+            "--fleet-name": NETWORK["--fleet-name"],
+            "--stop": takes(
+                "NAME,NAME,...",
+                "with --join: stop all robots, say which stand, and end; those named must answer",
+                commands.names,
+                nargs="?",
+                const=[],
+            ),
+            "--no-arm": {"dest": "arm", "action": "store_false", "help": "do not arm"},
+            "--headless": flag("no screens; one status line a second"),
+            "--json": flag("no screens; one JSON object at the end"),
+        }
+        | WEB,
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

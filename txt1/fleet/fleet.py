@@ -86,9 +86,7 @@ class Fleet:
         async with AsyncExitStack() as stack:
             robots = {}
             for name, own in configs.items():
-                opened = Robot.open(
-                    config=in_world(own, world), world=world, arm=False, patience=0.0, attach=attach
-                )  # fmt: skip
+                opened = Robot.open(config=in_world(own, world), world=world, arm=False, patience=0.0, attach=attach)
                 robots[name] = await stack.enter_async_context(opened)
             yield Fleet(plan, robots, world)
 

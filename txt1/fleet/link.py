@@ -24,9 +24,16 @@ BRIDGE_PATIENCE: Final = 15.0  # s in which the bridge comes up, or there is no 
 ORDER: Final = declare(
     Topic("/fleet_order", str, "", "std_msgs/String", Rule.EVENT, "what this robot asks of the fleet: stop")
 )
-STOPS: Final[Topic[tuple[str, ...]]] = declare(Topic(
-    "/fleet_stops", tuple[str, ...], "", "std_msgs/String", Rule.SNAPSHOT, "the stops of all that this robot has obeyed"
-))  # fmt: skip
+STOPS: Final[Topic[tuple[str, ...]]] = declare(
+    Topic(
+        "/fleet_stops",
+        tuple[str, ...],
+        "",
+        "std_msgs/String",
+        Rule.SNAPSHOT,
+        "the stops of all that this robot has obeyed",
+    )
+)
 STOPS_MAX: Final = 20  # stops of all that are remembered: an older one is obeyed again if somebody still says it
 QUIET: Final = 1.0  # s without a word of the bridge after which the fleet is not reached
 
@@ -51,8 +58,11 @@ class FleetLink:
         self.refused: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done, with a ConfigError, when the fleet does not let the robot in."""
         self.requests: Mapping[str, Callable[..., object]] = {
-            "fleet": self._take, "stop": self._stop, "learned": self._hear, "refused": self._refuse,
-        }  # fmt: skip
+            "fleet": self._take,
+            "stop": self._stop,
+            "learned": self._hear,
+            "refused": self._refuse,
+        }
         """What the bridge may ask for."""
         bus = robot.runtime.bus
         bus.offer(SAID, lambda: self._said or self._own())

@@ -53,9 +53,17 @@ def member_of(robot: Robot, silent: str = "") -> Member:
     odometry = robot.odometry
     pose = robot.pose or (odometry.x, odometry.y, odometry.theta)
     return Member(
-        robot.config.name, robot.armed, robot.reason, pose, odometry.v, odometry.omega, robot.driver.name,
-        robot.battery.battery1, silent=silent, stop=_stop_of(robot),
-    )  # fmt: skip
+        robot.config.name,
+        robot.armed,
+        robot.reason,
+        pose,
+        odometry.v,
+        odometry.omega,
+        robot.driver.name,
+        robot.battery.battery1,
+        silent=silent,
+        stop=_stop_of(robot),
+    )
 
 
 def _stop_of(robot: Robot) -> str:

@@ -69,10 +69,18 @@ def state_of(message: Mapping[str, Any]) -> MemberState:
         raise ValueError(f"data: give at most {DATA_MAX} numbers")
     x, y, theta, v, omega = (number(message, name) for name in ("x", "y", "theta", "v", "omega"))
     return MemberState(
-        x, y, theta, v, omega, tuple(number({"data": each}, "data") for each in data), message.get("armed") is True,
-        text(message, "reason"), text(message, "driver"),
-        None if message.get("battery") is None else number(message, "battery"), text(message, "silent"),
-    )  # fmt: skip
+        x,
+        y,
+        theta,
+        v,
+        omega,
+        tuple(number({"data": each}, "data") for each in data),
+        message.get("armed") is True,
+        text(message, "reason"),
+        text(message, "driver"),
+        None if message.get("battery") is None else number(message, "battery"),
+        text(message, "silent"),
+    )
 
 
 def drive_of(message: Mapping[str, Any]) -> tuple[float, float]:

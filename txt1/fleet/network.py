@@ -317,10 +317,12 @@ class Peer:
         urgent = not key.startswith(("state", "learned"))
         try:
             self._session.put(
-                f"{self._space}/{key}", self._key.signed(key, json.dumps(whole).encode()), express=True,
+                f"{self._space}/{key}",
+                self._key.signed(key, json.dumps(whole).encode()),
+                express=True,
                 congestion_control=self._zenoh.CongestionControl.DROP,
                 priority=self._zenoh.Priority.REAL_TIME if urgent else self._zenoh.Priority.DATA,
-            )  # fmt: skip
+            )
         except self._zenoh.ZError:
             if not self._closing.is_set():  # it was closed in this instant
                 raise
@@ -524,6 +526,16 @@ def _member(name: str, other: _Other, now: float) -> Member:
         return Member(name, armed=False, age=age, offset=offset, alive=alive)
     pose = (state.x, state.y, state.theta)
     return Member(
-        name, state.armed, state.reason, pose, state.v, state.omega, state.driver, state.battery, age, offset, alive,
+        name,
+        state.armed,
+        state.reason,
+        pose,
+        state.v,
+        state.omega,
+        state.driver,
+        state.battery,
+        age,
+        offset,
+        alive,
         state.silent,
-    )  # fmt: skip
+    )

@@ -19,7 +19,7 @@ NETWORK: Final = {
     ),
     "--fleet-key": takes("FILE", "the password that all of a fleet share; left out, your own, on loopback only", path),
     "--fleet-name": takes("NAME", "name of the fleet: one of another name is not heard"),
-}  # fmt: skip
+}
 
 
 class Joining(NamedTuple):

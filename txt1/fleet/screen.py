@@ -17,10 +17,14 @@ STATE_LEAST: Final = 16  # cells of a state, as long as there are columns to do 
 DISPENSABLE: Final = ("clock", "driver", "heard")  # these, in this order
 _NUMBER: Final = Column(right=True)
 COLUMNS: Final = (
-    Column("robot", LABEL), Column("state"), *(_NUMBER._replace(heading=each) for each in ("x", "y", "v")),
-    Column("driver"), _NUMBER._replace(heading="V"), _NUMBER._replace(heading="heard"),
+    Column("robot", LABEL),
+    Column("state"),
+    *(_NUMBER._replace(heading=each) for each in ("x", "y", "v")),
+    Column("driver"),
+    _NUMBER._replace(heading="V"),
+    _NUMBER._replace(heading="heard"),
     _NUMBER._replace(heading="clock"),
-)  # fmt: skip
+)
 
 
 class RobotLine(NamedTuple):
@@ -78,9 +82,14 @@ def _line(one: Member) -> RobotLine:
         state, style = ("armed", GOOD) if one.armed else (one.reason or "disarmed", "red")
     x, y, _ = one.pose or (None, None, None)
     cells = {
-        "robot": one.name, "state": state, "x": number(x, 2), "y": number(y, 2), "v": number(one.v, 2),
-        "driver": one.driver, "V": number(one.battery, 2),
+        "robot": one.name,
+        "state": state,
+        "x": number(x, 2),
+        "y": number(y, 2),
+        "v": number(one.v, 2),
+        "driver": one.driver,
+        "V": number(one.battery, 2),
         "heard": "" if one.age is None else f"{duration(one.age)} ago",
         "clock": "" if one.offset is None else duration(abs(one.offset)),
-    }  # fmt: skip
+    }
     return RobotLine(cells, style)

@@ -36,14 +36,18 @@ STEPS: Final = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the configuration, and where a mapping goes."""
-    commands.add(parser, options.CONFIGURATION | {
-        "--map": commands.takes(
-            "FILE",
-            "ask for all buttons and axes of the first pad, and write SDL's mapping of it to FILE",
-            commands.path,
-        ),
-        "--duration": commands.takes("S", "end after S seconds", commands.positive),
-    })  # fmt: skip
+    commands.add(
+        parser,
+        options.CONFIGURATION
+        | {
+            "--map": commands.takes(
+                "FILE",
+                "ask for all buttons and axes of the first pad, and write SDL's mapping of it to FILE",
+                commands.path,
+            ),
+            "--duration": commands.takes("S", "end after S seconds", commands.positive),
+        },
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -17,12 +17,17 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 __all__ = ["LINK", "BoardLink", "Button", "Capabilities", "Hal", "Indicators", "Inputs", "Outputs"]
 
-LINK: Final = declare(Topic[tuple[str, bytes]](
-    "/link", tuple, "bytes",
-    define("txt1_msgs/LinkBytes", "std_msgs/Header header\nstring direction\nuint8[] data"), Rule.EVENT,
-    'the bytes on the line to the board, "in" or "out"',
-    make=lambda piece: {"direction": piece[0], "data": piece[1]},
-))  # fmt: skip
+LINK: Final = declare(
+    Topic[tuple[str, bytes]](
+        "/link",
+        tuple,
+        "bytes",
+        define("txt1_msgs/LinkBytes", "std_msgs/Header header\nstring direction\nuint8[] data"),
+        Rule.EVENT,
+        'the bytes on the line to the board, "in" or "out"',
+        make=lambda piece: {"direction": piece[0], "data": piece[1]},
+    )
+)
 
 
 class Button(IntFlag):

@@ -108,9 +108,17 @@ class SerialHal(PlainHal):
         self.line = Line(port, wrap, "odometry", self._greet, self.receiver.feed, LOST, SETTLED, self._forget)
         on_board = control == "board"
         self.capabilities = Capabilities(
-            odometry=True, pwm=not on_board, gains=on_board, combined=on_board, battery=True, smoothed=True, power=True,
-            servos=True, halt=True, simulated=simulated,
-        )  # fmt: skip
+            odometry=True,
+            pwm=not on_board,
+            gains=on_board,
+            combined=on_board,
+            battery=True,
+            smoothed=True,
+            power=True,
+            servos=True,
+            halt=True,
+            simulated=simulated,
+        )
         self._scale = scale
         self._gains = AcknowledgedGains()
         # what the board said
@@ -193,9 +201,12 @@ class SerialHal(PlainHal):
         counts |= {"line_late_odometry": self._lost_frames, "line_not_encodable": self._refused}
         link = self.line.report(now, counts, self._clearing, not self._gains.missing)
         return Inputs(
-            odometry=self._odometry, odometry_time=self.line.run_time(self.line.last),
-            batteries=self._batteries, battery_time=self.line.run_time(self._batteries_heard), link=link,
-        )  # fmt: skip
+            odometry=self._odometry,
+            odometry_time=self.line.run_time(self.line.last),
+            batteries=self._batteries,
+            battery_time=self.line.run_time(self._batteries_heard),
+            link=link,
+        )
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send what is due: the set-point 20 times a second and at once on a stop, servos when they move, gains."""

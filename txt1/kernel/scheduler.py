@@ -84,8 +84,17 @@ class _Scheduled:
     """A task under the scheduler."""
 
     __slots__ = (
-        "coroutine", "index", "name", "period", "period_ns", "priority", "queued", "send", "statistics", "ticks",
-    )  # fmt: skip
+        "coroutine",
+        "index",
+        "name",
+        "period",
+        "period_ns",
+        "priority",
+        "queued",
+        "send",
+        "statistics",
+        "ticks",
+    )
 
     def __init__(self, name: str, priority: int, period: float | None, task: PeriodicTask) -> None:
         self.name = name

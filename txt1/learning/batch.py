@@ -112,11 +112,23 @@ def _look(robots: Array, noise: Array, light: PointLight) -> None:
 
 @partial(compiled, nogil=True)
 def _run(
-    robots: Array, commands: Array, first: int, drag: Array, noise: Array, parameters: Dynamics,
-    light: PointLight, motor_max: float, count_length: float, track_width: float, gains: Array, linear: Gains,
+    robots: Array,
+    commands: Array,
+    first: int,
+    drag: Array,
+    noise: Array,
+    parameters: Dynamics,
+    light: PointLight,
+    motor_max: float,
+    count_length: float,
+    track_width: float,
+    gains: Array,
+    linear: Gains,
     car: CarParameters,
-    known: bool, begin: int, end: int,
-) -> None:  # fmt: skip
+    known: bool,
+    begin: int,
+    end: int,
+) -> None:
     """Move robots `begin` to `end` by len(drag) ticks, the first of which is number `first`; see `Batch.run`."""
     for at in range(begin, end, BLOCK):
         until = min(at + BLOCK, end)
@@ -142,9 +154,15 @@ class Batch:
     """
 
     def __init__(
-        self, count: int, light: PointLight, noise: float, drag: float, parameters: VehicleParameters, body: Geometry,
+        self,
+        count: int,
+        light: PointLight,
+        noise: float,
+        drag: float,
+        parameters: VehicleParameters,
+        body: Geometry,
         safety: Safety,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.robots: Array = np.zeros((ROWS, count))
         self.commands: Array = np.zeros((count, 2))
         self.light = light
@@ -190,10 +208,22 @@ class Batch:
     def run_with(self, drag: Array, noise: Array) -> None:
         """The same with given random values: shares of the speed (ticks, count) and of a reading (ticks, count, 4)."""
         run = partial(
-            _run, self.robots, self.commands, self.tick, drag, noise, self._parameters, self.light,
-            float(self._safety.motor_max), self._body.count_length, self._body.track_width, _GAINS, LINEAR_GAINS,
-            UNKNOWN, False,
-        )  # fmt: skip
+            _run,
+            self.robots,
+            self.commands,
+            self.tick,
+            drag,
+            noise,
+            self._parameters,
+            self.light,
+            float(self._safety.motor_max),
+            self._body.count_length,
+            self._body.track_width,
+            _GAINS,
+            LINEAR_GAINS,
+            UNKNOWN,
+            False,
+        )
         if self._threads is None:
             run(*self._shares[0])
         else:  # the compiled loop lets go of the interpreter's lock

@@ -20,9 +20,16 @@ from txt1.learning.trial import Start
 BEARINGS: Final = 120  # that are driven, 3 degrees apart
 DECISION_MS: Final = 100  # between two looks for the goal
 DEPENDS: Final = (
-    "geometry.", "sim.vehicle.", "car.", "control.", "safety.motor_max", "learning.actions", "learning.start_radius",
-    "learning.goal_radius", "learning.delay",
-)  # keys of the configuration, or what they begin with  # fmt: skip
+    "geometry.",
+    "sim.vehicle.",
+    "car.",
+    "control.",
+    "safety.motor_max",
+    "learning.actions",
+    "learning.start_radius",
+    "learning.goal_radius",
+    "learning.delay",
+)  # keys of the configuration, or what they begin with
 
 
 class Floor(NamedTuple):

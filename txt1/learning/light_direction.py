@@ -21,9 +21,15 @@ from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSOR_X, SENSOR_Y, SENSO
 FILTER_WEIGHT: Final = 0.9  # weight of the past in the filter (5.10)
 
 SECTORS: Final = (
-    "rear centre", "rear right", "centre right", "front right",
-    "front centre", "front left", "centre left", "rear left",
-)  # by index (figure 5.5)  # fmt: skip
+    "rear centre",
+    "rear right",
+    "centre right",
+    "front right",
+    "front centre",
+    "front left",
+    "centre left",
+    "rear left",
+)  # by index (figure 5.5)
 SETTLING_SAMPLES: Final = 22  # after so many samples the first one has lost nine tenths of its weight in the filter
 FROZEN_SAMPLES: Final = 63  # A sensor's changes are counted over so many samples, about a second
 

@@ -234,9 +234,11 @@ class NeuralAgent(PeriodicAgent):
         """The networks: a row for each, all its weights one after the other."""
         values = np.concatenate([w.reshape(self.settings.members, -1) for w in self.weights.values()], axis=1)
         about = {
-            "agent": self.name, "episodes": self.episode, "scale": self.scale.tolist(),
+            "agent": self.name,
+            "episodes": self.episode,
+            "scale": self.scale.tolist(),
             "level": None if self.level is None else self.level.tolist(),
-        }  # fmt: skip
+        }
         return StoredTable(values, about)
 
     def drive_by(self, table: StoredTable) -> None:
@@ -255,10 +257,16 @@ class NeuralAgent(PeriodicAgent):
         """All that it needs to carry on later."""
         nets = [{name: w.tolist() for name, w in each.items()} for each in (self.weights, *self.adam)]
         return {
-            "nets": nets, "steps": self.steps, "rows": self.rows.tolist(), "last": self.last.tolist(),
-            "usual": self.usual, "level": None if self.level is None else self.level.tolist(),
-            "scale": self.scale.tolist(), "episode": self.episode, "rng": self._rng.bit_generator.state,
-        }  # fmt: skip
+            "nets": nets,
+            "steps": self.steps,
+            "rows": self.rows.tolist(),
+            "last": self.last.tolist(),
+            "usual": self.usual,
+            "level": None if self.level is None else self.level.tolist(),
+            "scale": self.scale.tolist(),
+            "episode": self.episode,
+            "rng": self._rng.bit_generator.state,
+        }
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""
@@ -292,11 +300,17 @@ def initial(rng: np.random.Generator, members: int, seen: int, hidden: int, late
         return share / sqrt(rows) * rng.standard_normal((members, rows, columns))
 
     return {
-        "in": some(seen, hidden), "in_bias": np.zeros((members, 1, hidden)), "to": some(hidden, latent),
-        "straight": some(seen, latent, 0.3), "h": some(latent, hidden), "a": some(actions, hidden),
-        "bias": np.zeros((members, 1, hidden)), "back": some(hidden, latent, 0.1), "out": some(latent, SEEN, 0.3),
+        "in": some(seen, hidden),
+        "in_bias": np.zeros((members, 1, hidden)),
+        "to": some(hidden, latent),
+        "straight": some(seen, latent, 0.3),
+        "h": some(latent, hidden),
+        "a": some(actions, hidden),
+        "bias": np.zeros((members, 1, hidden)),
+        "back": some(hidden, latent, 0.1),
+        "out": some(latent, SEEN, 0.3),
         "out_bias": np.zeros((members, 1, SEEN)),
-    }  # fmt: skip
+    }
 
 
 def foretell(w: Weights, seen: Array, given: NDArray[np.int64]) -> tuple[Array, tuple[Array, ...]]:
@@ -346,12 +360,17 @@ def slopes_of(w: Weights, seen: Array, given: NDArray[np.int64], came: Array, th
     one_of = (given[..., None] == np.arange(w["a"].shape[1])) * 1.0
     by_u = (g @ turned(w["to"])) * (1.0 - u * u)
     return error, {
-        "in": turned(seen) @ by_u, "in_bias": by_u.sum(axis=1, keepdims=True), "to": turned(u) @ g,
-        "straight": turned(seen) @ g, "h": turned(flat(states[:, :, :-1])) @ flat(by_unit),
-        "a": turned(flat(one_of)) @ flat(by_unit), "bias": flat(by_unit).sum(axis=1, keepdims=True),
-        "back": turned(flat(units)) @ flat(steps), "out": turned(flat(states[:, :, 1:])) @ flat(miss),
+        "in": turned(seen) @ by_u,
+        "in_bias": by_u.sum(axis=1, keepdims=True),
+        "to": turned(u) @ g,
+        "straight": turned(seen) @ g,
+        "h": turned(flat(states[:, :, :-1])) @ flat(by_unit),
+        "a": turned(flat(one_of)) @ flat(by_unit),
+        "bias": flat(by_unit).sum(axis=1, keepdims=True),
+        "back": turned(flat(units)) @ flat(steps),
+        "out": turned(flat(states[:, :, 1:])) @ flat(miss),
         "out_bias": flat(miss).sum(axis=1, keepdims=True),
-    }  # fmt: skip
+    }
 
 
 def adam(w: Weights, slopes: Weights, moments: list[Weights], step: int, rate: float) -> None:

@@ -386,12 +386,17 @@ class PilotAgent(PeriodicAgent):
         """All that it needs to carry on later."""
         effects = {name: getattr(self.effects, name).tolist() for name in ("sums", "error", "k", "c")}
         return {
-            "effects": effects, "survey": self.survey.tolist(), "spread": self.spread.tolist(), "goal": self.goal,
+            "effects": effects,
+            "survey": self.survey.tolist(),
+            "spread": self.spread.tolist(),
+            "goal": self.goal,
             "goals": self._goals,
-            "lost": self.lost, "untried": list(self._untried), "episode": self.episode,
+            "lost": self.lost,
+            "untried": list(self._untried),
+            "episode": self.episode,
             "past": [np.where(np.isfinite(rows), rows, -1.0).tolist() for rows in self._past],
             "rng": self._rng.bit_generator.state,
-        }  # fmt: skip
+        }
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Carry on from what `memory` gave."""

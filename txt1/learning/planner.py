@@ -117,9 +117,16 @@ def _to_circle(ahead: float, left: float, curvature: float, goal: float) -> tupl
 
 @compiled
 def _driven(
-    ahead: float, left: float, heading: float, distance: float, curvature: float, a: int, k: Array, c: Array,
+    ahead: float,
+    left: float,
+    heading: float,
+    distance: float,
+    curvature: float,
+    a: int,
+    k: Array,
+    c: Array,
     scale: float,
-) -> tuple[float, float, float, float, float]:  # fmt: skip
+) -> tuple[float, float, float, float, float]:
     """The light's place in the robot's frame, heading, distance and curvature, after a decision with a in force."""
     distance = k[0] * distance + c[0, a]
     curvature = k[1] * curvature + c[1, a]
@@ -131,9 +138,19 @@ def _driven(
 
 @compiled
 def _onwards(
-    ahead: float, left: float, heading: float, distance: float, curvature: float, b: int, k: Array, c: Array,
-    scale: float, goal: float, spread: tuple[float, float, float], sharpest: float,
-) -> float:  # fmt: skip
+    ahead: float,
+    left: float,
+    heading: float,
+    distance: float,
+    curvature: float,
+    b: int,
+    k: Array,
+    c: Array,
+    scale: float,
+    goal: float,
+    spread: tuple[float, float, float],
+    sharpest: float,
+) -> float:
     """Decisions that action b takes to the goal, on average: a course that grazes it may miss, and go round once more.
 
     `spread` has the variances of where the goal's edge is, and their covariance, in the frame of heading 0. Infinite:
@@ -163,9 +180,16 @@ def _onwards(
 
 @compiled
 def quickest(
-    light: Belief, distance: float, curvature: float, pending: NDArray[np.int64], k: Array, c: Array, scale: float,
-    goal: float, graze: float,
-) -> Array:  # fmt: skip
+    light: Belief,
+    distance: float,
+    curvature: float,
+    pending: NDArray[np.int64],
+    k: Array,
+    c: Array,
+    scale: float,
+    goal: float,
+    graze: float,
+) -> Array:
     """Decisions to the goal by the quickest plan "a for m decisions, then b", on average; shape (actions a,).
 
     Distance and curvature are those of the last decision; actions that are under way come first. The goal's distance

@@ -21,8 +21,10 @@ PATH, PART = 3.2, 4.8  # in, one path and one part of a table across: of all bes
 RESAMPLES: Final = 500  # of the trials, for an interval
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.6"  # the colour-blind, too, tell them apart (Okabe, Ito)
 COURSES: Final[dict[str, Callable[[StoredTable, Any], Any]]] = {
-    "pilot": pilot.courses, "sweeps": sweeps.courses, "thesis": thesis.courses,
-}  # of learners whose tables tell how sharply they turn, left positive, by where the light is  # fmt: skip
+    "pilot": pilot.courses,
+    "sweeps": sweeps.courses,
+    "thesis": thesis.courses,
+}  # of learners whose tables tell how sharply they turn, left positive, by where the light is
 
 
 def draw(
@@ -173,8 +175,12 @@ def _floor(figure: Any, edge: float, table: StoredTable, task: Task) -> None:
         axes.annotate(name, (-y, x), (3, 3), textcoords="offset points", fontsize=9)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
     axes.plot(task.goal_radius * np.cos(angle), task.goal_radius * np.sin(angle), color=GREY)
-    axes.set(xlabel="light to the right, m", ylabel="light ahead, m", aspect="equal",
-             title="which way it drives, by where the light is")  # fmt: skip
+    axes.set(
+        xlabel="light to the right, m",
+        ylabel="light ahead, m",
+        aspect="equal",
+        title="which way it drives, by where the light is",
+    )
 
 
 def _table(figure: Any, edge: float, table: StoredTable, colormaps: Any) -> None:

@@ -35,9 +35,12 @@ def moved(belief: Belief, distance: float, turn: float, slip: float) -> Belief:
     xy -= slip * slip * turn * turn * x * y
     x, y = c * x + s * y, c * y - s * x
     return (
-        x, y, c * c * xx + s * s * yy + 2.0 * c * s * xy, c * c * yy + s * s * xx - 2.0 * c * s * xy,
+        x,
+        y,
+        c * c * xx + s * s * yy + 2.0 * c * s * xy,
+        c * c * yy + s * s * xx - 2.0 * c * s * xy,
         c * s * (yy - xx) + (c * c - s * s) * xy,
-    )  # fmt: skip
+    )
 
 
 @compiled
@@ -68,8 +71,10 @@ def corrected(belief: Belief, survey: Array, z: Array, noise: Array) -> tuple[Be
         short = min(1.0, 0.5 * hypot(x, y) / max(hypot(step_x, step_y), 1e-9))
         x, y = x + short * step_x, y + short * step_y
         xx, yy, xy = (
-            xx - along_x * along_x / variance, yy - along_y * along_y / variance, xy - along_x * along_y / variance,
-        )  # fmt: skip
+            xx - along_x * along_x / variance,
+            yy - along_y * along_y / variance,
+            xy - along_x * along_y / variance,
+        )
     return (x, y, xx, yy, xy), total, count
 
 

@@ -28,8 +28,12 @@ def _decision(value: Any) -> Decision:
 
 KINDS: Final[dict[str, type]] = {"name": str, "table": StoredTable, "memory": dict, "shared": Learned}
 MADE: Final[dict[str, Callable[[Any], Any]]] = {
-    "ready": bool, "waits": bool, "act": index, "decision": _decision, "take": index,
-}  # what other returns are made, which raises TypeError or ValueError  # fmt: skip
+    "ready": bool,
+    "waits": bool,
+    "act": index,
+    "decision": _decision,
+    "take": index,
+}  # what other returns are made, which raises TypeError or ValueError
 
 
 def checked(agent: Agent, who: str, actions: int) -> Agent:

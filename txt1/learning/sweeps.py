@@ -219,8 +219,12 @@ class SweepsAgent:
         b_next = bearings[:, None, None] - self.settings.period * w_next
         i0, i1, fi = _bearing_cells(b_next)
         j0, fj = _yaw_cells(np.broadcast_to(w_next, b_next.shape))
-        corners = [(i0 * YAW_RATES + j0, (1 - fi) * (1 - fj)), (i1 * YAW_RATES + j0, fi * (1 - fj)),
-                   (i0 * YAW_RATES + j0 + 1, (1 - fi) * fj), (i1 * YAW_RATES + j0 + 1, fi * fj)]  # fmt: skip
+        corners = [
+            (i0 * YAW_RATES + j0, (1 - fi) * (1 - fj)),
+            (i1 * YAW_RATES + j0, fi * (1 - fj)),
+            (i0 * YAW_RATES + j0 + 1, (1 - fi) * fj),
+            (i1 * YAW_RATES + j0 + 1, fi * fj),
+        ]
         self._cells = (np.cos(b_next), np.stack([i for i, _ in corners]), np.stack([w for _, w in corners]))
 
     def sweep(self) -> None:
@@ -240,10 +244,16 @@ class SweepsAgent:
     def table(self) -> StoredTable:
         """The Q-table, a row for every bearing and yaw rate, and what it needs to be driven by."""
         names = [f"action {a}" for a, _ in enumerate(self.model.count)]
-        about = {"agent": self.name, "episodes": self.episode, "actions": names,
-                 "axes": [["bearing of the light, degrees", BEARINGS, -180.0, 180.0],
-                          ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX]],
-                 "turning": [[float(x) for x in each] for each in self.model.coefficients()]}  # fmt: skip
+        about = {
+            "agent": self.name,
+            "episodes": self.episode,
+            "actions": names,
+            "axes": [
+                ["bearing of the light, degrees", BEARINGS, -180.0, 180.0],
+                ["yaw rate, rad/s", YAW_RATES, -YAW_MAX, YAW_MAX],
+            ],
+            "turning": [[float(x) for x in each] for each in self.model.coefficients()],
+        }
         return StoredTable(self.q.reshape(-1, self.q.shape[2]).copy(), about)
 
     def shared(self) -> Learned:

@@ -39,14 +39,20 @@ class LearningStep(NamedTuple):
     values: tuple[float, ...]  # of the actions in this state, after learning
 
 
-STEP: Final = declare(Topic(
-    "/learning/step", LearningStep, "",
-    define(
-        "txt1_msgs/LearningStep",
-        "std_msgs/Header header\nint32 episode\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values",
-    ),
-    Rule.EVENT, "each decision of the learner, and the end of each episode: action -1", make=LearningStep._asdict,
-))  # fmt: skip
+STEP: Final = declare(
+    Topic(
+        "/learning/step",
+        LearningStep,
+        "",
+        define(
+            "txt1_msgs/LearningStep",
+            "std_msgs/Header header\nint32 episode\nint32 state\nint32 action\nfloat64 reward\nfloat64[] values",
+        ),
+        Rule.EVENT,
+        "each decision of the learner, and the end of each episode: action -1",
+        make=LearningStep._asdict,
+    )
+)
 
 
 class LearningTask:

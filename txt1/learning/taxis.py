@@ -174,9 +174,14 @@ class TaxisAgent(PeriodicAgent):
 
     def table(self) -> StoredTable:
         """The synapses: a row for each sensor and one for what always fires, a column for each action."""
-        about = {"agent": self.name, "episodes": self.episode, "used": self.used.tolist(),
-                 "varies": self.varies.tolist(), "actions": [f"action {a}" for a in range(self.actions)],
-                 "states": ["FL", "FR", "RL", "RR", "always"]}  # fmt: skip
+        about = {
+            "agent": self.name,
+            "episodes": self.episode,
+            "used": self.used.tolist(),
+            "varies": self.varies.tolist(),
+            "actions": [f"action {a}" for a in range(self.actions)],
+            "states": ["FL", "FR", "RL", "RR", "always"],
+        }
         return StoredTable(self.synapses.copy(), about)
 
     def memory(self) -> dict[str, Any]:

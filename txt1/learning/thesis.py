@@ -253,9 +253,13 @@ class ThesisAgent:
     def table(self) -> StoredTable:
         """The Q-table, and which agent made it."""
         about = {
-            "agent": self.name, "episodes": self.episode, "actions": self._names(), "states": list(SECTORS),
-            "commands": [list(each) for each in self._commands], "direction": self.settings.direction,
-        }  # fmt: skip
+            "agent": self.name,
+            "episodes": self.episode,
+            "actions": self._names(),
+            "states": list(SECTORS),
+            "commands": [list(each) for each in self._commands],
+            "direction": self.settings.direction,
+        }
         return StoredTable(self.q.copy(), about)
 
     def _names(self) -> list[str]:

@@ -116,9 +116,15 @@ def task_of(config: Config) -> Task:
     sharpest = min((abs(v / omega) for v, omega in one.actions if omega), default=inf)
     radius_min = max(config.geometry.radius_min, sharpest)
     return Task(
-        config.sim.room.light, one.start_radius, one.goal_radius, one.boundary, one.time_limit,
-        speed=speed, radius_min=radius_min, delay=one.delay,
-    )  # fmt: skip
+        config.sim.room.light,
+        one.start_radius,
+        one.goal_radius,
+        one.boundary,
+        one.time_limit,
+        speed=speed,
+        radius_min=radius_min,
+        delay=one.delay,
+    )
 
 
 def ready_to_learn(config: Config) -> Config:

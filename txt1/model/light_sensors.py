@@ -15,8 +15,11 @@ Place = tuple[float, float]  # of a sensor on the robot: (forward, left), m
 Mount = tuple[Place, Place, Place, Place]  # of the four sensors, in the order of `Readings`
 Gains = tuple[float, float, float, float]  # factors on their readings
 MOUNT: Final[Mount] = (
-    (SENSOR_X, SENSOR_Y), (SENSOR_X, -SENSOR_Y), (-SENSOR_X, SENSOR_Y), (-SENSOR_X, -SENSOR_Y),
-)  # the same as (forward, left) of each, m  # fmt: skip
+    (SENSOR_X, SENSOR_Y),
+    (SENSOR_X, -SENSOR_Y),
+    (-SENSOR_X, SENSOR_Y),
+    (-SENSOR_X, -SENSOR_Y),
+)  # the same as (forward, left) of each, m
 EVEN: Final[Gains] = (1.0, 1.0, 1.0, 1.0)  # four sensors alike
 
 

@@ -197,11 +197,16 @@ def _write(
     ends = np.cumsum(lengths).tolist()
     zeros = [0] * len(lengths)
     episodes = {
-        "episode_index": list(range(len(lengths))), "tasks": [[task]] * len(lengths), "length": lengths,
-        "data/chunk_index": zeros, "data/file_index": zeros,
+        "episode_index": list(range(len(lengths))),
+        "tasks": [[task]] * len(lengths),
+        "length": lengths,
+        "data/chunk_index": zeros,
+        "data/file_index": zeros,
         "dataset_from_index": [end - length for end, length in zip(ends, lengths, strict=True)],
-        "dataset_to_index": ends, "meta/episodes/chunk_index": zeros, "meta/episodes/file_index": zeros,
-    }  # fmt: skip
+        "dataset_to_index": ends,
+        "meta/episodes/chunk_index": zeros,
+        "meta/episodes/file_index": zeros,
+    }
     parquet.write_table(pa.table(episodes), directory / EPISODES)
     info = {
         "codebase_version": VERSION, "robot_type": "txt1", "total_episodes": len(lengths), "total_frames": ends[-1],
@@ -225,10 +230,11 @@ def _write_tasks(path: Path, task: str) -> None:
     table = pa.table({"task_index": [0], "task": [task]})
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     note = {
-        "index_columns": ["task"], "column_indexes": [],
+        "index_columns": ["task"],
+        "column_indexes": [],
         "columns": [
             {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
             for name, (kind, numpy) in kinds.items()
         ],
-    }  # fmt: skip
+    }
     parquet.write_table(table.replace_schema_metadata({"pandas": json.dumps(note)}), path)

@@ -110,10 +110,14 @@ class McapFile:
         self._channels |= channels
         self._chunks += _bytes(
             mcap.ChunkIndex(
-                chunk_length=len(chunk), chunk_start_offset=start, compressed_size=len(compressed),
-                message_index_length=len(index), message_index_offsets=offsets, **about,
+                chunk_length=len(chunk),
+                chunk_start_offset=start,
+                compressed_size=len(compressed),
+                message_index_length=len(index),
+                message_index_offsets=offsets,
+                **about,
             )
-        )  # fmt: skip
+        )
         self._chunk_count += 1
         first, last = self._span or (block.first, block.last)
         self._span = min(first, block.first), max(last, block.last)
@@ -128,9 +132,11 @@ class McapFile:
             schema = self._schemas.get(topic.message) or schemas.get(topic.message)
             if schema is None:
                 schema = schemas[topic.message] = mcap.Schema(
-                    id=len(self._schemas) + len(schemas) + 1, data=schema_text(topic.message).encode(),
-                    encoding="ros2msg", name=schema_name(topic.message),
-                )  # fmt: skip
+                    id=len(self._schemas) + len(schemas) + 1,
+                    data=schema_text(topic.message).encode(),
+                    encoding="ros2msg",
+                    name=schema_name(topic.message),
+                )
             about = {"topic": topic.name, "about": topic.about, "units": topic.units, "rule": topic.rule.value}
             channels[number] = mcap.Channel(
                 id=number, topic=name, message_encoding="cdr", metadata=about, schema_id=schema.id

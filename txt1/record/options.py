@@ -22,11 +22,14 @@ LAYOUT: Final = resource("config/foxglove/txt1.foxglove-layout.json")  # of Foxg
 LOG: Final = {"--log": takes("FILE", "record everything to this MCAP file", path)}
 VIEW: Final = {
     "--view": takes(
-        "[HOST:]PORT", "serve the Foxglove protocol to this computer; 127.0.0.1:8765", host_and_port, nargs="?",
+        "[HOST:]PORT",
+        "serve the Foxglove protocol to this computer; 127.0.0.1:8765",
+        host_and_port,
+        nargs="?",
         const=("127.0.0.1", 8765),
     ),
     "--view-token": gone("the live view is for this computer alone: ssh -L 8765:127.0.0.1:8765 ROBOT, or --web"),
-}  # fmt: skip
+}
 
 
 class RecordingAsked(NamedTuple):
@@ -68,9 +71,11 @@ def _given(arguments: Namespace) -> Mapping[str, Any]:
     return {
         name: str(value) if isinstance(value, Path) else value
         for name, value in vars(arguments).items()
-        if value and isinstance(value, str | int | float | tuple | list | Path) and value != usual.get(name)
+        if value
+        and isinstance(value, str | int | float | tuple | list | Path)
+        and value != usual.get(name)
         and name != "log"
-    }  # fmt: skip
+    }
 
 
 OPTIONS: Final = Options(

@@ -111,9 +111,13 @@ def verify(path: Path, robot: str | None = None, attach: Attach = lambda runtime
     topics: Counter[str] = sum((each.compared for each in chosen), Counter())
     left_out = sorted({name for each in chosen for name in each.left_out})
     return Verdict(
-        topics.total(), min(differences, default=None, key=lambda each: each.time), dict(sorted(topics.items())),
-        tuple(left_out), robots[0].alike, robots[0].lacks,
-    )  # fmt: skip
+        topics.total(),
+        min(differences, default=None, key=lambda each: each.time),
+        dict(sorted(topics.items())),
+        tuple(left_out),
+        robots[0].alike,
+        robots[0].lacks,
+    )
 
 
 async def _replay(robots: list[Recorded], attach: Attach) -> list[Comparison]:
@@ -143,15 +147,22 @@ class _Again:
             config = config if world is None else in_world(config, world)
             hal = create(config, world)
         self.runtime = Runtime(
-            config, lambda message: None, hal,
-            scheduler=StepByStep if recorded.steps else Following, sensing=recorded.sensed,
+            config,
+            lambda message: None,
+            hal,
+            scheduler=StepByStep if recorded.steps else Following,
+            sensing=recorded.sensed,
             through=lambda name, sensor: RecordedSensor(name, sensor, self.script),
-        )  # fmt: skip
+        )
         self.comparison = Comparison(
-            recorded.path, recorded.robot, self.runtime,
-            exact=recorded.alike, real=bool(recorded.steps), sensed=recorded.sensed,
+            recorded.path,
+            recorded.robot,
+            self.runtime,
+            exact=recorded.alike,
+            real=bool(recorded.steps),
+            sensed=recorded.sensed,
             ends=recorded.reports,
-        )  # fmt: skip
+        )
         self.recorder = Recorder(self.runtime, [self.comparison], config.section(RecordConfig).epoch, batch=1.0)
         attach(self.runtime)
         self.script = Script(self.runtime, recorded.given)

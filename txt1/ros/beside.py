@@ -42,9 +42,13 @@ def ros2_node(arguments: argparse.Namespace) -> RosNode | None:
     def node(robot: Robot) -> AbstractAsyncContextManager[Any]:
         desk = Ros2RobotEnd(robot)
         options = {
-            "namespace": arguments.ros2_namespace or "", "offers": desk.offers, "stamped": arguments.ros2_stamped,
-            "stale": desk.stale, "virtual": arguments.speed is not None, "parameters": desk.parameters(),
-        }  # fmt: skip
+            "namespace": arguments.ros2_namespace or "",
+            "offers": desk.offers,
+            "stamped": arguments.ros2_stamped,
+            "stale": desk.stale,
+            "virtual": arguments.speed is not None,
+            "parameters": desk.parameters(),
+        }
         return node_beside(robot.runtime, desk, NODE, python, options)
 
     return node

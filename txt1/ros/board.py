@@ -24,15 +24,22 @@ class BoardDesk:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._feed = Publisher(board.runtime, self.say)
-        self._calls = Calls({
-            "arm": board.arm, "disarm": lambda: board.disarm("disarmed by ROS"), "stop": board.stop,
-            "manual": self._manual, "power": lambda switch, on: board.happen(BoardEvent(switch, float(on))),
-            "place": board.runtime.place,
-        })  # fmt: skip
+        self._calls = Calls(
+            {
+                "arm": board.arm,
+                "disarm": lambda: board.disarm("disarmed by ROS"),
+                "stop": board.stop,
+                "manual": self._manual,
+                "power": lambda switch, on: board.happen(BoardEvent(switch, float(on))),
+                "place": board.runtime.place,
+            }
+        )
         self._requests: dict[str, Callable[..., object]] = {
-            "begin": self._feed.begin, "missing": self._feed.missing, "call": self._calls.call,
+            "begin": self._feed.begin,
+            "missing": self._feed.missing,
+            "call": self._calls.call,
             "cancel": self._calls.cancel,
-        }  # fmt: skip
+        }
 
     def telemetry(self) -> bytes | None:
         """All messages since the last time, and answers; None when there is nothing."""

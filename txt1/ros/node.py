@@ -45,10 +45,19 @@ async def node_beside(
     `target` is its function, ``module:function``; `options` are keyword arguments for it.
     """
     beside = Sidecar(
-        target, desk.telemetry, desk.request, options=options, restart=RESTART, silence=SILENCE,
-        tell=lambda text: desk.say(f" {text}"), lost=desk.lost, program=(*python.program, str(START)),
-        environment=python.environment, niceness=0, prompt=True,
-    )  # fmt: skip
+        target,
+        desk.telemetry,
+        desk.request,
+        options=options,
+        restart=RESTART,
+        silence=SILENCE,
+        tell=lambda text: desk.say(f" {text}"),
+        lost=desk.lost,
+        program=(*python.program, str(START)),
+        environment=python.environment,
+        niceness=0,
+        prompt=True,
+    )
     try:
         node = target.rpartition(":")[0].rpartition(".")[2]
         with warning(runtime, f"bridge '{node}'", beside):

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 ROS2: Final = {
     "--ros2": flag("be a node of ROS 2: an installed one, else that of 'txt1 ros2 install'"),
     "--ros2-namespace": takes("NS", "the node's namespace; none by default"),
-}  # fmt: skip
+}
 ROS: Final = ROS2 | {
     "--ros2-stamped": flag("cmd_vel is a TwistStamped"),
     "--ros1": flag("be the original's node of ROS 1, txt1_node, at the master of ROS_MASTER_URI"),
-}  # fmt: skip
+}
 
 
 def asked(arguments: Namespace, config: Config) -> Sequence[RosNode] | None:

@@ -27,13 +27,24 @@ class Ros1Desk(RobotEnd):
     """Tells odometry and batteries, and does what is asked for under the name "ros1"."""
 
     def __init__(self, robot: Robot) -> None:
-        self._calls = Calls({
-            "pid_load": self._pid_load, "pwm_change": self._pwm_change, "switched_pwr": self._switched_pwr,
-            "shutdown_computer": robot.shutdown_host,
-        })  # fmt: skip
-        super().__init__(robot, "ros1", {
-            "call": self._calls.call, "combined": robot.combined_odometry, "servos": robot.servos, "begin": self._begin,
-        })  # fmt: skip
+        self._calls = Calls(
+            {
+                "pid_load": self._pid_load,
+                "pwm_change": self._pwm_change,
+                "switched_pwr": self._switched_pwr,
+                "shutdown_computer": robot.shutdown_host,
+            }
+        )
+        super().__init__(
+            robot,
+            "ros1",
+            {
+                "call": self._calls.call,
+                "combined": robot.combined_odometry,
+                "servos": robot.servos,
+                "begin": self._begin,
+            },
+        )
         self._virtual = isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
         self._odometry_due = self._battery_due = 0.0
 
@@ -42,10 +53,13 @@ class Ros1Desk(RobotEnd):
         config = self.robot.config
         loops = config.loops()
         return {
-            "port": config.serial.port or "", "linear_pid": list(loops.linear.gains()),
+            "port": config.serial.port or "",
+            "linear_pid": list(loops.linear.gains()),
             "angular_pid": [number for s in loops.angular for number in (s.v_max, s.kp, s.ki, s.kd)],
-            "pwr_auto": False, "batt1": True, "batt2": False,
-        }  # fmt: skip
+            "pwr_auto": False,
+            "batt1": True,
+            "batt2": False,
+        }
 
     def telemetry(self) -> bytes | None:
         """A line of the values that are due, and of answers; None when there is nothing."""

@@ -145,10 +145,15 @@ class Playback:
 async def publish(playback: Playback, python: RosPython, namespace: str) -> None:
     """Publish a recording until it is over; raises HalError when the node fails, RecordingError for a damaged file."""
     async with Sidecar(
-        "txt1.ros.ros2:main", playback.telemetry, playback.request,
-        options={"namespace": namespace, "virtual": True}, beat=BEAT, niceness=0,
-        program=(*python.program, str(START)), environment=python.environment,
-    ) as beside:  # fmt: skip
+        "txt1.ros.ros2:main",
+        playback.telemetry,
+        playback.request,
+        options={"namespace": namespace, "virtual": True},
+        beat=BEAT,
+        niceness=0,
+        program=(*python.program, str(START)),
+        environment=python.environment,
+    ) as beside:
         ended = asyncio.ensure_future(beside.ended())
         over = asyncio.ensure_future(playback.over.wait())
         await asyncio.wait([ended, over], return_when=asyncio.FIRST_COMPLETED)

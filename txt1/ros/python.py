@@ -64,9 +64,13 @@ def ros2() -> RosPython:
 
 def ros1() -> RosPython:
     """The Python for ROS 1: Debian's own; raises ConfigError with what to do where there is none."""
-    found = subprocess.run(  # noqa: S603
-        [SYSTEM, "-c", "import rospy, genpy"], env=clean(os.environ), capture_output=True, check=False
-    ) if Path(SYSTEM).exists() else None  # fmt: skip
+    found = (
+        subprocess.run(  # noqa: S603
+            [SYSTEM, "-c", "import rospy, genpy"], env=clean(os.environ), capture_output=True, check=False
+        )
+        if Path(SYSTEM).exists()
+        else None
+    )
     if found is None or found.returncode != 0:
         raise ConfigError(
             f"--ros1: {SYSTEM} has no rospy: 'apt install python3-rospy python3-rosmaster' (Debian, Ubuntu)"

@@ -29,24 +29,48 @@ class Ros2RobotEnd(RobotEnd):
     """Hands out messages, and does what is asked for under the name "ros"."""
 
     offers = (
-        "drive", "drive_to", "arm", "disarm", "stop", "load_gains", "manual", "power_atx", "power_esc", "place",
-    )  # fmt: skip
+        "drive",
+        "drive_to",
+        "arm",
+        "disarm",
+        "stop",
+        "load_gains",
+        "manual",
+        "power_atx",
+        "power_esc",
+        "place",
+    )
     """What the node takes and serves."""
 
     def __init__(self, robot: Robot) -> None:
         self._config = config = robot.config
         self._feed = Publisher(robot.runtime, self.say)
-        self._calls = Calls({
-            "arm": robot.arm, "disarm": lambda: robot.disarm("disarmed by ROS"), "stop": robot.stop,
-            "load_gains": self._load_gains, "drive_to": self._drive_to, "manual": robot.set_manual,
-            "place": robot.place, "set": self._set,
-            "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
-        })  # fmt: skip
-        super().__init__(robot, "ros", {
-            "begin": self._feed.begin, "missing": self._feed.missing, "call": self._calls.call,
-            "cancel": self._calls.cancel, "drive": self._drive, "combined": robot.combined_odometry,
-            "servos": robot.servos,
-        })  # fmt: skip
+        self._calls = Calls(
+            {
+                "arm": robot.arm,
+                "disarm": lambda: robot.disarm("disarmed by ROS"),
+                "stop": robot.stop,
+                "load_gains": self._load_gains,
+                "drive_to": self._drive_to,
+                "manual": robot.set_manual,
+                "place": robot.place,
+                "set": self._set,
+                "power": lambda switch, on: robot.switch_power(_SWITCHES[switch], on),
+            }
+        )
+        super().__init__(
+            robot,
+            "ros",
+            {
+                "begin": self._feed.begin,
+                "missing": self._feed.missing,
+                "call": self._calls.call,
+                "cancel": self._calls.cancel,
+                "drive": self._drive,
+                "combined": robot.combined_odometry,
+                "servos": robot.servos,
+            },
+        )
         self.stale = config.commander.timeouts.get("ros", config.safety.command_timeout)
         """Age at which a command is stale, s."""
         self._v_max = config.safety.v_max
@@ -85,9 +109,13 @@ class Ros2RobotEnd(RobotEnd):
         self._goal, self._aim = goal, _ = asyncio.current_task(), (source, x, y)
         try:
             arrival = await go_to(
-                robot, (x, y, theta), pose_source=source, room=room, source=self.source,
+                robot,
+                (x, y, theta),
+                pose_source=source,
+                room=room,
+                source=self.source,
                 speed=min(speed or SPEED, self._v_max),
-            )  # fmt: skip
+            )
         finally:
             if self._goal is goal:
                 self._goal = self._aim = None
@@ -118,9 +146,11 @@ class Ros2RobotEnd(RobotEnd):
         angular = [number for s in loops.angular for number in (s.v_max, s.kp, s.ki, s.kd)]
         limits = {f"safety.{name}": value for name, value in asdict(config.safety).items()}
         return {
-            **linear, "control.angular": (angular, True), "v_max": (self._v_max, True),
+            **linear,
+            "control.angular": (angular, True),
+            "v_max": (self._v_max, True),
             **{name: (float(value), False) for name, value in limits.items() if isinstance(value, int | float)},
-        }  # fmt: skip
+        }
 
     async def _set(self, values: Mapping[str, Any]) -> None:
         """Set parameters, all or none; raises ConfigError."""

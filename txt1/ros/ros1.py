@@ -42,10 +42,16 @@ def service(name: str) -> type:
     request, response = SERVICES[name]
     context = genmsg.MsgContext.create_default()
     spec = genmsg.msg_loader.load_srv_from_string(context, f"{request}---\n{response}", f"txt_driver/{name}")
-    return type(name, (), {
-        "_type": f"txt_driver/{name}", "_md5sum": genmsg.compute_md5(context, spec),
-        "_request_class": message(f"{name}Request", request), "_response_class": message(f"{name}Response", response),
-    })  # fmt: skip
+    return type(
+        name,
+        (),
+        {
+            "_type": f"txt_driver/{name}",
+            "_md5sum": genmsg.compute_md5(context, spec),
+            "_request_class": message(f"{name}Request", request),
+            "_response_class": message(f"{name}Response", response),
+        },
+    )
 
 
 BATTERY: Final = message("Battery", MESSAGES["Battery"])
@@ -71,9 +77,11 @@ class OriginalNode:
         rospy.Subscriber("/odom_comb", Odometry, self._combined, queue_size=1)
         rospy.Subscriber("/pwm", PWM, self._pwm, queue_size=1)
         for name, kind, call in (
-            ("/pid_load", "PidLoad", self._pid_load), ("/pwm_change", "PwmTest", self._pwm_change),
-            ("/switched_pwr", "SwitchedPwr", self._switched_pwr), ("/shutdown_computer", "Shutdown", self._shutdown),
-        ):  # fmt: skip
+            ("/pid_load", "PidLoad", self._pid_load),
+            ("/pwm_change", "PwmTest", self._pwm_change),
+            ("/switched_pwr", "SwitchedPwr", self._switched_pwr),
+            ("/shutdown_computer", "Shutdown", self._shutdown),
+        ):
             self._services.append(rospy.Service(name, service(kind), call))
 
     def publish(self) -> None:

@@ -240,9 +240,15 @@ class Bridge:
                 return bool(goal.is_cancel_requested)
 
             done, text = self._caller.watched(
-                "drive_to", LOOK, look, frame=asked.header.frame_id.lstrip("/"), x=place.x, y=place.y, theta=theta,
+                "drive_to",
+                LOOK,
+                look,
+                frame=asked.header.frame_id.lstrip("/"),
+                x=place.x,
+                y=place.y,
+                theta=theta,
                 speed=goal.request.speed,
-            )  # fmt: skip
+            )
             result = DriveTo.Result(message=text)
             if done:
                 found = json.loads(text)
@@ -260,9 +266,13 @@ class Bridge:
             return Pose2D(x=pose[0], y=pose[1], theta=pose[2])
 
         ActionServer(
-            self._node, DriveTo, "~/drive_to", drive, callback_group=self._group,
+            self._node,
+            DriveTo,
+            "~/drive_to",
+            drive,
+            callback_group=self._group,
             cancel_callback=lambda goal: CancelResponse.ACCEPT,
-        )  # fmt: skip
+        )
 
     def _answer(self, response: Any, name: str, **fields: Any) -> Any:
         response.success, response.message = self._caller.call(name, **fields)
@@ -317,16 +327,23 @@ class Bridge:
                 self._robot.request("tell", text=f"{len(names)} programs publish cmd_vel: {', '.join(names)}")
         order, refused = self._order, self._stamps.refused
         counts = {
-            "publishers": len(names), "commands": self._counts["commands"], "lost": order.lost, "mixed": order.mixed,
-            "from_the_past": refused["past"], "from_the_future": refused["future"],
-        }  # fmt: skip
+            "publishers": len(names),
+            "commands": self._counts["commands"],
+            "lost": order.lost,
+            "mixed": order.mixed,
+            "from_the_past": refused["past"],
+            "from_the_future": refused["future"],
+        }
         message = DiagnosticArray()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._now, 10**9)
-        message.status = [DiagnosticStatus(
-            level=DiagnosticStatus.WARN if len(names) > 1 or refused else DiagnosticStatus.OK, name="cmd_vel",
-            message="several programs publish it: " + ", ".join(names) if len(names) > 1 else "",
-            values=[KeyValue(key=key, value=str(value)) for key, value in counts.items()],
-        )]  # fmt: skip
+        message.status = [
+            DiagnosticStatus(
+                level=DiagnosticStatus.WARN if len(names) > 1 or refused else DiagnosticStatus.OK,
+                name="cmd_vel",
+                message="several programs publish it: " + ", ".join(names) if len(names) > 1 else "",
+                values=[KeyValue(key=key, value=str(value)) for key, value in counts.items()],
+            )
+        ]
         self._diagnostics.publish(message)
 
 

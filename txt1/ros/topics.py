@@ -80,26 +80,40 @@ _FORWARD: Final = tuple(
 def parent(frame: str) -> Topic[tuple[float, float, float]]:
     """The transform from `frame`, map or room, to odom: of poses (m, rad) of the odometry's origin in it."""
     return Topic(
-        f"/tf_{frame}", tuple, "m", "tf2_msgs/TFMessage", Rule.CYCLE, f"where the odometry began in the {frame}",
-        {"transforms": [{"header": {"frame_id": frame}, "child_frame_id": "odom"}]}, _FORWARD, ROOM.make,
-    )  # fmt: skip
+        f"/tf_{frame}",
+        tuple,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.CYCLE,
+        f"where the odometry began in the {frame}",
+        {"transforms": [{"header": {"frame_id": frame}, "child_frame_id": "odom"}]},
+        _FORWARD,
+        ROOM.make,
+    )
 
 
 def fixed(links: dict[str, tuple[str, float, float, float]]) -> Topic[object]:
     """The static transforms of links: by their names the parent, and where they are in it, m."""
     transforms = [
         {
-            "header": {"frame_id": above}, "child_frame_id": name,
+            "header": {"frame_id": above},
+            "child_frame_id": name,
             "transform": {
-                "translation": {"x": x, "y": y, "z": z}, "rotation": TO_OPTICAL if name == OPTICAL else {"w": 1.0},
+                "translation": {"x": x, "y": y, "z": z},
+                "rotation": TO_OPTICAL if name == OPTICAL else {"w": 1.0},
             },
         }
         for name, (above, x, y, z) in links.items()
-    ]  # fmt: skip
+    ]
     return Topic(
-        "/tf_static", object, "m", "tf2_msgs/TFMessage", Rule.EVENT, "where everything sits on the robot",
+        "/tf_static",
+        object,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.EVENT,
+        "where everything sits on the robot",
         make=lambda _: {"transforms": transforms},
-    )  # fmt: skip
+    )
 
 
 # -- joints ------------------------------------------------------------------------------------------------------
@@ -116,12 +130,16 @@ class Joints(NamedTuple):
 
 
 JOINT_STATES: Final = Topic(
-    "/joint_states", Joints, "rad, rad/s", "sensor_msgs/JointState", Rule.CYCLE,
+    "/joint_states",
+    Joints,
+    "rad, rad/s",
+    "sensor_msgs/JointState",
+    Rule.CYCLE,
     "wheels by the odometry, steering as it was told",
     {"header": {"frame_id": "base_link"}, "name": list(JOINTS), "position": [0.0] * 8, "velocity": [0.0] * 8},
     (*(f"position.{k}" for k in range(8)), *(f"velocity.{k}" for k in range(8))),
     lambda joints: joints.positions + joints.velocities,
-)  # fmt: skip
+)
 
 
 AXLES: Final = {"both": (True, True), "front": (True, False), "skid": (False, False)}
@@ -144,17 +162,24 @@ def _nav_sat_fix(value: FixReading) -> dict[str, Any]:
     up = 4.0 * max(east, north) ** 2  # a receiver that does not say is about twice as wrong in height
     return {
         "status": {"status": 0 if value.mode >= 2 else -1, "service": 1},
-        "latitude": value.latitude, "longitude": value.longitude,
+        "latitude": value.latitude,
+        "longitude": value.longitude,
         "altitude": nan if value.altitude is None else value.altitude,
         "position_covariance": (east**2, 0.0, 0.0, 0.0, north**2, 0.0, 0.0, 0.0, up),
         "position_covariance_type": 1 if known else 0,
-    }  # fmt: skip
+    }
 
 
 FIX: Final = Topic(
-    "/fix", FixReading, "degrees, m", "sensor_msgs/NavSatFix", Rule.EVENT, "a position on the earth",
-    {"header": {"frame_id": "base_gps_link"}}, make=_nav_sat_fix,
-)  # fmt: skip
+    "/fix",
+    FixReading,
+    "degrees, m",
+    "sensor_msgs/NavSatFix",
+    Rule.EVENT,
+    "a position on the earth",
+    {"header": {"frame_id": "base_gps_link"}},
+    make=_nav_sat_fix,
+)
 
 
 def _info(image: Image | DepthImage) -> dict[str, Any]:
@@ -164,22 +189,33 @@ def _info(image: Image | DepthImage) -> dict[str, Any]:
         return found
     f, x, y = image.focal, 0.5 * (image.width - 1), 0.5 * (image.height - 1)
     return found | {
-        "d": (0.0,) * 5, "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0), "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        "d": (0.0,) * 5,
+        "k": (f, 0.0, x, 0.0, f, y, 0.0, 0.0, 1.0),
+        "r": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         "p": (f, 0.0, x, 0.0, 0.0, f, y, 0.0, 0.0, 0.0, 1.0, 0.0),
-    }  # fmt: skip
+    }
 
 
 def _camera_info(name: str) -> Topic[Any]:
     return Topic(
-        f"/{name}", object, "pixels", "sensor_msgs/CameraInfo", Rule.EVENT, "how a camera sees",
-        {"header": {"frame_id": OPTICAL}}, make=_info,
-    )  # fmt: skip
+        f"/{name}",
+        object,
+        "pixels",
+        "sensor_msgs/CameraInfo",
+        Rule.EVENT,
+        "how a camera sees",
+        {"header": {"frame_id": OPTICAL}},
+        make=_info,
+    )
 
 
 _KINDS: Final[dict[type, str]] = {
-    ImuReading: "imu/data", Scan: "scan", FixReading: "fix", Image: "image_raw/compressed",
+    ImuReading: "imu/data",
+    Scan: "scan",
+    FixReading: "fix",
+    Image: "image_raw/compressed",
     DepthImage: "depth/image_raw",
-}  # fmt: skip
+}
 
 
 def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
@@ -208,9 +244,11 @@ def sensor(topic: Topic[Any], first: bool) -> Sequence[Publication]:
 
 
 _RECORDED: Final = {
-    "sensor_msgs/Imu": "imu/data", "sensor_msgs/LaserScan": "scan",
-    "sensor_msgs/CompressedImage": "camera/image_raw/compressed", "sensor_msgs/Image": "camera/depth/image_raw",
-}  # fmt: skip
+    "sensor_msgs/Imu": "imu/data",
+    "sensor_msgs/LaserScan": "scan",
+    "sensor_msgs/CompressedImage": "camera/image_raw/compressed",
+    "sensor_msgs/Image": "camera/depth/image_raw",
+}
 """Where a recorded sensor's messages are looked for, by their type."""
 
 

@@ -50,8 +50,11 @@ def write_package(folder: Path) -> Path:
         "services": " ".join(f"{s}.srv" for s in SERVICES),
     }
     for path, text in {
-        "package.xml": _MANIFEST, "CMakeLists.txt": _CMAKE.format(**names), **messages, **services,
-    }.items():  # fmt: skip
+        "package.xml": _MANIFEST,
+        "CMakeLists.txt": _CMAKE.format(**names),
+        **messages,
+        **services,
+    }.items():
         (package / path).parent.mkdir(parents=True, exist_ok=True)
         (package / path).write_text(text)
     return package

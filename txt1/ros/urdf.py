@@ -21,9 +21,12 @@ MOUNTS: Final[Mapping[str, tuple[float, float, float]]] = {
 }
 """Where the sensors of the original are in base_link, m."""
 _LINK: Final[Mapping[type, str]] = {
-    Scan: "base_laser_link", Image: "base_camera_link", DepthImage: "base_camera_link", ImuReading: "base_imu_link",
+    Scan: "base_laser_link",
+    Image: "base_camera_link",
+    DepthImage: "base_camera_link",
+    ImuReading: "base_imu_link",
     FixReading: "base_gps_link",
-}  # fmt: skip
+}
 _SIZES: Final = {
     "base_laser_link": (0.05, 0.05, 0.07), "base_camera_link": (0.07, 0.28, 0.06),
     "base_imu_link": (0.044, 0.024, 0.064), "base_gps_link": (0.061, 0.061, 0.02),

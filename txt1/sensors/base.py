@@ -93,11 +93,15 @@ VALUE: Final = define("txt1_msgs/Value", "std_msgs/Header header\nfloat64 value"
 
 SENSORS: Final = declare(
     Topic(
-        "/sensors", tuple[SensorState, ...], "", "diagnostic_msgs/DiagnosticArray", Rule.SECOND,
+        "/sensors",
+        tuple[SensorState, ...],
+        "",
+        "diagnostic_msgs/DiagnosticArray",
+        Rule.SECOND,
         "every sensor: whether it is healthy, and its last reading",
         make=lambda states: {"status": [_status(state) for state in states]},
     )
-)  # fmt: skip
+)
 
 
 def _status(state: SensorState) -> dict[str, Any]:

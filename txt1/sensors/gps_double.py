@@ -48,11 +48,16 @@ def nmea(reading: Reading[FixReading]) -> bytes:
     track = "" if (value := true_track(fix)) is None else f"{value:.2f}"
     sigma_x, sigma_y = fix.sigma_x or 0.0, fix.sigma_y or 0.0
     height = 0.0 if fix.altitude is None else fix.altitude
-    return b"".join(map(sentence, (
-        f"GPGGA,{time},{place},1,{satellites:02d},1.0,{height:.1f},M,0.0,M,,",
-        f"GPRMC,{time},A,{place},{speed},{track},{day}{month}{year[2:]},,,A",
-        f"GPGST,{time},{hypot(sigma_x, sigma_y):.2f},,,,{sigma_y:.2f},{sigma_x:.2f},{2.0 * sigma_x:.2f}",
-    )))  # fmt: skip
+    return b"".join(
+        map(
+            sentence,
+            (
+                f"GPGGA,{time},{place},1,{satellites:02d},1.0,{height:.1f},M,0.0,M,,",
+                f"GPRMC,{time},A,{place},{speed},{track},{day}{month}{year[2:]},,,A",
+                f"GPGST,{time},{hypot(sigma_x, sigma_y):.2f},,,,{sigma_y:.2f},{sigma_x:.2f},{2.0 * sigma_x:.2f}",
+            ),
+        )
+    )
 
 
 def true_track(fix: FixReading) -> float | None:
@@ -67,11 +72,20 @@ def report(reading: Reading[FixReading]) -> dict[str, Any]:
     fix = reading.value
     sigma_theta = None if fix.sigma_theta is None else fix.sigma_theta * 180.0 / pi
     told = {
-        "class": "TPV", "device": "/dev/ttyS0", "mode": fix.mode, "time": f"{DATE}T{clock(reading.time)}0Z",
-        "lat": fix.latitude, "lon": fix.longitude, "altMSL": fix.altitude, "track": true_track(fix), "speed": fix.v,
-        "epx": error95(fix.sigma_x), "epy": error95(fix.sigma_y), "eps": error95(fix.sigma_v),
+        "class": "TPV",
+        "device": "/dev/ttyS0",
+        "mode": fix.mode,
+        "time": f"{DATE}T{clock(reading.time)}0Z",
+        "lat": fix.latitude,
+        "lon": fix.longitude,
+        "altMSL": fix.altitude,
+        "track": true_track(fix),
+        "speed": fix.v,
+        "epx": error95(fix.sigma_x),
+        "epy": error95(fix.sigma_y),
+        "eps": error95(fix.sigma_v),
         "epd": error95(sigma_theta),
-    }  # fmt: skip
+    }
     return {key: value for key, value in told.items() if value is not None}
 
 

@@ -90,10 +90,21 @@ class GpsdDecoder(Codec[FixReading]):
         stamp = report.get("time")
         seconds = seconds_of_day(stamp) if isinstance(stamp, str) else None
         fix = FixReading(
-            latitude, longitude, x, y, height, theta, v, int(report["mode"]),
-            _sigma(report, "epx"), _sigma(report, "epy"), None if off is None else radians(off) / CONFIDENCE,
-            _sigma(report, "eps"), self.satellites, self._mount,
-        )  # fmt: skip
+            latitude,
+            longitude,
+            x,
+            y,
+            height,
+            theta,
+            v,
+            int(report["mode"]),
+            _sigma(report, "epx"),
+            _sigma(report, "epy"),
+            None if off is None else radians(off) / CONFIDENCE,
+            _sigma(report, "eps"),
+            self.satellites,
+            self._mount,
+        )
         return Measured(fix, None if seconds is None else self._day(seconds))
 
 

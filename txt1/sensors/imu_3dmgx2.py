@@ -68,10 +68,16 @@ def matrix_of(orientation: Quaternion) -> Matrix:
     """The device's matrix for an orientation: the inverse of `orientation_of`."""
     x, y, z, w = orientation
     r = (
-        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
-    )  # fmt: skip
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
     return r[0], -r[3], -r[6], -r[1], r[4], r[7], -r[2], r[5], r[8]
 
 
@@ -111,9 +117,12 @@ class ImuDecoder(Framed[ImuReading]):
             magnetic = (bx * GAUSS, -by * GAUSS, -bz * GAUSS)
         # + 0.0 lets no -0.0 be
         reading = ImuReading(
-            (ax * GRAVITY, -ay * GRAVITY + 0.0, -az * GRAVITY + 0.0), (p, -q + 0.0, -r + 0.0),
-            orientation_of(tuple(rest)), magnetic, self._mount,
-        )  # fmt: skip
+            (ax * GRAVITY, -ay * GRAVITY + 0.0, -az * GRAVITY + 0.0),
+            (p, -q + 0.0, -r + 0.0),
+            orientation_of(tuple(rest)),
+            magnetic,
+            self._mount,
+        )
         found.append(Measured(reading, self._timer(ticks) / self._ticks))
         return True
 
@@ -140,6 +149,11 @@ def create(setup: Setup) -> Streamed[ImuReading]:
     """The driver ``imu_3dmgx2``; options: those of `ImuOptions`."""
     given = checked(ImuOptions, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
-        imu_topic(setup.name), 0.01, given.port, lambda: ImuDecoder(given.model, given.magnetic, given.mount),
-        given.baud, given.latency, "txt1 sensor fake imu",
-    )  # fmt: skip
+        imu_topic(setup.name),
+        0.01,
+        given.port,
+        lambda: ImuDecoder(given.model, given.magnetic, given.mount),
+        given.baud,
+        given.latency,
+        "txt1 sensor fake imu",
+    )

@@ -15,7 +15,7 @@ from txt1.sensors.imu_3dmgx2 import (
     checksum,
     matrix_of,
     pack,
-)  # fmt: skip
+)
 from txt1.sensors.readings import GRAVITY, ImuReading
 
 STOP: Final = 0xFA

@@ -14,9 +14,12 @@ PARAMETERS: Final = {
     "AMAX": "725", "AFRT": "384", "SCAN": "600",
 }  # fmt: skip
 VERSION: Final = {
-    "VEND": "Hokuyo Automatic Co.,Ltd.", "PROD": "SOKUIKI Sensor URG-04LX", "FIRM": "3.3.00", "PROT": "SCIP 2.0",
+    "VEND": "Hokuyo Automatic Co.,Ltd.",
+    "PROD": "SOKUIKI Sensor URG-04LX",
+    "FIRM": "3.3.00",
+    "PROT": "SCIP 2.0",
     "SERI": "H0000000",
-}  # fmt: skip
+}
 FIRST, LAST, FRONT = (int(PARAMETERS[name]) for name in ("AMIN", "AMAX", "AFRT"))
 NOTHING: Final = 0  # range where nothing is in reach, mm: below DMIN is an error code
 

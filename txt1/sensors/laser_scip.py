@@ -130,9 +130,15 @@ class ScipDecoder(Codec[Scan]):
         step, turn = tau / p["ARES"], 60.0 / p["SCAN"]
         centre = 0.5 * (self._cluster - 1)  # a cluster's range is its smallest, in its middle as far as one knows
         scan = Scan(
-            (p["AMIN"] + centre - p["AFRT"]) * step, self._cluster * step, self._cluster * turn / p["ARES"], ranges,
-            p["DMIN"] / 1000.0, p["DMAX"] / 1000.0, None, self._mount,
-        )  # fmt: skip
+            (p["AMIN"] + centre - p["AFRT"]) * step,
+            self._cluster * step,
+            self._cluster * turn / p["ARES"],
+            ranges,
+            p["DMIN"] / 1000.0,
+            p["DMAX"] / 1000.0,
+            None,
+            self._mount,
+        )
         return Measured(scan, self._clock(decode(stamp)) / 1000.0, scan.time_step * (beams - 1))
 
 
@@ -156,6 +162,11 @@ def create(setup: Setup) -> Streamed[Scan]:
     """The driver ``laser_scip``; options: those of `ScipOptions`."""
     given = checked(ScipOptions, setup.options, f"sensors.{setup.name}.options")
     return Streamed(
-        scan_topic(setup.name), 0.1, given.port, lambda: ScipDecoder(given.cluster, given.mount), given.baud,
-        given.latency, "txt1 sensor fake laser",
-    )  # fmt: skip
+        scan_topic(setup.name),
+        0.1,
+        given.port,
+        lambda: ScipDecoder(given.cluster, given.mount),
+        given.baud,
+        given.latency,
+        "txt1 sensor fake laser",
+    )

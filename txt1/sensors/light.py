@@ -19,11 +19,17 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 LIGHT: Final = declare(
     Topic(
-        "/light", Readings, "lux", define("txt1_msgs/Light", "std_msgs/Header header\nfloat64[4] lux"), Rule.EVENT,
-        "the four light sensors: FL, FR, RL, RR", {"header": {"frame_id": "base_footprint"}},
-        tuple(f"lux.{k}" for k in range(len(SENSORS))), lambda readings: readings,
+        "/light",
+        Readings,
+        "lux",
+        define("txt1_msgs/Light", "std_msgs/Header header\nfloat64[4] lux"),
+        Rule.EVENT,
+        "the four light sensors: FL, FR, RL, RR",
+        {"header": {"frame_id": "base_footprint"}},
+        tuple(f"lux.{k}" for k in range(len(SENSORS))),
+        lambda readings: readings,
     )
-)  # fmt: skip
+)
 
 STREAM: Final = 3  # marks the random values of simulated light sensors
 BASE: Final = 100.0  # mean reading of the compass that stands in for the four sensors, lux

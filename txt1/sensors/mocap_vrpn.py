@@ -75,6 +75,10 @@ def create(setup: Setup) -> Streamed[TrackerReading]:
     given = checked(TrackerOptions, setup.options, f"sensors.{setup.name}.options")
     subject = given.subject or setup.config.name or "txt01"
     return Streamed(
-        tracker_topic(setup.name), 0.01, given.address, lambda: VrpnDecoder(subject, given.scale, given.mount),
-        latency=given.latency, fake="txt1 sensor fake vicon",
-    )  # fmt: skip
+        tracker_topic(setup.name),
+        0.01,
+        given.address,
+        lambda: VrpnDecoder(subject, given.scale, given.mount),
+        latency=given.latency,
+        fake="txt1 sensor fake vicon",
+    )

@@ -89,11 +89,20 @@ def _imu(value: ImuReading) -> tuple[float, ...]:
 def imu_topic(name: str) -> Topic[ImuReading]:
     """The topic ``/sensors/NAME`` of an IMU."""
     return reading_topic(
-        name, ImuReading, "m/s^2, rad/s", "accelerations and rates", _IMU,
-        (*(f"orientation.{each}" for each in "xyzw"), "orientation_covariance.0",
-         *(f"angular_velocity.{each}" for each in _XYZ), *(f"linear_acceleration.{each}" for each in _XYZ)),
-        _imu, {"header": {"frame_id": "base_imu_link"}},
-    )  # fmt: skip
+        name,
+        ImuReading,
+        "m/s^2, rad/s",
+        "accelerations and rates",
+        _IMU,
+        (
+            *(f"orientation.{each}" for each in "xyzw"),
+            "orientation_covariance.0",
+            *(f"angular_velocity.{each}" for each in _XYZ),
+            *(f"linear_acceleration.{each}" for each in _XYZ),
+        ),
+        _imu,
+        {"header": {"frame_id": "base_imu_link"}},
+    )
 
 
 # -- GPS ---------------------------------------------------------------------------------------------------------
@@ -137,8 +146,18 @@ class FixReading(NamedTuple):
 
 
 _FIX_FIELDS: Final = (
-    "latitude", "longitude", "altitude", "x", "y", "theta", "v", "sigma_x", "sigma_y", "sigma_theta", "sigma_v",
-)  # fmt: skip
+    "latitude",
+    "longitude",
+    "altitude",
+    "x",
+    "y",
+    "theta",
+    "v",
+    "sigma_x",
+    "sigma_y",
+    "sigma_theta",
+    "sigma_v",
+)
 _FIX: Final = define(
     "txt1_msgs/Fix",
     "std_msgs/Header header\nint32 mode\nint32 satellites\n" + "\n".join(f"float64 {each}" for each in _FIX_FIELDS),
@@ -154,9 +173,15 @@ def _fix(value: FixReading) -> tuple[float, ...]:
 def fix_topic(name: str) -> Topic[FixReading]:
     """The topic ``/sensors/NAME`` of a GPS; numbers that are not known are NaN there, satellites -1."""
     return reading_topic(
-        name, FixReading, "m, rad, m/s", "position on the earth and on the grid",
-        _FIX, ("mode", "satellites", *_FIX_FIELDS), _fix, {"header": {"frame_id": "grid"}},
-    )  # fmt: skip
+        name,
+        FixReading,
+        "m, rad, m/s",
+        "position on the earth and on the grid",
+        _FIX,
+        ("mode", "satellites", *_FIX_FIELDS),
+        _fix,
+        {"header": {"frame_id": "grid"}},
+    )
 
 
 # -- motion capture ----------------------------------------------------------------------------------------------
@@ -199,11 +224,20 @@ def _tracked(value: TrackerReading) -> tuple[float, ...]:
 def tracker_topic(name: str) -> Topic[TrackerReading]:
     """The topic ``/sensors/NAME`` of a motion capture system; velocities that are not known are NaN there."""
     return reading_topic(
-        name, TrackerReading, "m, rad, m/s, rad/s", "pose seen by motion capture", "nav_msgs/Odometry",
-        (*(f"pose.pose.position.{each}" for each in _XYZ), *(f"pose.pose.orientation.{each}" for each in "xyzw"),
-         "twist.twist.linear.x", "twist.twist.angular.z"),
-        _tracked, {"header": {"frame_id": "room"}, "child_frame_id": "base_footprint"},
-    )  # fmt: skip
+        name,
+        TrackerReading,
+        "m, rad, m/s, rad/s",
+        "pose seen by motion capture",
+        "nav_msgs/Odometry",
+        (
+            *(f"pose.pose.position.{each}" for each in _XYZ),
+            *(f"pose.pose.orientation.{each}" for each in "xyzw"),
+            "twist.twist.linear.x",
+            "twist.twist.angular.z",
+        ),
+        _tracked,
+        {"header": {"frame_id": "room"}, "child_frame_id": "base_footprint"},
+    )
 
 
 # -- laser -------------------------------------------------------------------------------------------------------
@@ -284,9 +318,15 @@ def _scan(value: Scan) -> Mapping[str, Any]:
 def scan_topic(name: str) -> Topic[Scan]:
     """The topic ``/sensors/NAME`` of a laser scanner."""
     return reading_topic(
-        name, Scan, "m, degrees", "ranges of a laser scanner", _SCAN, (), _scan,
+        name,
+        Scan,
+        "m, degrees",
+        "ranges of a laser scanner",
+        _SCAN,
+        (),
+        _scan,
         {"header": {"frame_id": "base_laser_link"}},
-    )  # fmt: skip
+    )
 
 
 # -- cameras -----------------------------------------------------------------------------------------------------
@@ -314,9 +354,15 @@ _COMPRESSED: Final = define("sensor_msgs/CompressedImage", "std_msgs/Header head
 def image_topic(name: str) -> Topic[Image]:
     """The topic ``/sensors/NAME`` of a camera."""
     return reading_topic(
-        name, Image, "pixels", "pictures of a camera", _COMPRESSED, (), lambda image: {"data": image.data},
+        name,
+        Image,
+        "pixels",
+        "pictures of a camera",
+        _COMPRESSED,
+        (),
+        lambda image: {"data": image.data},
         {"header": {"frame_id": OPTICAL}, "format": "jpeg"},
-    )  # fmt: skip
+    )
 
 
 class DepthImage(NamedTuple):
@@ -356,9 +402,17 @@ _DEPTH: Final = define(
 def depth_topic(name: str) -> Topic[DepthImage]:
     """The topic ``/sensors/NAME`` of a depth camera."""
     return reading_topic(
-        name, DepthImage, "m", "distances seen by a depth camera", _DEPTH, (),
+        name,
+        DepthImage,
+        "m",
+        "distances seen by a depth camera",
+        _DEPTH,
+        (),
         lambda image: {
-            "height": image.height, "width": image.width, "step": 2 * image.width, "data": image.data,
+            "height": image.height,
+            "width": image.width,
+            "step": 2 * image.width,
+            "data": image.data,
         },
         {"header": {"frame_id": OPTICAL}, "encoding": "16UC1"},
-    )  # fmt: skip
+    )

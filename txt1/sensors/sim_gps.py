@@ -77,10 +77,21 @@ class SimulatedGps(Twin[FixReading]):
         return Reading(
             now,
             FixReading(
-                *self._grid.earth(x, y), x, y, None, theta, v, 2, sigma, sigma,
-                None if theta is None or v is None else errors.speed_noise / v, errors.speed_noise, None, self._mount,
+                *self._grid.earth(x, y),
+                x,
+                y,
+                None,
+                theta,
+                v,
+                2,
+                sigma,
+                sigma,
+                None if theta is None or v is None else errors.speed_noise / v,
+                errors.speed_noise,
+                None,
+                self._mount,
             ),
-        )  # fmt: skip
+        )
 
 
 def simulated(setup: Setup) -> SimulatedGps:

@@ -86,21 +86,69 @@ def compiled(
 def _sine(x: float) -> float:
     """The sine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
     q = x * x
-    return x * (1.0 + q * (-1 / 6 + q * (1 / 120 + q * (-1 / 5040 + q * (1 / 362880 + q * (
-        -1 / 39916800 + q * (1 / 6227020800 + q * (-1 / 1307674368000))))))))  # fmt: skip
+    return x * (
+        1.0
+        + q
+        * (
+            -1 / 6
+            + q
+            * (
+                1 / 120
+                + q
+                * (-1 / 5040 + q * (1 / 362880 + q * (-1 / 39916800 + q * (1 / 6227020800 + q * (-1 / 1307674368000)))))
+            )
+        )
+    )
 
 
 def _cosine(x: float) -> float:
     """The cosine of x for abs(x) <= SERIES_MAX, by its Taylor series."""
     q = x * x
-    return 1.0 + q * (-1 / 2 + q * (1 / 24 + q * (-1 / 720 + q * (1 / 40320 + q * (
-        -1 / 3628800 + q * (1 / 479001600 + q * (-1 / 87178291200 + q * (1 / 20922789888000))))))))  # fmt: skip
+    return 1.0 + q * (
+        -1 / 2
+        + q
+        * (
+            1 / 24
+            + q
+            * (
+                -1 / 720
+                + q
+                * (
+                    1 / 40320
+                    + q * (-1 / 3628800 + q * (1 / 479001600 + q * (-1 / 87178291200 + q * (1 / 20922789888000))))
+                )
+            )
+        )
+    )
 
 
 def _exponential(x: float) -> float:
     """The exponential of x for abs(x) <= EXPONENT_MAX, by its Taylor series."""
-    return 1.0 + x * (1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (1 / 720 + x * (
-        1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (1 / 3628800 + x * (1 / 39916800)))))))))))  # fmt: skip
+    return 1.0 + x * (
+        1.0
+        + x
+        * (
+            1 / 2
+            + x
+            * (
+                1 / 6
+                + x
+                * (
+                    1 / 24
+                    + x
+                    * (
+                        1 / 120
+                        + x
+                        * (
+                            1 / 720
+                            + x
+                            * (1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (1 / 3628800 + x * (1 / 39916800)))))
+                        )
+                    )
+                )
+            )
+        )
+    )
 
 
 sine = compiled(_sine, reorder=True, forceinline=True)
@@ -123,14 +171,36 @@ sine_cosine = compiled(_sine_cosine, reorder=True, forceinline=True)
 
 
 def _drive(
-    x: Array, y: Array, theta: Array, v: Array, phi: Array, right: Array, left: Array, target: Array, remaining: Array,
-    motor: Array, drag: Array, p: Dynamics,
-) -> float:  # fmt: skip
+    x: Array,
+    y: Array,
+    theta: Array,
+    v: Array,
+    phi: Array,
+    right: Array,
+    left: Array,
+    target: Array,
+    remaining: Array,
+    motor: Array,
+    drag: Array,
+    p: Dynamics,
+) -> float:
     """Seconds that are left of all the vehicles' ticks together, after one more piece of each; see `dynamics.move`."""
     (
-        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, _, _,
-        servo_rate, scrub, slip, understeer, ramp_step, steered,
-    ) = p  # fmt: skip
+        wheelbase,
+        track_width,
+        steering_max,
+        speed_gain,
+        dead_band,
+        speed_time_constant,
+        _,
+        _,
+        servo_rate,
+        scrub,
+        slip,
+        understeer,
+        ramp_step,
+        steered,
+    ) = p
     scrub_by_tan = scrub / tan(steering_max) ** 2
     rate = 1.0 / speed_time_constant
     left_over = 0.0
@@ -186,9 +256,15 @@ _move_one = compiled(move_vehicle)
 
 
 def _move(
-    batch: Array, motor: Array, steering: Array, drag: Array, dt: float, p: Dynamics,
-    target: Array, remaining: Array,
-) -> None:  # fmt: skip
+    batch: Array,
+    motor: Array,
+    steering: Array,
+    drag: Array,
+    dt: float,
+    p: Dynamics,
+    target: Array,
+    remaining: Array,
+) -> None:
     """Let vehicles move for `dt` seconds.
 
     Args:
@@ -209,19 +285,36 @@ def _move(
         remaining[i] = dt
         if abs(motor[i]) <= dead_band or not series_suffice:
             before = (
-                batch[X, i], batch[Y, i], batch[THETA, i], batch[V, i], batch[PHI, i], -batch[PHI, i],
-                batch[RIGHT, i], batch[LEFT, i],
-            )  # fmt: skip
+                batch[X, i],
+                batch[Y, i],
+                batch[THETA, i],
+                batch[V, i],
+                batch[PHI, i],
+                -batch[PHI, i],
+                batch[RIGHT, i],
+                batch[LEFT, i],
+            )
             x, y, theta, v, phi, _, right, left = _move_one(before, motor[i], -steering[i], steering[i], dt, drag[i], p)
             batch[X, i], batch[Y, i], batch[THETA, i], batch[V, i] = x, y, theta, v
             batch[PHI, i], batch[RIGHT, i], batch[LEFT, i] = phi, right, left
             remaining[i] = 0.0
     while (
         _drive_compiled(
-            batch[X], batch[Y], batch[THETA], batch[V], batch[PHI], batch[RIGHT], batch[LEFT], target, remaining,
-            motor, drag, p,
-        ) > 0.0
-    ):  # fmt: skip
+            batch[X],
+            batch[Y],
+            batch[THETA],
+            batch[V],
+            batch[PHI],
+            batch[RIGHT],
+            batch[LEFT],
+            target,
+            remaining,
+            motor,
+            drag,
+            p,
+        )
+        > 0.0
+    ):
         pass
 
 

@@ -36,9 +36,7 @@ class VehicleState(NamedTuple):
     left: float = 0.0  # path rolled by the left encoder wheel, m
 
 
-Dynamics = tuple[
-    float, float, float, float, float, float, float, float, float, float, float, float, float, float
-]  # fmt: skip
+Dynamics = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float]
 """The parameters of `move`, in the order in which it unpacks them; see `dynamics`."""
 
 LOCK: Final = float(STEERING_MAX)  # PWM counts at which the steering is at its stop
@@ -78,9 +76,21 @@ def move(
     x, y, theta, v, phi_front, phi_rear, right, left = state
     # one name each: in plain Python looking up an attribute costs as much as the multiplication it is for
     (
-        wheelbase, track_width, steering_max, speed_gain, dead_band, speed_time_constant, coast_time_constant,
-        coast_friction, servo_rate, scrub, slip, understeer, ramp_step, steered,
-    ) = p  # fmt: skip
+        wheelbase,
+        track_width,
+        steering_max,
+        speed_gain,
+        dead_band,
+        speed_time_constant,
+        coast_time_constant,
+        coast_friction,
+        servo_rate,
+        scrub,
+        slip,
+        understeer,
+        ramp_step,
+        steered,
+    ) = p
     # front = -u, rear = +u turns left (spec: plant)
     if not -LOCK <= front <= LOCK:
         front = LOCK if front > 0.0 else -LOCK

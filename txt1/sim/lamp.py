@@ -21,7 +21,7 @@ from txt1.model.light_sensors import (
     Mount,
     Readings,
     SensorFault,
-)  # fmt: skip
+)
 
 NEAREST: Final = 0.03**2  # square of the lamp's radius, m^2: nearer than this it gets no brighter
 
@@ -159,9 +159,14 @@ class LightSensors:
     """
 
     def __init__(
-        self, light: PointLight, noise: float, rng: np.random.Generator, limits: Range = SENSOR_LIMITS,
-        mount: Mount = MOUNT, gains: Gains = EVEN,
-    ) -> None:  # fmt: skip
+        self,
+        light: PointLight,
+        noise: float,
+        rng: np.random.Generator,
+        limits: Range = SENSOR_LIMITS,
+        mount: Mount = MOUNT,
+        gains: Gains = EVEN,
+    ) -> None:
         self.light = light
         self.mount = mount
         self.gains = gains

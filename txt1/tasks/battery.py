@@ -28,22 +28,44 @@ def _topic(number: int) -> Topic[Battery]:
         voltage = (battery.battery1 if number == 1 else battery.battery2) or 0.0
         return voltage, _HEALTH.get(battery.state, 0) if battery.state else 0, voltage >= FITTED_V
 
-    return declare(Topic(
-        f"/battery{number}", Battery, "V", "sensor_msgs/BatteryState", Rule.SECOND, f"battery {number}",
-        {
-            "temperature": unknown, "current": unknown, "charge": unknown, "capacity": unknown,
-            "design_capacity": 6.5, "percentage": unknown, "power_supply_status": 2,
-            "power_supply_technology": 3, "location": f"battery{number}",  # discharging; lithium polymer
-        },
-        ("voltage", "power_supply_health", "present"), numbers,
-    ))  # fmt: skip
+    return declare(
+        Topic(
+            f"/battery{number}",
+            Battery,
+            "V",
+            "sensor_msgs/BatteryState",
+            Rule.SECOND,
+            f"battery {number}",
+            {
+                "temperature": unknown,
+                "current": unknown,
+                "charge": unknown,
+                "capacity": unknown,
+                "design_capacity": 6.5,
+                "percentage": unknown,
+                "power_supply_status": 2,
+                "power_supply_technology": 3,
+                "location": f"battery{number}",  # discharging; lithium polymer
+            },
+            ("voltage", "power_supply_health", "present"),
+            numbers,
+        )
+    )
 
 
 BATTERIES: Final = (_topic(1), _topic(2))
-RANGE: Final = declare(Topic(
-    "/range_left", float, "m", "std_msgs/Float64", Rule.SECOND, "how far the batteries last at the economical speed",
-    paths=("data",), make=lambda metres: (metres,),
-))  # fmt: skip
+RANGE: Final = declare(
+    Topic(
+        "/range_left",
+        float,
+        "m",
+        "std_msgs/Float64",
+        Rule.SECOND,
+        "how far the batteries last at the economical speed",
+        paths=("data",),
+        make=lambda metres: (metres,),
+    )
+)
 
 
 async def battery(ticks: Ticks, state: State, hal: Hal, gate: Gate, send: Callable[[BoardMessage], None]) -> None:

@@ -23,35 +23,63 @@ COMBINED_TIMEOUT: Final = 0.1  # age in seconds at which combined odometry is no
 ODOMETRY_TIMEOUT: Final = 0.5  # age in seconds at which odometry is lost
 STEP_MAX: Final = 0.1  # longest s from one reading of the odometry to the next that a step of the loops may bridge
 READ: Final = 0.1  # m/s of the faster wheel from which boards read the slower one, too: originals read 0 below 0.045
-SETPOINT: Final = declare(Topic(
-    "/setpoint", Control, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.CYCLE,
-    "the set-point in force behind the safety gate", {"header": {"frame_id": "base_footprint"}},
-    ("twist.linear.x", "twist.angular.z"), attrgetter("v", "omega"),
-))  # fmt: skip
-PWM: Final = declare(Topic(
-    "/pwm", Control, "counts of +-24000",
-    define("txt1_msgs/Pwm", "std_msgs/Header header\nint32 motor\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5"),
-    Rule.CYCLE, "the five channels", {"header": {"frame_id": "base_footprint"}},
-    ("motor", "front", "rear", "pwm4", "pwm5"), lambda control: control.outputs[:5],
-    in_snapshots=False,
-))  # fmt: skip
-GAINS: Final = declare(Topic[tuple[Gains, Gains]](
-    "/gains", tuple, "counts per mm/s, per mrad/s",
-    define(
-        "txt1_msgs/Gains",
-        "std_msgs/Header header\nfloat64 linear_kp\nfloat64 linear_ki\nfloat64 linear_kd\n"
-        "float64 angular_kp\nfloat64 angular_ki\nfloat64 angular_kd",
-    ),
-    Rule.CHANGE, "the gains in force", {"header": {"frame_id": "base_footprint"}},
-    tuple(f"{loop}_{gain}" for loop in ("linear", "angular") for gain in ("kp", "ki", "kd")),
-    lambda gains: gains[0] + gains[1], in_snapshots=False,
-))  # fmt: skip
+SETPOINT: Final = declare(
+    Topic(
+        "/setpoint",
+        Control,
+        "m/s, rad/s",
+        "geometry_msgs/TwistStamped",
+        Rule.CYCLE,
+        "the set-point in force behind the safety gate",
+        {"header": {"frame_id": "base_footprint"}},
+        ("twist.linear.x", "twist.angular.z"),
+        attrgetter("v", "omega"),
+    )
+)
+PWM: Final = declare(
+    Topic(
+        "/pwm",
+        Control,
+        "counts of +-24000",
+        define("txt1_msgs/Pwm", "std_msgs/Header header\nint32 motor\nint32 front\nint32 rear\nint32 pwm4\nint32 pwm5"),
+        Rule.CYCLE,
+        "the five channels",
+        {"header": {"frame_id": "base_footprint"}},
+        ("motor", "front", "rear", "pwm4", "pwm5"),
+        lambda control: control.outputs[:5],
+        in_snapshots=False,
+    )
+)
+GAINS: Final = declare(
+    Topic[tuple[Gains, Gains]](
+        "/gains",
+        tuple,
+        "counts per mm/s, per mrad/s",
+        define(
+            "txt1_msgs/Gains",
+            "std_msgs/Header header\nfloat64 linear_kp\nfloat64 linear_ki\nfloat64 linear_kd\n"
+            "float64 angular_kp\nfloat64 angular_ki\nfloat64 angular_kd",
+        ),
+        Rule.CHANGE,
+        "the gains in force",
+        {"header": {"frame_id": "base_footprint"}},
+        tuple(f"{loop}_{gain}" for loop in ("linear", "angular") for gain in ("kp", "ki", "kd")),
+        lambda gains: gains[0] + gains[1],
+        in_snapshots=False,
+    )
+)
 
-MEASURED_BY: Final = declare(Topic(
-    "/measured_by", Source, "", "std_msgs/String", Rule.CHANGE,
-    'where the velocities come from; "reckoned": nothing measures them, and /odom is dead reckoning',
-    make=lambda source: {"data": str(source)},
-))  # fmt: skip
+MEASURED_BY: Final = declare(
+    Topic(
+        "/measured_by",
+        Source,
+        "",
+        "std_msgs/String",
+        Rule.CHANGE,
+        'where the velocities come from; "reckoned": nothing measures them, and /odom is dead reckoning',
+        make=lambda source: {"data": str(source)},
+    )
+)
 
 _OFF: Final = Gains()
 ENCODER: Final = Source.ENCODER  # an attribute of an Enum is not found quickly

@@ -78,12 +78,15 @@ def _array(statuses: Iterable[tuple[int, str, str, Mapping[str, object]]]) -> di
     return {
         "status": [
             {
-                "level": level, "name": name, "message": message, "hardware_id": "txt1",
+                "level": level,
+                "name": name,
+                "message": message,
+                "hardware_id": "txt1",
                 "values": [{"key": key, "value": str(value)} for key, value in values.items()],
             }
             for level, name, message, values in statuses
         ]
-    }  # fmt: skip
+    }
 
 
 def _tasks(tasks: TaskCounts) -> dict[str, object]:
@@ -107,11 +110,26 @@ def _times(task: TaskCount) -> dict[str, str]:
     }
 
 
-TASKS: Final = declare(Topic[TaskCounts](
-    "/diagnostics", dict, "s", "diagnostic_msgs/DiagnosticArray", Rule.SECOND, "the tasks' cycles, misses and times",
-    make=_tasks, in_snapshots=False,
-))  # fmt: skip
-FAULTS: Final = declare(Topic[dict[str, int]](
-    "/faults", dict, "", "diagnostic_msgs/DiagnosticArray", Rule.SECOND, "everything counted as a fault",
-    make=lambda counts: _array([(1 if counts else 0, "faults", "", counts)]),
-))  # fmt: skip
+TASKS: Final = declare(
+    Topic[TaskCounts](
+        "/diagnostics",
+        dict,
+        "s",
+        "diagnostic_msgs/DiagnosticArray",
+        Rule.SECOND,
+        "the tasks' cycles, misses and times",
+        make=_tasks,
+        in_snapshots=False,
+    )
+)
+FAULTS: Final = declare(
+    Topic[dict[str, int]](
+        "/faults",
+        dict,
+        "",
+        "diagnostic_msgs/DiagnosticArray",
+        Rule.SECOND,
+        "everything counted as a fault",
+        make=lambda counts: _array([(1 if counts else 0, "faults", "", counts)]),
+    )
+)

@@ -47,34 +47,77 @@ def _moving(odometry: Odometry) -> tuple[float, ...]:
     return x, y, sin(half), cos(half), v, omega
 
 
-ODOMETRY: Final = declare(Topic(
-    "/odom", Odometry, "m, m/s, rad/s", "nav_msgs/Odometry", Rule.CYCLE,
-    "the odometry that the loops use, from where it began", _ROBOT | _UNSURE,
-    (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"), _moving,
-))  # fmt: skip
+ODOMETRY: Final = declare(
+    Topic(
+        "/odom",
+        Odometry,
+        "m, m/s, rad/s",
+        "nav_msgs/Odometry",
+        Rule.CYCLE,
+        "the odometry that the loops use, from where it began",
+        _ROBOT | _UNSURE,
+        (*(f"pose.pose.{name}" for name in PLACE), "twist.twist.linear.x", "twist.twist.angular.z"),
+        _moving,
+    )
+)
 _TRANSFORM: Final = tuple(
     f"transforms.0.transform.{name}" for name in ("translation.x", "translation.y", "rotation.z", "rotation.w")
 )
-TRANSFORM: Final = declare(Topic(
-    "/tf", Odometry, "m", "tf2_msgs/TFMessage", Rule.CYCLE, "the odometry once more, for tools that want transforms",
-    {"transforms": [_ROBOT]}, _TRANSFORM, _moving, in_snapshots=False,
-))  # fmt: skip
-ENCODERS: Final = declare(Topic[Encoders](
-    "/encoders", Encoders, "ticks of a cycle",
-    define("txt1_msgs/Encoders", "std_msgs/Header header\nint32 right\nint32 left\nbool valid"), Rule.CYCLE,
-    "both encoders", {"header": {"frame_id": "base_footprint"}}, ("right", "left", "valid"),
-    lambda ticks: (ticks.right or 0, ticks.left or 0, ticks.right is not None),
-))  # fmt: skip
+TRANSFORM: Final = declare(
+    Topic(
+        "/tf",
+        Odometry,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.CYCLE,
+        "the odometry once more, for tools that want transforms",
+        {"transforms": [_ROBOT]},
+        _TRANSFORM,
+        _moving,
+        in_snapshots=False,
+    )
+)
+ENCODERS: Final = declare(
+    Topic[Encoders](
+        "/encoders",
+        Encoders,
+        "ticks of a cycle",
+        define("txt1_msgs/Encoders", "std_msgs/Header header\nint32 right\nint32 left\nbool valid"),
+        Rule.CYCLE,
+        "both encoders",
+        {"header": {"frame_id": "base_footprint"}},
+        ("right", "left", "valid"),
+        lambda ticks: (ticks.right or 0, ticks.left or 0, ticks.right is not None),
+    )
+)
 Pose = tuple[float, float, float]
-POSE: Final = declare(Topic[Pose](
-    "/pose", tuple, "m", "geometry_msgs/PoseStamped", Rule.CYCLE, "the true pose in the room, in simulation",
-    {"header": {"frame_id": "room"}}, tuple(f"pose.{name}" for name in PLACE), in_the_plane,
-))  # fmt: skip
-ROOM: Final = declare(Topic[Pose](
-    "/tf_room", tuple, "m", "tf2_msgs/TFMessage", Rule.SECOND, "where the odometry began in the room, as it seems now",
-    {"transforms": [{"header": {"frame_id": "room"}, "child_frame_id": "odom"}]}, _TRANSFORM,
-    in_the_plane, in_snapshots=False,
-))  # fmt: skip
+POSE: Final = declare(
+    Topic[Pose](
+        "/pose",
+        tuple,
+        "m",
+        "geometry_msgs/PoseStamped",
+        Rule.CYCLE,
+        "the true pose in the room, in simulation",
+        {"header": {"frame_id": "room"}},
+        tuple(f"pose.{name}" for name in PLACE),
+        in_the_plane,
+    )
+)
+ROOM: Final = declare(
+    Topic[Pose](
+        "/tf_room",
+        tuple,
+        "m",
+        "tf2_msgs/TFMessage",
+        Rule.SECOND,
+        "where the odometry began in the room, as it seems now",
+        {"transforms": [{"header": {"frame_id": "room"}, "child_frame_id": "odom"}]},
+        _TRANSFORM,
+        in_the_plane,
+        in_snapshots=False,
+    )
+)
 
 
 def origin(pose: Pose, odometry: Odometry) -> Pose:

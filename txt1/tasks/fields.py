@@ -191,15 +191,24 @@ VEHICLES: Final[Topic[tuple[tuple[float, float, float], ...]]] = _told(
 TASK_REPORTS: Final[Topic[tuple[TaskReport, ...]]] = _told("/tasks", tuple[TaskReport, ...], "the tasks' statistics")
 EVENTS: Final[Topic[tuple[Event, ...]]] = _told("/events", tuple[Event, ...], "the latest events, oldest first")
 WARNINGS: Final[Topic[tuple[str, ...]]] = _told("/warnings", tuple[str, ...], "what is not at work beside the robot")
-DRIVER: Final = declare(Topic(
-    "/driver", Driver, "s",
-    define("txt1_msgs/Driver", "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times"),
-    Rule.CHANGE, "the source of commands that drives, and how many times each was refused",
-    make=lambda driver: {
-        "name": driver.name, "since": driver.since,
-        "refused": list(driver.refused), "times": list(driver.refused.values()),
-    },
-))  # fmt: skip
+DRIVER: Final = declare(
+    Topic(
+        "/driver",
+        Driver,
+        "s",
+        define(
+            "txt1_msgs/Driver", "std_msgs/Header header\nstring name\nfloat64 since\nstring[] refused\nuint32[] times"
+        ),
+        Rule.CHANGE,
+        "the source of commands that drives, and how many times each was refused",
+        make=lambda driver: {
+            "name": driver.name,
+            "since": driver.since,
+            "refused": list(driver.refused),
+            "times": list(driver.refused.values()),
+        },
+    )
+)
 
 
 _WARN: Final = ("disarmed", "link lost", "batteries", "the robot does not", "the robot moves", "the estimate is off")

@@ -22,14 +22,21 @@ class Input(NamedTuple):
     values: tuple[float, ...]
 
 
-INPUT: Final = declare(Topic(
-    "/input", Input, "",
-    define(
-        "txt1_msgs/Input",
-        "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 given\nfloat64[] values",
-    ),
-    Rule.EVENT, "everything given to the tasks from outside", make=lambda given: given,
-))  # fmt: skip
+INPUT: Final = declare(
+    Topic(
+        "/input",
+        Input,
+        "",
+        define(
+            "txt1_msgs/Input",
+            "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 given\n"
+            "float64[] values",
+        ),
+        Rule.EVENT,
+        "everything given to the tasks from outside",
+        make=lambda given: given,
+    )
+)
 
 
 class Report(NamedTuple):
@@ -62,23 +69,44 @@ def _report(report: Report) -> dict[str, Any]:
     return told
 
 
-REPORT: Final = declare(Topic(
-    "/reports", Report, "s",
-    define(
-        "txt1_msgs/Report",
-        "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 time\nuint8[] data",
-    ),
-    Rule.EVENT, "every reading of a sensor, and on real hardware what it reported, exactly",
-    {"header": {"frame_id": ""}}, make=_report,
-))  # fmt: skip
-STEP: Final = declare(Topic[tuple[int, float, int]](
-    "/steps", tuple, "",
-    define("txt1_msgs/Step", "std_msgs/Header header\nuint32 task\nfloat64 time\nuint32 missed"), Rule.EVENT,
-    "each step of a task and the cycles missed before it, on the real clock",
-    {}, ("task", "time", "missed"), lambda step: step,
-))  # fmt: skip
-COMMAND: Final = declare(Topic(
-    "/cmd_vel", Velocity, "m/s, rad/s", "geometry_msgs/TwistStamped", Rule.EVENT,
-    "velocities asked for, before the safety gate", {"header": {"frame_id": "base_footprint"}},
-    ("twist.linear.x", "twist.angular.z"), lambda asked: (asked.v, asked.omega),
-))  # fmt: skip
+REPORT: Final = declare(
+    Topic(
+        "/reports",
+        Report,
+        "s",
+        define(
+            "txt1_msgs/Report",
+            "std_msgs/Header header\nuint32 step\nstring source\nstring kind\nstring text\nfloat64 time\nuint8[] data",
+        ),
+        Rule.EVENT,
+        "every reading of a sensor, and on real hardware what it reported, exactly",
+        {"header": {"frame_id": ""}},
+        make=_report,
+    )
+)
+STEP: Final = declare(
+    Topic[tuple[int, float, int]](
+        "/steps",
+        tuple,
+        "",
+        define("txt1_msgs/Step", "std_msgs/Header header\nuint32 task\nfloat64 time\nuint32 missed"),
+        Rule.EVENT,
+        "each step of a task and the cycles missed before it, on the real clock",
+        {},
+        ("task", "time", "missed"),
+        lambda step: step,
+    )
+)
+COMMAND: Final = declare(
+    Topic(
+        "/cmd_vel",
+        Velocity,
+        "m/s, rad/s",
+        "geometry_msgs/TwistStamped",
+        Rule.EVENT,
+        "velocities asked for, before the safety gate",
+        {"header": {"frame_id": "base_footprint"}},
+        ("twist.linear.x", "twist.angular.z"),
+        lambda asked: (asked.v, asked.omega),
+    )
+)

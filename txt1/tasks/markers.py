@@ -30,16 +30,24 @@ define(
 
 
 def marker(
-    kind: int, frame: str, place: tuple[float, float, float], size: tuple[float, float, float],
-    colour: tuple[float, float, float], points: Iterable[tuple[float, float]] = (),
-) -> dict[str, Any]:  # fmt: skip
+    kind: int,
+    frame: str,
+    place: tuple[float, float, float],
+    size: tuple[float, float, float],
+    colour: tuple[float, float, float],
+    points: Iterable[tuple[float, float]] = (),
+) -> dict[str, Any]:
     """Return a marker that stays where its frame is: its centre and its size in m, and the points of lines."""
     return {
-        "header": {"frame_id": frame}, "ns": "txt1", "type": kind, "frame_locked": True,
+        "header": {"frame_id": frame},
+        "ns": "txt1",
+        "type": kind,
+        "frame_locked": True,
         "pose": {"position": dict(zip("xyz", place, strict=True)), "orientation": {"w": 1.0}},
-        "scale": dict(zip("xyz", size, strict=True)), "color": {**dict(zip("rgb", colour, strict=True)), "a": 1.0},
+        "scale": dict(zip("xyz", size, strict=True)),
+        "color": {**dict(zip("rgb", colour, strict=True)), "a": 1.0},
         "points": [{"x": x, "y": y} for x, y in points],
-    }  # fmt: skip
+    }
 
 
 def markers(about: Surroundings) -> dict[str, Any]:
@@ -56,7 +64,15 @@ def markers(about: Surroundings) -> dict[str, Any]:
     return {"markers": [shape | {"id": number} for number, shape in enumerate(shapes)]}
 
 
-MARKERS: Final = declare(Topic(
-    "/markers", Surroundings, "m", define("visualization_msgs/MarkerArray", "visualization_msgs/Marker[] markers"),
-    Rule.SECOND, "body, room, light and obstacles, for views in three dimensions", make=markers, in_snapshots=False,
-))  # fmt: skip
+MARKERS: Final = declare(
+    Topic(
+        "/markers",
+        Surroundings,
+        "m",
+        define("visualization_msgs/MarkerArray", "visualization_msgs/Marker[] markers"),
+        Rule.SECOND,
+        "body, room, light and obstacles, for views in three dimensions",
+        make=markers,
+        in_snapshots=False,
+    )
+)

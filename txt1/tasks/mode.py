@@ -32,10 +32,16 @@ class Mode(NamedTuple):
 def _mode_message(value: Mode) -> dict[str, object]:
     armed, stopped, reason, link, power, panel = value
     return {
-        "armed": armed, "stopped": stopped, "mode": _MODES[panel.manual], "link_alive": link.alive,
-        "combined": link.combined, "atx": _switch(power.atx, power), "esc": _switch(power.esc, power),
-        "screen": panel.screen, "reason": reason,
-    }  # fmt: skip
+        "armed": armed,
+        "stopped": stopped,
+        "mode": _MODES[panel.manual],
+        "link_alive": link.alive,
+        "combined": link.combined,
+        "atx": _switch(power.atx, power),
+        "esc": _switch(power.esc, power),
+        "screen": panel.screen,
+        "reason": reason,
+    }
 
 
 def _switch(on: bool | None, power: Power) -> str:
@@ -43,15 +49,21 @@ def _switch(on: bool | None, power: Power) -> str:
     return "" if on is None else f"{'on' if on else 'off'}{'' if power.confirmed else ' (asked)'}"
 
 
-MODE: Final = declare(Topic(
-    "/mode", Mode, "",
-    define(
-        "txt1_msgs/Mode",
-        "std_msgs/Header header\nbool armed\nbool stopped\nstring mode\nbool link_alive\nbool combined\n"
-        "string atx\nstring esc\nint32 screen\nstring reason",
-    ),
-    Rule.CHANGE, "armed, manual, link, power switches", make=_mode_message,
-))  # fmt: skip
+MODE: Final = declare(
+    Topic(
+        "/mode",
+        Mode,
+        "",
+        define(
+            "txt1_msgs/Mode",
+            "std_msgs/Header header\nbool armed\nbool stopped\nstring mode\nbool link_alive\nbool combined\n"
+            "string atx\nstring esc\nint32 screen\nstring reason",
+        ),
+        Rule.CHANGE,
+        "armed, manual, link, power switches",
+        make=_mode_message,
+    )
+)
 
 
 async def mode(ticks: Ticks, state: State, gate: Gate) -> None:

@@ -31,10 +31,17 @@ FULL: Final = 3.4  # s after which the loops of a board have certainly forgotten
 END: Final = 3.0  # s that the end of a run waits at most
 CAUSES: Final = "ESC off, gains lost, board in manual mode, wheel blocked, or a wall"
 
-STOP: Final = declare(Topic(
-    "/stop", Stop, "", define("txt1_msgs/Stop", "std_msgs/Header header\nstring state"), Rule.CHANGE,
-    "how the last stop is going, where it has to be verified", make=lambda stop: {"state": stop.value},
-))  # fmt: skip
+STOP: Final = declare(
+    Topic(
+        "/stop",
+        Stop,
+        "",
+        define("txt1_msgs/Stop", "std_msgs/Header header\nstring state"),
+        Rule.CHANGE,
+        "how the last stop is going, where it has to be verified",
+        make=lambda stop: {"state": stop.value},
+    )
+)
 _TOLD: Final = {
     Stop.PWM_ZEROS: "the robot does not stop: a PWM test of zeros follows",
     Stop.ESC_OFF: "the robot does not stop: the ESC is switched off",

@@ -105,10 +105,18 @@ class Snapshot:
         return snapshot
 
 
-SNAPSHOT: Final = declare(Topic(
-    "/snapshot", Snapshot, "", "std_msgs/String", Rule.SECOND, "everything the robot tells, as one line of JSON",
-    make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")}, in_snapshots=False,
-))  # fmt: skip
+SNAPSHOT: Final = declare(
+    Topic(
+        "/snapshot",
+        Snapshot,
+        "",
+        "std_msgs/String",
+        Rule.SECOND,
+        "everything the robot tells, as one line of JSON",
+        make=lambda snapshot: {"data": snapshot.encode()[:-1].decode("ascii")},
+        in_snapshots=False,
+    )
+)
 
 _JSON: Final = json.JSONEncoder(separators=(",", ":"))
 _WORDS: Final = frozenset((NoneType, bool, int, float, str))

@@ -25,9 +25,14 @@ K = TypeVar("K")
 
 
 def run(
-    work: Work, trials: Mapping[K, Any], workers: Workers | None, keep: Callable[[K, Any], object], *, bar: str = "",
+    work: Work,
+    trials: Mapping[K, Any],
+    workers: Workers | None,
+    keep: Callable[[K, Any], object],
+    *,
+    bar: str = "",
     until: Callable[[], bool] = lambda: False,
-) -> int:  # fmt: skip
+) -> int:
     """Do trials, and hand the result of each to `keep` with its key; the exit code: 0, or 128 + the signal that came.
 
     Args:
@@ -98,8 +103,13 @@ def progress(name: str, total: float, *columns: ProgressColumn) -> Iterator[Prog
 
     shown = bool(name) and sys.stderr.isatty()
     with Progress(
-        TextColumn("{task.description}"), BarColumn(), *(columns or (MofNCompleteColumn(), TimeRemainingColumn())),
-        console=Console(stderr=True), transient=True, disable=not shown, refresh_per_second=4,
-    ) as drawn:  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        *(columns or (MofNCompleteColumn(), TimeRemainingColumn())),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not shown,
+        refresh_per_second=4,
+    ) as drawn:
         drawn.add_task(name, total=total)
         yield drawn

@@ -22,8 +22,12 @@ FILE: Final = "web-token"  # where the token is, unless told otherwise
 
 WEB: Final = {
     "--web": takes(
-        "[HOST:]PORT", "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
-        "with a token and TLS only", host_and_port, nargs="?", const=("127.0.0.1", 8080),
+        "[HOST:]PORT",
+        "serve the web page, to watch and drive from; 127.0.0.1:8080, and other than loopback addresses "
+        "with a token and TLS only",
+        host_and_port,
+        nargs="?",
+        const=("127.0.0.1", 8080),
     ),
     "--web-token": takes("FILE", "file with the token that pages must send, made if there is none", path),
     "--web-cert": takes("FILE", "your certificate (PEM), in place of one made at the first start", existing),
@@ -33,7 +37,7 @@ WEB: Final = {
     "--web-robot": takes(
         "NAME=URL", "another robot's page, to choose there; may be repeated", named_url, action="append", default=[]
     ),
-}  # fmt: skip
+}
 
 
 class WebPage(NamedTuple):

@@ -182,14 +182,22 @@ class Pages:
         for page in pages or tuple(self.connected.values()):
             page.tell(
                 page={
-                    "number": page.number, "role": page.role, "limit": self.limit_of(page),
-                    "visitors": self.limit, "wheel": page.car.wheel.holder, "pages": len(self.connected),
-                    "round_trip": page.round_trip, "counts": dict(page.counts), "robots": self._others,
+                    "number": page.number,
+                    "role": page.role,
+                    "limit": self.limit_of(page),
+                    "visitors": self.limit,
+                    "wheel": page.car.wheel.holder,
+                    "pages": len(self.connected),
+                    "round_trip": page.round_trip,
+                    "counts": dict(page.counts),
+                    "robots": self._others,
                     "invites": page.role == "operator" and self._invites,
-                    "replay": page.player and page.player.status(), "fleet": self._fleet, "robot": page.car.name,
+                    "replay": page.player and page.player.status(),
+                    "fleet": self._fleet,
+                    "robot": page.car.name,
                 },
                 ping=now(),
-            )  # fmt: skip
+            )
 
     def limit_of(self, page: Page) -> float | None:
         """The fastest that a page may drive, m/s; None where only the safety gate limits it."""

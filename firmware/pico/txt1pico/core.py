@@ -27,9 +27,17 @@ EXTERNAL, GOOD, WARNING, BAD = range(4)
 LEFT, RIGHT, UP, DOWN, CENTRE = 1, 2, 4, 8, 16
 
 REASONS = (
-    "armed", "not armed yet", "link lost", "runaway", "batteries bad", "batteries cut off", "missed cycles", "ATX off",
-    "fault", "released",
-)  # fmt: skip
+    "armed",
+    "not armed yet",
+    "link lost",
+    "runaway",
+    "batteries bad",
+    "batteries cut off",
+    "missed cycles",
+    "ATX off",
+    "fault",
+    "released",
+)
 ARMED, NOT_YET, LINK_LOST, RUNAWAY, BATTERIES_BAD, CUT_OFF, MISSED, ATX_OFF, FAULT, RELEASED = range(10)
 
 

@@ -75,9 +75,11 @@ class Wireless:
             return
         while self._host is not None:
             try:
-                count = self._host.readinto(self._chunk) if hasattr(self._host, "readinto") else (
-                    self._host.recv_into(self._chunk)
-                )  # fmt: skip
+                count = (
+                    self._host.readinto(self._chunk)
+                    if hasattr(self._host, "readinto")
+                    else (self._host.recv_into(self._chunk))
+                )
             except OSError as error:
                 if error.args[0] == 11:  # EAGAIN: nothing more has come
                     return

@@ -10,10 +10,18 @@ from txt1.runtime import Runtime
 from txt1.telemetry.topics import Rule, Topic, declare
 from txt1.units import Positive
 
-LIMIT = declare(Topic(
-    "/speed_limit", float, "m/s", "std_msgs/Float64", Rule.SECOND, "the speed limit that is in force",
-    paths=("data",), make=lambda v: (v,),
-))  # fmt: skip
+LIMIT = declare(
+    Topic(
+        "/speed_limit",
+        float,
+        "m/s",
+        "std_msgs/Float64",
+        Rule.SECOND,
+        "the speed limit that is in force",
+        paths=("data",),
+        make=lambda v: (v,),
+    )
+)
 
 
 class SpeedLimit(Section):

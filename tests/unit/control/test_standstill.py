@@ -191,11 +191,14 @@ def test_what_a_stop_called_for_is_remembered_and_whether_anybody_saw_it() -> No
     new = Standstill()
     assert (new.stop, new.failed, new.blind, new.drove) == (Stop.NONE, Stop.NONE, False, False)
     for speeds, failed, blind in (
-        ([1.0] * 10, Stop.NONE, False), ([1.0] * 11, Stop.PWM_ZEROS, False), ([1.0] * 21, Stop.ESC_OFF, False),
-        ([None] * 11, Stop.PWM_ZEROS, True), ([None] * 21, Stop.ESC_OFF, True),
+        ([1.0] * 10, Stop.NONE, False),
+        ([1.0] * 11, Stop.PWM_ZEROS, False),
+        ([1.0] * 21, Stop.ESC_OFF, False),
+        ([None] * 11, Stop.PWM_ZEROS, True),
+        ([None] * 21, Stop.ESC_OFF, True),
         ([*[None] * 20, 1.0], Stop.ESC_OFF, False),
         ([1.0] * 31, Stop.ESC_OFF, False),
-    ):  # fmt: skip
+    ):
         watch, _ = stepped(*speeds)
         assert (watch.failed, watch.blind, watch.drove) == (failed, blind, True)
 

@@ -119,9 +119,14 @@ def behind_a_line(late: float, jitter: float, rounded: float) -> Recording:
         s = max(read - 1.0, 0.0)
         way = 0.5 * (s - TAU * (1.0 - exp(-s / TAU)))
         samples.append(
-            Instant(k * DT, 0.5 if k * DT >= 1.0 else 0.0, v=0.5 * (1.0 - exp(-s / TAU)), read=arrived,
-                   way=rounded * round(way / rounded))
-        )  # fmt: skip
+            Instant(
+                k * DT,
+                0.5 if k * DT >= 1.0 else 0.0,
+                v=0.5 * (1.0 - exp(-s / TAU)),
+                read=arrived,
+                way=rounded * round(way / rounded),
+            )
+        )
     return Recording(samples)
 
 
@@ -185,9 +190,17 @@ def test_a_circle_has_its_radius_and_the_distance_of_its_laps(drift: float) -> N
     for k in range(2000):
         angle = 0.5 * k * DT
         samples.append(
-            Instant(k * DT, 0.5, 0.5, true_v=0.5, true_omega=0.5,
-                   true_x=np.cos(angle) + drift * angle, true_y=np.sin(angle), true_theta=angle + pi / 2.0)
-        )  # fmt: skip
+            Instant(
+                k * DT,
+                0.5,
+                0.5,
+                true_v=0.5,
+                true_omega=0.5,
+                true_x=np.cos(angle) + drift * angle,
+                true_y=np.sin(angle),
+                true_theta=angle + pi / 2.0,
+            )
+        )
     found = circle(Recording(samples))
     assert found is not None
     assert found.asked == 1.0

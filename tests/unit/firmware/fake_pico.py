@@ -25,10 +25,16 @@ class Program:
                 name: name for name in ("x", "y", "pins", "isr", "osr", "null", "pc", "x_dec", "y_dec")
             }
             names |= {
-                "jmp": self._jmp, "in_": self._in, "mov": self._mov, "push": self._push, "label": self._label,
-                "wrap_target": self._wrap_target, "wrap": self._wrap, "invert": lambda source: ("invert", source),
+                "jmp": self._jmp,
+                "in_": self._in,
+                "mov": self._mov,
+                "push": self._push,
+                "label": self._label,
+                "wrap_target": self._wrap_target,
+                "wrap": self._wrap,
+                "invert": lambda source: ("invert", source),
                 "noblock": 0,
-            }  # fmt: skip
+            }
             FunctionType(function.__code__, names)()
 
     def _label(self, name: str) -> None:

@@ -67,12 +67,10 @@ def test_the_shared_numbers_are_those_of_txt1() -> None:
 
 @pytest.mark.parametrize(("scale", "limit"), [(128, 24000), (16, 18000)])
 @given(
-    gains=st.tuples(
-        st.integers(-KP_MAX, KP_MAX), st.integers(-KI_MAX, KI_MAX), st.integers(-KD_MAX, KD_MAX)
-    ),
+    gains=st.tuples(st.integers(-KP_MAX, KP_MAX), st.integers(-KI_MAX, KI_MAX), st.integers(-KD_MAX, KD_MAX)),
     errors=st.lists(st.integers(-4500, 4500), min_size=1, max_size=80),
     parts=st.integers(0, 127),
-)  # fmt: skip
+)
 def test_the_loops_output_what_the_float_ones_do_within_a_count(
     scale: int, limit: int, gains: tuple[int, int, int], errors: list[int], parts: int
 ) -> None:
@@ -106,9 +104,15 @@ def test_an_hour_of_odometry_ends_within_a_centimetre_of_the_floats() -> None:
 
 
 MESSAGES: list[Message] = [
-    Velocity(0.5, 0.75), Velocity(-1.5, 0.0), CombinedOdometry(1.0, -2.0, 0.5, 0.3, -0.2), PwmTest(1, -2, 3, 4, -5),
-    PowerControl(Switch.ESC, True), PwmCommand(100, -24000), GAINS, PidSet((1.0, 2.0, 3.0), ()),
-]  # fmt: skip
+    Velocity(0.5, 0.75),
+    Velocity(-1.5, 0.0),
+    CombinedOdometry(1.0, -2.0, 0.5, 0.3, -0.2),
+    PwmTest(1, -2, 3, 4, -5),
+    PowerControl(Switch.ESC, True),
+    PwmCommand(100, -24000),
+    GAINS,
+    PidSet((1.0, 2.0, 3.0), ()),
+]
 
 
 def found(data: bytes) -> list[bytes]:
@@ -143,8 +147,11 @@ def test_the_receiver_finds_the_frames_that_the_computers_decoder_finds(pieces: 
     decoder = Decoder(Role.BOARD)
     events = [*decoder.feed(stream), *decoder.expire()]
     messages = [encode(event) for event in events if type(event) in {type(message) for message in MESSAGES}]  # type: ignore[arg-type]
-    ours = [each for each in found(stream) if each[3] != facts.IDENTITY and not (each[3] == facts.POWER_CONTROL and (
-        each[4] > 1 or each[5] > 1))]  # fmt: skip
+    ours = [
+        each
+        for each in found(stream)
+        if each[3] != facts.IDENTITY and not (each[3] == facts.POWER_CONTROL and (each[4] > 1 or each[5] > 1))
+    ]
     assert ours == messages
 
 

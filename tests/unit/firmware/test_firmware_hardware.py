@@ -120,9 +120,13 @@ def test_the_pio_program_counts_20000_edges_a_second_both_ways() -> None:
     end = changes[-1][0] + 100
     last: int | None = None
     states = emulate(
-        quadrature.code, stop_when=lambda _, state: state.clock > end, input_source=levels, shift_isr_right=False,
-        wrap_target=quadrature.wrap_target, wrap_top=quadrature.wrap_top,
-    )  # fmt: skip
+        quadrature.code,
+        stop_when=lambda _, state: state.clock > end,
+        input_source=levels,
+        shift_isr_right=False,
+        wrap_target=quadrature.wrap_target,
+        wrap_top=quadrature.wrap_top,
+    )
     for _, state in states:
         while state.receive_fifo:
             last = state.receive_fifo.popleft()

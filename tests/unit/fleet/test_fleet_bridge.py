@@ -43,8 +43,10 @@ def test_a_request_is_one_robot_s_and_one_without_a_name_is_everybody_s() -> Non
             line = desks.telemetry()
             assert line is not None and line.endswith(b"]\n") and line.count(b"\n") == 1
             assert [(each["name"], "/odom" in each["topics"]) for each in json.loads(line)] == [
-                ("txt01", True), ("txt02", True), ("txt03", True),
-            ]  # fmt: skip
+                ("txt01", True),
+                ("txt02", True),
+                ("txt03", True),
+            ]
             desks.request(Request("drive", {"robot": "txt99", "v": 0.5, "omega": 0.0}, 0.0))
             assert fleet.robots["txt01"].odometry.v == 0.0
             desks.request(Request("stop", {}, 0.0))

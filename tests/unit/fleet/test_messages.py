@@ -27,11 +27,15 @@ from txt1.sidecar import LINE_MAX
 
 PROPER = {"from": "txt01", "sent": 7, "x": 1.0, "y": 2, "theta": 0.5, "v": 0.3, "omega": -0.1}
 JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
     | st.sampled_from([10**400, -(10**400), 1e308, 2**60, "boom", "\x1b[2J", []]),
     lambda inner: st.lists(inner, max_size=20) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=20,
-)  # fmt: skip
+)
 FIELDS = (
     "from", "sent", "began", "x", "y", "theta", "v", "omega", "data", "armed", "reason", "driver", "battery", "silent",
     "stop", "number", "closed", "why",

@@ -52,9 +52,16 @@ def test_it_is_the_distance_at_which_a_moving_body_touches_the_point(curvature: 
 
 def test_what_only_just_misses_the_body_is_free() -> None:
     for x, y, free in (
-        (1.0, 0.25, inf), (1.0, -0.25, inf), (1.0, 0.2499, 0.5), (0.5, 0.0, 0.0), (-0.5, 0.0, inf), (0.0, 0.25, inf),
-        (0.0, 0.0, 0.0), (-1.0, 0.0, inf), (3.0, 0.0, 2.5),
-    ):  # fmt: skip
+        (1.0, 0.25, inf),
+        (1.0, -0.25, inf),
+        (1.0, 0.2499, 0.5),
+        (0.5, 0.0, 0.0),
+        (-0.5, 0.0, inf),
+        (0.0, 0.25, inf),
+        (0.0, 0.0, 0.0),
+        (-1.0, 0.0, inf),
+        (3.0, 0.0, 2.5),
+    ):
         assert free_distance(np.array([[x, y]]), 0.0, 1.0, 0.5) == pytest.approx(free)
 
 

@@ -20,9 +20,12 @@ CURVATURES = st.floats(-1.0 / 0.56, 1.0 / 0.56)
 def sent(odometry: Odometry) -> EncoderOdometry:
     """The odometry as an original board sends it: whole mm and mrad, theta from 0 to 6.283."""
     return EncoderOdometry(
-        round(odometry.x, 3), round(odometry.y, 3), round(odometry.theta % (2.0 * pi), 3),
-        round(odometry.v, 3), round(odometry.omega, 3),
-    )  # fmt: skip
+        round(odometry.x, 3),
+        round(odometry.y, 3),
+        round(odometry.theta % (2.0 * pi), 3),
+        round(odometry.v, 3),
+        round(odometry.omega, 3),
+    )
 
 
 @given(v=SPEEDS, curvature=CURVATURES, dt=st.floats(0.0, 0.5), held_back=st.floats(0.0, JUMP_TIME))

@@ -315,8 +315,13 @@ def test_a_controller_that_never_stops_by_itself_is_remarked_on() -> None:
 
 
 def test_a_noisy_line_is_driven_over() -> None:
-    noisy = config().model_copy(update={"serial": config().serial.model_copy(
-        update={"fault": LineFaults(drop=0.05, flip=1e-4, split=True, delay=0.01, jitter=0.01)})})  # fmt: skip
+    noisy = config().model_copy(
+        update={
+            "serial": config().serial.model_copy(
+                update={"fault": LineFaults(drop=0.05, flip=1e-4, split=True, delay=0.01, jitter=0.01)}
+            )
+        }
+    )
 
     async def drive() -> None:
         async with Robot.open(create(noisy), config=noisy) as robot:

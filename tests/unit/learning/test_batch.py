@@ -66,8 +66,11 @@ def test_and_so_it_does_without_numba() -> None:
     without = "import sys; sys.modules['numba'] = None; from tests.unit.learning import test_batch as t; "
     shown = subprocess.run(
         [sys.executable, "-c", without + "print(t.held_against_the_runtime(100))"],
-        capture_output=True, text=True, check=True, timeout=LIMIT,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=LIMIT,
+    )
     assert float(shown.stdout) < 1e-9
 
 

@@ -115,9 +115,15 @@ def test_sectors_by_name(degrees: float, name: str) -> None:
 
 def test_the_sectors_are_numbered_as_in_the_specification() -> None:
     assert SECTORS == (
-        "rear centre", "rear right", "centre right", "front right",
-        "front centre", "front left", "centre left", "rear left",
-    )  # fmt: skip
+        "rear centre",
+        "rear right",
+        "centre right",
+        "front right",
+        "front centre",
+        "front left",
+        "centre left",
+        "rear left",
+    )
     assert [sector(k * pi / 4) for k in range(-4, 4)] == list(range(8))
 
 

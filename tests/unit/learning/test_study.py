@@ -15,8 +15,10 @@ def test_who_is_watched_does_what_he_does_unwatched_and_all_of_his_time_is_accou
     episodes, decisions = watched(1, CONFIG, 1, 12)
     assert episodes == trial(1, "thesis", CONFIG, 1, 12, permute=False)
     found = where(decisions)
-    for name, some in (("slow", [one for one in episodes[7:] if one.time > SLOW]),
-                       ("other", [one for one in episodes[7:] if one.time <= SLOW])):  # fmt: skip
+    for name, some in (
+        ("slow", [one for one in episodes[7:] if one.time > SLOW]),
+        ("other", [one for one in episodes[7:] if one.time <= SLOW]),
+    ):
         assert found[name]["robot_seconds"] == pytest.approx(sum(one.time for one in some))
         for parts in ("cause: ", "distance: ", "episodes "):
             shares = [part["share_of_time"] for key, part in found[name].items() if key.startswith(parts)]

@@ -12,9 +12,7 @@ from txt1.model.vehicle import PWM_MAX
 
 ways = st.sampled_from((1, -1))
 channels = st.builds(Channel, ways, st.floats(-2400.0, 2400.0), st.floats(0.5, 1.1))
-wirings = st.builds(
-    Channels, channels, channels, channels, channels, channels, ways, ways, st.booleans()
-)  # fmt: skip
+wirings = st.builds(Channels, channels, channels, channels, channels, channels, ways, ways, st.booleans())
 counts = st.floats(-5000.0, 5000.0)
 
 

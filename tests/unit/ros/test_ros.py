@@ -130,11 +130,13 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
 
 def test_a_camera_s_optical_frame_has_z_ahead_and_x_to_the_right() -> None:
     x, y, z, w = (TO_OPTICAL[axis] for axis in "xyzw")
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
     assert turn @ (0.0, 0.0, 1.0) == pytest.approx([1.0, 0.0, 0.0]), "z ahead"
     assert turn @ (1.0, 0.0, 0.0) == pytest.approx([0.0, -1.0, 0.0]), "x to the right"
 

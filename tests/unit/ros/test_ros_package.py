@@ -33,14 +33,16 @@ def launched(monkeypatch: pytest.MonkeyPatch, **given: str) -> list[SimpleNamesp
         "launch": {"LaunchDescription": list},
         "launch.actions": {
             "DeclareLaunchArgument": lambda name, default_value: SimpleNamespace(name=name, value=default_value),
-            "ExecuteProcess": action, "OpaqueFunction": action,
+            "ExecuteProcess": action,
+            "OpaqueFunction": action,
         },
         "launch.substitutions": {
             "LaunchConfiguration": lambda name: SimpleNamespace(perform=lambda context: getattr(context, name)),
         },
-        "launch_ros": {}, "launch_ros.actions": {"Node": action},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": action},
         "launch_ros.parameter_descriptions": {"ParameterValue": lambda value, value_type: value_type(value)},
-    }  # fmt: skip
+    }
     for name, functions in names.items():
         module = ModuleType(name)
         vars(module).update(functions)

@@ -184,12 +184,20 @@ def setup(driver: str, **options: Any) -> Any:
     return DRIVERS.make("driver", driver, Setup("absent_" + driver, options, load().config))
 
 
-@pytest.mark.parametrize("given", [
-    ("imu_3dmgx2", {"port": "/dev/ttyUSB77"}), ("laser_scip", {"port": "/dev/ttyACM77"}),
-    ("laser_ld19", {"port": "/dev/ttyUSB77"}), ("gps_gpsd", {"address": "socket://127.0.0.1:9"}),
-    ("mocap_vrpn", {"address": "socket://127.0.0.1:9"}), ("camera", {"source": "/dev/video77"}),
-    ("depth_realsense", {}), ("depth_player", {"path": "/nowhere/frames.npy"}),
-], ids=lambda given: given[0])  # fmt: skip
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("imu_3dmgx2", {"port": "/dev/ttyUSB77"}),
+        ("laser_scip", {"port": "/dev/ttyACM77"}),
+        ("laser_ld19", {"port": "/dev/ttyUSB77"}),
+        ("gps_gpsd", {"address": "socket://127.0.0.1:9"}),
+        ("mocap_vrpn", {"address": "socket://127.0.0.1:9"}),
+        ("camera", {"source": "/dev/video77"}),
+        ("depth_realsense", {}),
+        ("depth_player", {"path": "/nowhere/frames.npy"}),
+    ],
+    ids=lambda given: given[0],
+)
 async def test_hardware_that_is_not_there_is_told_in_one_line(given: tuple[str, dict[str, Any]]) -> None:
     needs = {"gps_gpsd": "utm", "camera": "av", "depth_realsense": "pyrealsense2"}
     if given[0] in needs:

@@ -155,8 +155,13 @@ def test_vehicles_that_do_not_touch_move_as_if_they_were_alone_to_the_last_bit()
     assert driven() == driven((0.0, -0.8, 0.0)) == driven((5.0, 5.0, 1.0), (0.0, 0.8, 0.0), (-1.0, 0.0, 0.0))
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([-4000, 0, 5000]), st.integers(-18000, 18000)),
-                min_size=5, max_size=25))  # fmt: skip
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2), st.sampled_from([-4000, 0, 5000]), st.integers(-18000, 18000)),
+        min_size=5,
+        max_size=25,
+    )
+)
 @settings(max_examples=60, derandomize=True)
 def test_bodies_never_overlap_by_a_centimetre(commands: list[tuple[int, int, int]]) -> None:
     post = Post(0.0, 0.9, 0.1)

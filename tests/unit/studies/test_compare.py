@@ -26,8 +26,15 @@ def line(rows: list[list[float]], name: str = "pilot", number: int = 1) -> dict[
 
 def raw(file: Path, lines: list[dict[str, Any]], **other: Any) -> Path:
     told = CONFIG.model_dump(mode="json", exclude={"seed"})
-    head = {"format": compare.FORMAT, "version": 1, "seed": 1, "episodes": 12, "columns": contenders.COLUMNS,
-            "config": told, "provenance": provenance(*OWN)} | other  # fmt: skip
+    head = {
+        "format": compare.FORMAT,
+        "version": 1,
+        "seed": 1,
+        "episodes": 12,
+        "columns": contenders.COLUMNS,
+        "config": told,
+        "provenance": provenance(*OWN),
+    } | other
     file.write_text("".join(json.dumps(each) + "\n" for each in [head, *lines]))
     return file
 

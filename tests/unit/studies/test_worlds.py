@@ -30,8 +30,16 @@ def raw(times: list[list[float]], won: list[list[int]]) -> dict[str, Any]:
     rows = [
         [[0.0, 0.0, t, w, 4.0, 5.0] for t, w in zip(ts, ws, strict=True)] for ts, ws in zip(times, won, strict=True)
     ]
-    return {"agent": "a", "world": "w", "seed": 1, "trials": len(times), "episodes": len(times[0]), "results": rows,
-            "provenance": {"code": "0"}, "config": completed(Config()).model_dump(mode="json")}  # fmt: skip
+    return {
+        "agent": "a",
+        "world": "w",
+        "seed": 1,
+        "trials": len(times),
+        "episodes": len(times[0]),
+        "results": rows,
+        "provenance": {"code": "0"},
+        "config": completed(Config()).model_dump(mode="json"),
+    }
 
 
 def test_there_are_at_least_24_worlds_and_each_is_a_sound_configuration() -> None:

@@ -79,9 +79,14 @@ def test_the_loops_step_and_what_they_say_goes_through_the_gate() -> None:
     assert desk.state.control.outputs == desk.written[-1], "what it tells is what it sent"
 
 
-@pytest.mark.parametrize("field, value", [
-    ("link", LinkState(alive=False)), ("power", Power(True, False)), ("command", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "field, value",
+    [
+        ("link", LinkState(alive=False)),
+        ("power", Power(True, False)),
+        ("command", None),
+    ],
+)
 def test_without_link_esc_or_command_it_is_neutral_and_the_loops_forget(field: str, value: object) -> None:
     desk = Desk()
     desk.state.gains = desk.state.gains._replace(linear=Gains(0.0, 10.0, 0.0))

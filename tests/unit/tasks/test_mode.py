@@ -67,9 +67,16 @@ def test_the_modes_message_says_what_is_known() -> None:
     assert MODE.make is not None
     told = MODE.make(Mode(True, False, "x", LinkState(True, True), Power(True, False, True), Panel(3, 0, True)))
     assert told == {
-        "armed": True, "stopped": False, "mode": "manual", "link_alive": True, "combined": True, "atx": "on",
-        "esc": "off", "screen": 3, "reason": "x",
-    }  # fmt: skip
+        "armed": True,
+        "stopped": False,
+        "mode": "manual",
+        "link_alive": True,
+        "combined": True,
+        "atx": "on",
+        "esc": "off",
+        "screen": 3,
+        "reason": "x",
+    }
     assert MODE.make(Mode(panel=Panel(manual=False)))["mode"] == "controller"
     told = MODE.make(Mode(power=Power(None, True, False), panel=Panel(manual=None)))
     assert (told["atx"], told["esc"], told["mode"]) == ("", "on (asked)", "")

@@ -65,15 +65,23 @@ def test_an_address_has_five_wrong_tokens_and_then_one_in_five_seconds() -> None
 @pytest.mark.parametrize(
     ("host", "known"),
     [("127.0.0.1:80", True), ("localhost:80", True), ("[::1]:80", True), ("evil.example:80", False), ("", False)],
-)  # fmt: skip
+)
 def test_without_a_token_only_loopback_names_are_answered(host: str, known: bool) -> None:
     assert Auth(None, "http", 80).knows_host(host) is known
     assert Auth(TOKEN, "https", 80).knows_host(host), "with one a name is no secret"
 
 
 @pytest.mark.parametrize(
-    "origin", [None, "null", "http://127.0.0.1:81", "https://127.0.0.1:80", "http://evil.example", "http://127.0.0.1:80.evil.example"]
-)  # fmt: skip
+    "origin",
+    [
+        None,
+        "null",
+        "http://127.0.0.1:81",
+        "https://127.0.0.1:80",
+        "http://evil.example",
+        "http://127.0.0.1:80.evil.example",
+    ],
+)
 def test_other_origins_are_not_ours(origin: str | None) -> None:
     door = Auth(None, "http", 80)
     assert not door.knows_origin(origin, "127.0.0.1:80")

@@ -88,9 +88,13 @@ async def test_in_a_flood_nothing_but_a_stop_is_heard(robot: Robot) -> None:
     heard = [take(pages, page, ALIKE) for _ in range(1000)]
     assert heard.count(True) == BURST and page.counts["dropped"] == 1000 - BURST
     for no_stop in (
-        '{"do": "drive", "stop": "stop"}', '["stop"]', '"stop"', '{"stop"', '{"do": ["stop"]}',
+        '{"do": "drive", "stop": "stop"}',
+        '["stop"]',
+        '"stop"',
+        '{"stop"',
+        '{"do": ["stop"]}',
         '{"do": "stop", "x": "%s"}' % (STOP_MAX * "x"),
-    ):  # fmt: skip
+    ):
         take(pages, page, no_stop)
     assert robot.times("stop") == 0
     for stop in (STOP, '{"n": 7, "t": 1.5, "do": "stop"}', '{ "do" : "stop" }'):
@@ -121,11 +125,15 @@ async def test_a_stop_waits_for_few_messages_of_a_flood_that_has_come_before_it(
 
 
 JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
     | st.sampled_from([10**400, -(10**400), 1e308, "1e999", "nan"]),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=12,
-)  # fmt: skip
+)
 NAMES = (
     "n", "t", "v", "omega", "ping", "points", "speed", "linear", "angular", "on", "name", "topics", "to", "hold",
 )  # fmt: skip

@@ -142,11 +142,15 @@ async def steering(bench: Bench) -> None:
                     await hands.wait(HAND_PERIOD)
                 stops.append(sign * (wire - SWEEP * REACTION if seeing.done() else float(PWM_MAX)))
                 seeing.cancel()
-        bench.found({
-            f"channels.{axle}.direction": 1 if way == "right" else -1,  # positive counts point either axle to the right
-            f"channels.{axle}.trim": float(round(0.5 * (stops[0] + stops[1]))),
-            f"channels.{axle}.scale": round(0.5 * (stops[0] - stops[1]) / STEERING_MAX, 4),
-        })  # fmt: skip
+        bench.found(
+            {
+                f"channels.{axle}.direction": 1
+                if way == "right"
+                else -1,  # positive counts point either axle to the right
+                f"channels.{axle}.trim": float(round(0.5 * (stops[0] + stops[1]))),
+                f"channels.{axle}.scale": round(0.5 * (stops[0] - stops[1]) / STEERING_MAX, 4),
+            }
+        )
 
 
 async def servo(bench: Bench) -> None:
@@ -161,7 +165,9 @@ async def servo(bench: Bench) -> None:
         steered = await ask.choose("front", "Which way do the front wheels point, seen from above?", ("left", "right"))
         turned = await ask.choose("turned", "Which way do the wheels turn?", ("forward", "backward"))
         await driving
-    bench.found({
-        "hal_options.backwards": options.backwards is not (turned == "backward"),
-        "hal_options.servo_range": options.servo_range * (1.0 if steered == "left" else -1.0),
-    })  # fmt: skip
+    bench.found(
+        {
+            "hal_options.backwards": options.backwards is not (turned == "backward"),
+            "hal_options.servo_range": options.servo_range * (1.0 if steered == "left" else -1.0),
+        }
+    )

@@ -87,10 +87,12 @@ async def _even_sides(bench: Bench) -> None:
         trim = clip(0.5 * (more[0] + more[1]), 0.5 * band)
         for name, half in (("right", -0.5), ("left", 0.5)):
             channel = getattr(bench.config.channels, name)
-            bench.found({
-                f"channels.{name}.scale": round(channel.scale * (1.0 + half * scale), 4),
-                f"channels.{name}.trim": round(channel.trim + half * channel.direction * channel.scale * trim, 1),
-            })  # fmt: skip
+            bench.found(
+                {
+                    f"channels.{name}.scale": round(channel.scale * (1.0 + half * scale), 4),
+                    f"channels.{name}.trim": round(channel.trim + half * channel.direction * channel.scale * trim, 1),
+                }
+            )
 
 
 async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | None:
@@ -171,10 +173,13 @@ async def circle(bench: Bench) -> None:
     if shares:
         channels, share = bench.config.channels, 0.5 * (shares[0] + shares[1])
         if share < 0.0:  # the outer wheel seems to go the shorter way
-            bench.found({
-                "channels.encoders_swapped": not channels.encoders_swapped,
-                "channels.right_encoder": channels.left_encoder, "channels.left_encoder": channels.right_encoder,
-            })  # fmt: skip
+            bench.found(
+                {
+                    "channels.encoders_swapped": not channels.encoders_swapped,
+                    "channels.right_encoder": channels.left_encoder,
+                    "channels.left_encoder": channels.right_encoder,
+                }
+            )
         steered = 0.5 * bend * bend * geometry.wheelbase * geometry.lever if geometry.steering == "both" else 0.0
         bench.found({"geometry.track_width": round(2.0 * abs(share) / bend * (1.0 + steered), 4)})
 

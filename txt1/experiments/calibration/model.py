@@ -45,9 +45,13 @@ async def speeds(bench: Bench) -> None:
     if len(forward) > 1:
         gain, offset = np.polyfit([u for u, _ in forward], [v for _, v in forward], 1)
         band = max(0.0, round(float(-offset / gain), 1))
-        bench.found({
-            "car.dead_band": band, "sim.vehicle.dead_band": band, "sim.vehicle.speed_gain": round(float(gain), 8),
-        })  # fmt: skip
+        bench.found(
+            {
+                "car.dead_band": band,
+                "sim.vehicle.dead_band": band,
+                "sim.vehicle.speed_gain": round(float(gain), 8),
+            }
+        )
 
 
 async def _speed_at(bench: Bench, counts: float, wanted: float) -> float:
@@ -74,12 +78,16 @@ async def tune(bench: Bench) -> None:
     )
     async with bench.robot() as robot:
         plant = identify(await try_out(robot))
-    bench.found({
-        "car.speed_gain": round(plant.speed_gain, 8), "car.dead_band": round(plant.dead_band, 1),
-        "car.time_constant": round(max(plant.time_constant, 0.01), 4),
-        "sim.vehicle.speed_gain": round(plant.speed_gain, 8), "sim.vehicle.dead_band": round(plant.dead_band, 1),
-        "sim.vehicle.speed_time_constant": round(max(plant.time_constant, 0.01), 4),
-    })  # fmt: skip
+    bench.found(
+        {
+            "car.speed_gain": round(plant.speed_gain, 8),
+            "car.dead_band": round(plant.dead_band, 1),
+            "car.time_constant": round(max(plant.time_constant, 0.01), 4),
+            "sim.vehicle.speed_gain": round(plant.speed_gain, 8),
+            "sim.vehicle.dead_band": round(plant.dead_band, 1),
+            "sim.vehicle.speed_time_constant": round(max(plant.time_constant, 0.01), 4),
+        }
+    )
     bench.operator.tell("Trying gains on its model: that takes some seconds.")
     control, geometry = bench.config.control, bench.config.geometry
     linear = await asyncio.to_thread(

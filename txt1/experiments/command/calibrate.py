@@ -40,16 +40,24 @@ HEAD: Final = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `calibrate` takes."""
-    add(parser, ROBOT | {
-        "--write": takes("FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", path),
-        "--step": takes(
-            "NAME", f"do only this step, even if it was done; may be repeated: {', '.join(STEPS)}", action="append"
-        ),
-        "--practice": takes(
-            "N", "calibrate this number of unknown simulated cars of this kind, and judge how each drives then", count
-        ),
-        "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
-    })  # fmt: skip
+    add(
+        parser,
+        ROBOT
+        | {
+            "--write": takes(
+                "FILE", "vehicle file to write; an existing one is continued; with --practice a .csv", path
+            ),
+            "--step": takes(
+                "NAME", f"do only this step, even if it was done; may be repeated: {', '.join(STEPS)}", action="append"
+            ),
+            "--practice": takes(
+                "N",
+                "calibrate this number of unknown simulated cars of this kind, and judge how each drives then",
+                count,
+            ),
+            "--ask": flag("ask you about a simulated car, too, and not a simulated operator"),
+        },
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -32,16 +32,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `experiment` takes."""
     known = ", ".join([*names(), sensor_failure.EXPERIMENT])
     kinds = f"{known}; a file of your own, {EXAMPLE}; or compare, with the folders of two to four runs"
-    add(parser, {
-        "what": takes("NAME|FILE.yaml|compare", kinds),
-        "runs": takes("FOLDER", "of the runs to compare", path, nargs="*"),
-        "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", path),
-        "--label": takes("TEXT", "names the run in figures and tables"),
-        "--repeats": takes("N", "runs, simulated with one seed after the other; their mean is taken", count, default=1),
-        "--no-safe-end": flag("continue to drive when the batteries' safe time is over"),
-        "--no-figure": flag("draw nothing; needs no matplotlib"),
-        "--json": flag("print the metrics as one JSON object"),
-    } | OPTIONS | ROBOT | ARM | LOG)  # fmt: skip
+    add(
+        parser,
+        {
+            "what": takes("NAME|FILE.yaml|compare", kinds),
+            "runs": takes("FOLDER", "of the runs to compare", path, nargs="*"),
+            "--out": takes("DIR", "of the results; out/NAME when left out, or out/NAME-2 and so on", path),
+            "--label": takes("TEXT", "names the run in figures and tables"),
+            "--repeats": takes(
+                "N", "runs, simulated with one seed after the other; their mean is taken", count, default=1
+            ),
+            "--no-safe-end": flag("continue to drive when the batteries' safe time is over"),
+            "--no-figure": flag("draw nothing; needs no matplotlib"),
+            "--json": flag("print the metrics as one JSON object"),
+        }
+        | OPTIONS
+        | ROBOT
+        | ARM
+        | LOG,
+    )
 
 
 def configure(arguments: argparse.Namespace) -> tuple[Config, Speed]:
@@ -106,9 +115,12 @@ def _sensor_failure(arguments: argparse.Namespace) -> int:
     told, done = config.model_dump(mode="json"), dict[sensor_failure.Which, sensor_failure.FailureOutcome]()
     workers = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
     code = run(
-        failed, {which: [told, speed, *which] for which in plan}, workers,
-        lambda which, tree: done.update({which: sensor_failure.outcome_of(tree)}), bar=sensor_failure.EXPERIMENT,
-    )  # fmt: skip
+        failed,
+        {which: [told, speed, *which] for which in plan},
+        workers,
+        lambda which, tree: done.update({which: sensor_failure.outcome_of(tree)}),
+        bar=sensor_failure.EXPERIMENT,
+    )
     if code != OK:
         return code
     outcomes = [done[which] for which in plan]
@@ -191,9 +203,16 @@ def drive(
 
 
 def drive_all(
-    config: Config, profile: Profile, speed: Speed, seeds: Sequence[int], machines: Workers, *, safe_end: bool = True,
-    arm: bool | None = None, bar: str = "",
-) -> tuple[list[Outcome], int]:  # fmt: skip
+    config: Config,
+    profile: Profile,
+    speed: Speed,
+    seeds: Sequence[int],
+    machines: Workers,
+    *,
+    safe_end: bool = True,
+    arm: bool | None = None,
+    bar: str = "",
+) -> tuple[list[Outcome], int]:
     """Drive an experiment with each of these seeds and return the outcomes, up to the first bad exit code, and that.
 
     They are in the order of the seeds, wherever they were driven. A signal ends it.

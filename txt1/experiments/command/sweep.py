@@ -35,15 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"For example: txt1 sweep seed=1..100 control.linear.kp=9,11 -- run --json --drive 0.5,0 --duration 10, or "
         f"txt1 sweep seed=1..1000 -- learn --trials 1 --jobs 1 --out {OUT}. {parser.epilog}"
     )
-    commands.add(parser, {
-        "words": {
-            "nargs": "+", "metavar": "PARAM=VALUES | COMMAND",
-            "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
-            f"writes metrics.json into {OUT}",
-        },
-        "--out": takes("DIR", "where the table goes; out/sweep when left out", path, default=Path("out/sweep")),
-        "--resume": flag("continue the results in DIR"),
-    } | OPTIONS)  # fmt: skip
+    commands.add(
+        parser,
+        {
+            "words": {
+                "nargs": "+",
+                "metavar": "PARAM=VALUES | COMMAND",
+                "help": "after the options: settings and values (1,2,5 or 1..100), --, a command that prints JSON, or "
+                f"writes metrics.json into {OUT}",
+            },
+            "--out": takes("DIR", "where the table goes; out/sweep when left out", path, default=Path("out/sweep")),
+            "--resume": flag("continue the results in DIR"),
+        }
+        | OPTIONS,
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -28,12 +28,18 @@ TESTS: Final = ("linear-steps", "angular-steps")  # on which gains are compared
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `tune` takes."""
-    add(parser, ROBOT | ARM | OPTIONS | {
-        "--out": takes("DIR", "write tables and figures of old and new there", path),
-        "--write": takes("FILE", "write the gains to this YAML file", path),
-        "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
-        "--repeats": takes("N", "number of runs of each test; their mean is judged", count, default=10),
-    })  # fmt: skip
+    add(
+        parser,
+        ROBOT
+        | ARM
+        | OPTIONS
+        | {
+            "--out": takes("DIR", "write tables and figures of old and new there", path),
+            "--write": takes("FILE", "write the gains to this YAML file", path),
+            "--no-trial": flag("propose only; do not drive the tests with old and new gains"),
+            "--repeats": takes("N", "number of runs of each test; their mean is judged", count, default=10),
+        },
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -13,8 +13,11 @@ from txt1.errors import installs
 from txt1.hal.pi.driver import GET_LGPIO
 
 CHIPS: Final = {
-    0x40: "servo board (PCA9685), or an INA219", 0x41: "INA219", 0x48: "ADS1115", 0x70: "servo board, all at once",
-}  # fmt: skip
+    0x40: "servo board (PCA9685), or an INA219",
+    0x41: "INA219",
+    0x48: "ADS1115",
+    0x70: "servo board, all at once",
+}
 """I2C addresses that are asked, and who may answer there."""
 
 

@@ -234,9 +234,12 @@ def _start(setup: GuardSetup) -> subprocess.Popen[bytes]:
     if setup.output == "pca9685":  # a guard that is killed leaves no time for imports
         guard.bus_class(setup)
     process = subprocess.Popen(  # noqa: S603 - our own program
-        [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())], start_new_session=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-P", guard.__file__, json.dumps(setup._asdict())],
+        start_new_session=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     assert process.stdin is not None and process.stdout is not None and process.stderr is not None
     begun, _, _ = select.select([process.stdout], [], [], START)
     if not begun:
@@ -352,9 +355,12 @@ class PiHal(PlainHal):
             self._link = link
         can, heard = self.capabilities, max(0.0, self._heard)
         return Inputs(
-            ticks=(self._counts or (0, 0)) if can.ticks else None, odometry=self._odometry if can.odometry else None,
-            odometry_time=heard, batteries=None if self._voltage is None else (self._voltage, 0.0), link=self._link,
-        )  # fmt: skip
+            ticks=(self._counts or (0, 0)) if can.ticks else None,
+            odometry=self._odometry if can.odometry else None,
+            odometry_time=heard,
+            batteries=None if self._voltage is None else (self._voltage, 0.0),
+            link=self._link,
+        )
 
     def _lose(self, reason: str) -> None:
         """Count a loss and keep its reason, unless they are lost already or were never there."""
@@ -431,10 +437,20 @@ def setup_of(options: PiOptions, geometry: Geometry, channels: Channels = STRAIG
     address = options.battery_address or {"none": 0, "ina219": 0x41, "ads1115": 0x48}[options.battery]
     pins = (*options.motor, *options.steering[:servos])
     return GuardSetup(
-        options.bus, options.output, options.address, options.frequency, options.oscillator, pins,
-        neutral(options, geometry, channels), options.encoders, options.battery, address, options.battery_channel,
-        options.divider, options.watchdog,
-    )  # fmt: skip
+        options.bus,
+        options.output,
+        options.address,
+        options.frequency,
+        options.oscillator,
+        pins,
+        neutral(options, geometry, channels),
+        options.encoders,
+        options.battery,
+        address,
+        options.battery_channel,
+        options.divider,
+        options.watchdog,
+    )
 
 
 def create(config: Config) -> PiHal:

@@ -199,8 +199,9 @@ class Guarded:
         self.setup, self.output, self.encoders = setup, output, encoders
         self._bus, self._feed, self._level = bus, feed, 0
         self._read: Callable[[I2cBus, GuardSetup], float] | None = {
-            "ina219": ina219_voltage, "ads1115": Ads1115().voltage,
-        }.get(setup.battery)  # fmt: skip
+            "ina219": ina219_voltage,
+            "ads1115": Ads1115().voltage,
+        }.get(setup.battery)
         self._answers, self._voltage = 0, -1.0
 
     def answer(self, pulses: Sequence[float]) -> bytes:

@@ -107,11 +107,31 @@ class Vesc(Controller):
         self.step(self.now)
         erpm = self.car.vehicle.motion[3] * self._erpm_per_speed
         values = _VALUES.pack(
-            PacketId.GET_VALUES, 250, 250, 0, 0, 0, 0, round(1000.0 * self._duty), round(erpm),
-            round(10.0 * self.car.voltage), 0, 0, 0, 0, int(self._last * self._steps_per_m),
-            int(self._distance * abs(self._steps_per_m)), self.fault,
-            0, 0, 250, 250, 250, 0, 0,
-        )  # fmt: skip
+            PacketId.GET_VALUES,
+            250,
+            250,
+            0,
+            0,
+            0,
+            0,
+            round(1000.0 * self._duty),
+            round(erpm),
+            round(10.0 * self.car.voltage),
+            0,
+            0,
+            0,
+            0,
+            int(self._last * self._steps_per_m),
+            int(self._distance * abs(self._steps_per_m)),
+            self.fault,
+            0,
+            0,
+            250,
+            250,
+            250,
+            0,
+            0,
+        )
         return values + (bytes((self.timed_out,)) if self.firmware >= (6, 0) else b"")
 
 

@@ -67,9 +67,12 @@ def packet(payload: bytes) -> bytes:
 # which 0 brakes with the motor's own current; a motor current in A, of which 0 lets it roll; braking with one; and the
 # servo's position from 0 to 1, in two bytes.
 SCALES: Final = {
-    PacketId.SET_RPM: 1.0, PacketId.SET_DUTY: 1e5, PacketId.SET_CURRENT: 1e3, PacketId.SET_CURRENT_BRAKE: 1e3,
+    PacketId.SET_RPM: 1.0,
+    PacketId.SET_DUTY: 1e5,
+    PacketId.SET_CURRENT: 1e3,
+    PacketId.SET_CURRENT_BRAKE: 1e3,
     PacketId.SET_SERVO_POS: 1e3,
-}  # fmt: skip
+}
 
 
 def order(command: PacketId, value: float) -> bytes:
@@ -158,9 +161,18 @@ def values_of(payload: bytes) -> Values | None:
     hot, motor, amps, amps_in, _, _, duty, erpm, volts, *_, tachometer, distance, fault = _VALUES.unpack_from(body)
     timed_out = bool(body[_STATUS_AT - 1] & 1) if len(body) >= _STATUS_AT else None
     return Values(
-        hot / 10.0, motor / 10.0, amps / 100.0, amps_in / 100.0, duty / 1000.0, erpm, volts / 10.0,
-        tachometer, distance, fault, timed_out,
-    )  # fmt: skip
+        hot / 10.0,
+        motor / 10.0,
+        amps / 100.0,
+        amps_in / 100.0,
+        duty / 1000.0,
+        erpm,
+        volts / 10.0,
+        tachometer,
+        distance,
+        fault,
+        timed_out,
+    )
 
 
 def timeout_of(payload: bytes) -> float | None:
@@ -247,9 +259,12 @@ class VescHal(PlainHal):
             return Inputs(odometry=self._odometry, odometry_time=self._line.run_time(self._taken), link=link)
         time = self._line.run_time(self._taken)
         return Inputs(
-            odometry=self._odometry, odometry_time=time, batteries=(max(0.0, self._values.voltage), 0.0),
-            battery_time=time, link=link,
-        )  # fmt: skip
+            odometry=self._odometry,
+            odometry_time=time,
+            batteries=(max(0.0, self._values.voltage), 0.0),
+            battery_time=time,
+            link=link,
+        )
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send speed and steering and ask for the values, every time: that also tells the controller that we live."""

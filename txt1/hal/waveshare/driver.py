@@ -133,9 +133,7 @@ def goes_on(before: BoardReport, after: BoardReport, dt: float, gyro: float) -> 
     """Whether a report may follow another `dt` s later: lines have no check sum, and a wrong digit is one as well."""
     kicks = [abs((now or 0.0) - (was or 0.0)) for was, now in zip(before[:2], after[:2], strict=True)]
     swing = abs(gyro * ((after.gyro or 0.0) - (before.gyro or 0.0)))
-    return (
-        max(kicks) <= KICK[0] + KICK[1] * dt and swing <= SWING[0] + SWING[1] * dt and rolls_on(before, after, dt)
-    )  # fmt: skip
+    return max(kicks) <= KICK[0] + KICK[1] * dt and swing <= SWING[0] + SWING[1] * dt and rolls_on(before, after, dt)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,9 +205,12 @@ class WaveshareHal(PlainHal):
         link = self._line.report(now, {"line_damaged": self._skipped + self._lines.faults, "doubted": self._doubts})
         time = self._line.run_time(self._taken)
         return Inputs(
-            odometry=self._odometry if self._options.encoders else None, odometry_time=time, batteries=self._batteries,
-            battery_time=time, link=link,
-        )  # fmt: skip
+            odometry=self._odometry if self._options.encoders else None,
+            odometry_time=time,
+            batteries=self._batteries,
+            battery_time=time,
+            link=link,
+        )
 
     def write(self, outputs: Outputs, now: float) -> None:
         """Send the sides' speeds every time, which is the heartbeat, and the settings once a second."""

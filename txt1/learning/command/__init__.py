@@ -36,18 +36,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "configuration, e.g. --set learning.thesis.remedy=hold. A disarm ends it, because nobody can arm again: "
         f"--resume --arm continues. Several trials are recorded to FILE-trial-0001.mcap and so on. {parser.epilog}"
     )
-    add(parser, {
-        "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
-        "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
-        "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
-        "--out": takes("DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", path),
-        "--resume": flag("continue the results in DIR"),
-        "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
-        "--worlds": _moved("worlds DIR"),
-        "--world": _moved("worlds DIR --world NAMES"),
-        "--compare": _moved("compare FILE"),
-        "--floor": _moved("floor"),
-    } | OPTIONS | LOG | ROBOT | ARM)  # fmt: skip
+    add(
+        parser,
+        {
+            "--agent": takes("NAME", f"{' or '.join(LEARNERS.names())}; thesis by default"),
+            "--trials": takes("N", "number of trials, each from scratch; 5 by default", count, default=5),
+            "--episodes": takes("N", "episodes of each trial; 31 by default", count, default=31),
+            "--out": takes(
+                "DIR", "where tables and pictures go; out/learn when left out, or out/learn-2 and so on", path
+            ),
+            "--resume": flag("continue the results in DIR"),
+            "--no-pictures": flag("draw no pictures; in a sweep of many trials they would take most of the time"),
+            "--worlds": _moved("worlds DIR"),
+            "--world": _moved("worlds DIR --world NAMES"),
+            "--compare": _moved("compare FILE"),
+            "--floor": _moved("floor"),
+        }
+        | OPTIONS
+        | LOG
+        | ROBOT
+        | ARM,
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -57,9 +66,15 @@ def main(arguments: argparse.Namespace) -> int:
     make(name, config, np.random.default_rng(0))  # refuses a wrong name or options before anything begins
     speed = robot_speed(arguments, config)
     plan = Plan(
-        name, arguments.trials, arguments.episodes, config.seed, config, speed,
-        bool(arguments.arm), arguments.log,
-    )  # fmt: skip
+        name,
+        arguments.trials,
+        arguments.episodes,
+        config.seed,
+        config,
+        speed,
+        bool(arguments.arm),
+        arguments.log,
+    )
     machines = workers_of(arguments, alone=speed != "max" and not arguments.jobs)
 
     out = arguments.out or (Path("out/learn") if arguments.resume else unused(Path("out/learn")))

@@ -39,7 +39,7 @@ from txt1.learning.trial import (
     starts,
     stream,
     task_of,
-)  # fmt: skip
+)
 from txt1.trials.run import run
 from txt1.trials.workers import Workers, stopped
 
@@ -146,9 +146,10 @@ def on_robot(
             if robot.hal.capabilities.place:  # always at the same instant
                 await asyncio.sleep(max(0.0, BEGIN - 0.001 - robot.now))
             learning = LearningTask(
-                robot, trial, stopped=lambda: stopped() or not (robot.armed or robot.arms_again)
-                or bool(learning.overruled),
-            )  # fmt: skip
+                robot,
+                trial,
+                stopped=lambda: stopped() or not (robot.armed or robot.arms_again) or bool(learning.overruled),
+            )
             learning.start()
             await learning.ended.wait()
             if learning.overruled:

@@ -29,10 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--task": takes("WORDS", "what the episodes of --lerobot show; of a learner's: drive to the light"),
     }
     whole = {"-o --output": takes("FILE", "the new file; FILE.recovered.mcap", path)}
-    add_actions(parser, {
-        "info": (show_info, RECORDING), "cat": (print_messages, chosen), "export": (export_csv, chosen | folder),
-        "recover": (recover_file, RECORDING | whole),
-    })  # fmt: skip
+    add_actions(
+        parser,
+        {
+            "info": (show_info, RECORDING),
+            "cat": (print_messages, chosen),
+            "export": (export_csv, chosen | folder),
+            "recover": (recover_file, RECORDING | whole),
+        },
+    )
 
 
 def show_info(arguments: argparse.Namespace) -> int:

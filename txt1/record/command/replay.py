@@ -9,14 +9,19 @@ from txt1.kernel.loop import run
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and how it is to be shown."""
-    add(parser, RECORDING | ONE_ROBOT | {
-        "--verify": flag("run the recorded inputs through the tasks and compare"),
-        "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
-        "--from": takes("S", "begin at this time of the run", float, dest="start"),
-        "--loop": flag("begin anew at the end"),
-        "--ros2": flag("publish it as topics of ROS 2, its time as /clock, instead of showing it on the screens"),
-        "--ros2-namespace": takes("NS", "of those topics; none by default"),
-    })  # fmt: skip
+    add(
+        parser,
+        RECORDING
+        | ONE_ROBOT
+        | {
+            "--verify": flag("run the recorded inputs through the tasks and compare"),
+            "--speed": takes("N", "as a multiple of real time", positive, default=1.0),
+            "--from": takes("S", "begin at this time of the run", float, dest="start"),
+            "--loop": flag("begin anew at the end"),
+            "--ros2": flag("publish it as topics of ROS 2, its time as /clock, instead of showing it on the screens"),
+            "--ros2-namespace": takes("NS", "of those topics; none by default"),
+        },
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:

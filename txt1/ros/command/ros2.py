@@ -12,14 +12,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
     which = {
         "--distribution": {
-            "choices": ("jazzy", "kilted"), "default": "jazzy", "help": "which ROS 2; jazzy by default",
+            "choices": ("jazzy", "kilted"),
+            "default": "jazzy",
+            "help": "which ROS 2; jazzy by default",
         },
-    }  # fmt: skip
+    }
     place = {"folder": takes("FOLDER", "such as the src of a colcon workspace", path)}
-    add_actions(parser, {
-        "install": (install, which), "info": (show, {}), "package": (package, place),
-        "urdf": (urdf, CONFIGURATION),
-    })  # fmt: skip
+    add_actions(
+        parser,
+        {
+            "install": (install, which),
+            "info": (show, {}),
+            "package": (package, place),
+            "urdf": (urdf, CONFIGURATION),
+        },
+    )
 
 
 def install(arguments: argparse.Namespace) -> int:
