@@ -23,12 +23,14 @@ import numpy as np
 
 from txt1.estimation.alignment import about, aligned
 from txt1.estimation.ekf import (
+    CRAWL,
     GYRO,
     OMEGA,
     POSE,
     ROLLED,
     SIZE,
     SLIP,
+    TAN_MAX,
     THETA,
     Array,
     Belief,
@@ -45,9 +47,10 @@ from txt1.estimation.ekf import (
     update,
     velocities,
 )
+from txt1.estimation.frame import USUAL, Frame, Reckoning
 from txt1.estimation.judge import CHI95, CHI99, KEEPS, OTHER, SEVERAL, Belonging, Judge, Trust
 from txt1.estimation.measurement import Kind, Measurement
-from txt1.estimation.vote import Place, Vote
+from txt1.estimation.vote import Cycle, Place, Vote
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
@@ -73,7 +76,9 @@ PAIRS_MAX: Final = 600  # positions that are kept to find it
 OUTVOTED: Final = "is contradicted by two others"
 WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
+MOVES: Final = "tells a way that no car goes: its frame moves"
 FRAMES: Final = "measures positions in another frame than"
+MISSES: Final = 0.5  # m/s by which dead reckoning may be off: slip, skids, a push
 RECENT: Final = 1.0  # s in which another sensor has told the place
 
 Doubt = Callable[[Seven], tuple[float, float, float, float]]
@@ -92,6 +97,7 @@ class _Entry:
     used: bool = True
     fresh: bool = False  # nothing is known of the slip before it
     count: int = 1  # readings that it is the mean of
+    moved: tuple[float, float, float] | None = None  # m, m by which the pose is put elsewhere before it, and the slip
     wider: Array | None = None  # what the covariance grows by before it, as it is more than the model expects
 
 
@@ -121,6 +127,8 @@ class Fusion:
         self.absolute: Callable[[Measurement, float], None] | None = None
         """Is called with each absolute reading that is taken in, and the heading there, rad."""
         self.wheelbase = wheelbase
+        self._reckoning = Reckoning()
+        self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         self._density: Seven = drift.density()
         self._moving = self._density  # as it is by itself, and with slip as it changes here
         self._slips = self._density[SLIP]
@@ -158,6 +166,8 @@ class Fusion:
         self.vote.clear()
         self._carried, self._dispute = None, [0.0, 0.0, 0.0]
         self._way_doubt = 0.0, 0.0
+        for frame in self._frames.values():
+            frame.clear()
         for judge in self._judges.values():
             judge.own, judge.jumped_at, judge.missed = (), None, ()
 
@@ -219,6 +229,24 @@ class Fusion:
     def turning(self) -> bool:
         """Whether a gyro is believed."""
         return self._turning
+
+    def cycle(self, cycle: Cycle, dt: float) -> None:
+        """Take in what witnesses tell of a cycle of dt seconds."""
+        self.vote.cycle(cycle)
+        frames = self._frames
+        if not frames or not self._located:
+            return
+        if not all(self._judges[name].believed or self._judges[name].reason == WHEELS for name in self._wheels_of):
+            self._reckoning.clear()
+            return
+        _, v, turning, gyro, _ = cycle
+        tangent = 0.5 * self.wheelbase * turning / v if self.wheelbase and abs(v) > CRAWL else 0.0
+        stretch = sqrt(1.0 + min(tangent * tangent, TAN_MAX * TAN_MAX))
+        omega = gyro if gyro is not None and self._turning else turning * stretch
+        slip = (self._entries[-1].belief if self._entries else self._base).mean[SLIP]
+        self._reckoning.go(cycle.time, dt, v / stretch, omega, slip)
+        for frame in frames.values():
+            frame.compare(self._reckoning)
 
     def judge_by_vote(self) -> None:
         """Leave out a gyro or wheels that are outvoted, unless they are the last to tell what they tell."""
@@ -341,6 +369,8 @@ class Fusion:
             if not steering:
                 if entry.fresh or not -SLIP_MAX < belief.mean[SLIP] < SLIP_MAX:
                     belief = self._slip_unknown(belief)
+                if entry.moved is not None:
+                    belief = _moved(belief, entry.moved)
                 if entry.wider is not None:
                     belief = belief_of(belief.mean, belief.covariance + entry.wider)
                 belief = self._measure(belief, entry)
@@ -470,6 +500,14 @@ class Fusion:
         entry.new = False
         judge.surprised(nis, len(residual))
         leapt = judge.leapt(measurement)
+        frame = self._frames.get(judge.name)
+        if frame is not None:
+            if leapt:
+                frame.clear()
+            else:
+                frame.take(measurement, belief)
+            if frame.moves:
+                return self._moving_frame(belief, entry, judge, residual)
         if nis > gate and (leapt or judge.jumped_at is not None):
             return self._jumped(belief, entry, judge, residual, leapt=leapt)
         judge.jumped_at, judge.jumped = None, 0
@@ -478,13 +516,14 @@ class Fusion:
                 judge.rejected += 1
                 entry.used = False
                 return belief
-            if nis <= gate and not judge.fits(measurement.time) and judge.reason != JUMPED:
+            if nis <= gate and not judge.fits(measurement.time) and judge.reason not in (JUMPED, MOVES):
                 judge.rejected += 1
                 entry.used = False
                 return belief
             self._tell(judge.restore())
         if nis <= CHI99[len(residual) - 1]:
             judge.missed = ()
+            judge.fitted_at = judge.grown_at = measurement.time
         elif judge.misses_again(measurement, residual):
             other = self._placed_by_another(judge, measurement)
             if other:
@@ -493,7 +532,14 @@ class Fusion:
                 self._tell(judge.doubt(f"{FRAMES} '{other}'"))
                 return belief
             # strong tracking: dead reckoning is off by what is missed, and so may the slip be
-            entry.wider = _grown(measurement.rows, residual, SLID if self._rolling else 0.0)
+            span = measurement.time - (judge.fitted_at if judge.fitted_at is not None else -KEEPS)
+            judge.fitted_at = max(judge.fitted_at or 0.0, measurement.time - KEEPS)
+            share = 1.0
+            if span < KEEPS:
+                share = min(1.0, MISSES * max(measurement.time - judge.grown_at, 0.0) / max(hypot(*residual[:2]), 1e-9))
+            judge.grown_at = measurement.time
+            grown = [share * residual[0], share * residual[1], *residual[2:]]
+            entry.wider = _grown(measurement.rows, grown, SLID if self._rolling else 0.0)
             before, belief = belief, belief_of(belief.mean, belief.covariance + entry.wider)
             residual, h = self._expect(belief.mean, measurement)
             after, nis, _ = update(belief, residual, h, sigmas)
@@ -574,10 +620,31 @@ class Fusion:
         entry.used = False
         judge.rejected += 1
         if judge.jumped >= SEVERAL:
-            self._tell(judge.doubt(JUMPED))
+            if judge.reason != MOVES:
+                self._tell(judge.doubt(JUMPED))
             if not others:
                 dx, dy, *turn = residual
                 self._carried = dx, dy, turn[0] if turn else 0.0
+        return belief
+
+    def _moving_frame(self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float]) -> Belief:
+        """A reading in a frame that moves: left out; it is taken in again as one that has leapt."""
+        entry.used = False
+        judge.rejected += 1
+        judge.jumped_at, judge.jumped = entry.measurement.time, SEVERAL
+        if judge.believed:
+            self._tell(judge.doubt(MOVES))
+            self.vote.clear()
+            # back to where dead reckoning has it from the window's beginning
+            pulled = self._frames[judge.name].pulled
+            if any(pulled):
+                entry.moved = -pulled[0], -pulled[1], self._reckoning.slip
+                entry.wider = _grown((0, 1), [OTHER * each for each in pulled], USUAL)
+                belief = _moved(belief, entry.moved)
+                belief = belief_of(belief.mean, belief.covariance + entry.wider)
+        if not any(each.settings.tells_pose for each in self._believed()):
+            dx, dy, *turn = residual
+            self._carried = dx, dy, turn[0] if turn else 0.0
         return belief
 
     def _tell(self, news: str) -> None:
@@ -645,7 +712,9 @@ class Fusion:
         x, y, theta, _, omega, bias, slip = belief.mean
         v, told = outside(belief)
         xx, xy, yy, tt = 0.0, 0.0, 0.0, 0.0
-        for other in (self._carried, self._dispute):
+        others = [self._carried, self._dispute]
+        others += [(*frame.pulled, 0.0) for name, frame in self._frames.items() if self._judges[name].believed]
+        for other in others:
             if other is not None:
                 # of two hypotheses: the pose, and where a sensor or dead reckoning would have it
                 share = OTHER * (1.0 - OTHER)
@@ -680,6 +749,12 @@ def _considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sig
     gain[both] = np.linalg.solve(rates @ p @ rates.T + noise, rates @ p[:, both]).T
     left = np.eye(SIZE) - gain @ rows
     return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T)
+
+
+def _moved(belief: Belief, by: tuple[float, float, float]) -> Belief:
+    """The belief somewhere else (m, m), with this slip."""
+    x, y, theta, rolled, omega, bias, _ = belief.mean
+    return belief._replace(mean=(x + by[0], y + by[1], theta, rolled, omega, bias, by[2]))
 
 
 def _slot(time: float) -> int:

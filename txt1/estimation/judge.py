@@ -88,6 +88,8 @@ class Judge:
     own_at: float = 0.0  # s of the run
     missed: tuple[float, ...] = ()  # the residual of a reading beyond the gate, m, m, rad
     missed_at: float = 0.0  # s of the run
+    fitted_at: float | None = None  # when a reading of the pose was within 99 %, s of the run
+    grown_at: float = 0.0  # ... or the covariance grew for it
     jumped_at: float | None = None  # when its readings leapt away from the pose, s of the run
     jumped: int = 0  # readings since then
     fitting: int = 0  # readings in a row that fitted, of a sensor that is not believed

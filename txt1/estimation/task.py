@@ -235,7 +235,7 @@ class Estimator:
             gyro = sum(turns) / len(turns) - bias if turns else None
             steered = self._steering is not None and self._geometry.steering != "skid"
             steering = wheels[0] * self._curvature if steered else None
-            self.fusion.vote.cycle(Cycle(self._read, *wheels, gyro, steering))
+            self.fusion.cycle(Cycle(self._read, *wheels, gyro, steering), dt)
             self._compare(dt, *wheels)
             for calibration in self._calibrations.values():
                 calibration.cycle(self._read, dt, *wheels, self._gyro)

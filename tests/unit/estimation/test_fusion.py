@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from txt1.estimation.fusion import HORIZON, Fusion
 from txt1.estimation.judge import KEEPS, Belonging
 from txt1.estimation.measurement import Kind, Measurement
+from txt1.estimation.vote import Cycle
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
 
@@ -62,11 +63,18 @@ class Drive:
     ) -> None:
         for _ in range(round(seconds / 0.02)):
             self.cycle += 1
+            heard = []
             for each in self.readings(self.cycle * 0.02):
                 changed = change(each)
                 if changed is not None:
                     self.fusion.take(changed)
+                    heard.append(changed)
             self.estimate = self.fusion.step(self.cycle * 0.02)
+            told = {each.sensor: each.values for each in heard}
+            if "encoders" in told:
+                gyro = told["imu"][0] - self.estimate.bias if "imu" in told else None
+                v, omega = told["encoders"]
+                self.fusion.cycle(Cycle(self.cycle * 0.02, v, omega, gyro, None), 0.02)
 
     def error(self) -> tuple[float, float]:
         x, y, theta = truth(self.cycle * 0.02)
@@ -231,6 +239,45 @@ def test_a_drifting_sensor_of_the_place_is_followed_as_nothing_tells_it_from_a_c
     drive.go(5.0, drift)
     assert drive.trust("vicon") == (True, "")
     assert drive.error()[0] == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_frame_that_moves_otherwise_than_any_car_slips_is_found_out_and_the_pose_put_back() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    begun = drive.cycle * 0.02
+
+    def drift(m: Measurement) -> Measurement:
+        further = 0.3 * (m.time - begun) if m.sensor == "vicon" else 0.0
+        return m._replace(values=(m.values[0] + further, *m.values[1:]))
+
+    for _ in range(250):
+        drive.go(0.02, drift)
+    assert not drive.trust("vicon")[0]
+    assert "its frame moves" in drive.trust("vicon")[1]
+    assert drive.error()[0] < 0.1
+    assert 3.0 * drive.estimate.sigma(0) > drive.error()[0]
+    drive.go(KEEPS + 1.0)
+    assert drive.trust("vicon") == (True, "")
+    assert drive.error()[0] < 0.01
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
+    drive = Drive()
+    drive.go(10.0)
+    slip = lambda m: m._replace(values=(share * m.values[0], share * m.values[1])) if m.sensor == "encoders" else m  # noqa: E731
+    drive.go(6.0, slip)
+    assert drive.trust("vicon") == (True, "")
+    assert not any("frame moves" in each for each in drive.fusion.changes)
+
+
+def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
+    drive = Drive()
+    drive.go(10.0)
+    begun = drive.cycle * 0.02
+    wrong = lambda m: m._replace(values=(m.values[0] + 0.05 * (m.time - begun),)) if m.sensor == "imu" else m  # noqa: E731
+    drive.go(5.0, wrong)
+    assert drive.trust("vicon") == (True, "")
 
 
 def test_a_second_sensor_of_the_place_in_a_frame_of_its_own_is_left_out_and_told_once() -> None:

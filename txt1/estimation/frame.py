@@ -1,0 +1,253 @@
+"""Whether the frame of a sensor of positions moves, or the car does otherwise than its wheels tell.
+
+Both make the sensor contradict dead reckoning. What a car can do is bounded, though: its wheels slip along their way,
+it slides aside a little, the mount and the clock are not quite as stated. So over a window the difference between the
+sensor's positions z and the reckoned ones p (both in the room's axes, P from the window's middle) is by hypothesis
+
+    usual  z - p = c + s P + a J P + R(theta) e - tau v
+    car    the same, with more slip, + u M
+    frame  the same as usual, + w t
+
+with J a quarter turn and M the way at 1 m/s, all linear with normal priors: slip s, direction a, lever arm e, clock
+tau,
+another speed u than the wheels tell, and the frame's own velocity w. The frame moves where the likelihood ratio of the
+two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio test (A. S. Willsky,
+H. L. Jones, IEEE TAC 21(1), 1976). Slip that changes within the window fits neither, and decides nothing. Where gyro
+and
+wheels miss the headings, they err: nothing is decided. On a straight way slip and a frame that moves along it are the
+same: the next curve tells.
+"""
+
+from bisect import bisect_left
+from collections import deque
+from itertools import islice
+from math import cos, hypot, sin, sqrt
+from operator import itemgetter
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from txt1.estimation.ekf import Array, Belief
+from txt1.estimation.measurement import Measurement
+
+WINDOWS: Final = (0.8, 1.6, 3.2)  # s: a precise sensor tells soon, a GPS of 1 m later
+PICKED: Final = 0.1  # s between two readings that are compared
+ENOUGH: Final = 7  # readings
+KEPT: Final = 2.0  # s of reckoning
+USUAL_FOR: Final = 10.0  # s over which slip is averaged, to tell whether it has changed
+LONGEST: Final = 0.5  # s, the longest gap between two readings that are compared
+SLIPS: Final = 0.3  # standard deviation of slip when wheels spin
+USUAL: Final = 0.05  # ... and when they do not
+UNTOLD: Final = 0.3  # m/s of the car that wheels do not tell: they stand, skid, or are broken
+ASIDE: Final = 0.01  # rad of the direction of motion
+CORNERING: Final = 0.05  # s^2/m of the same in curves: tyres slide by lateral acceleration
+TURNED: Final = 0.015  # rad by which gyro or wheels miss a turn within a window
+LEVER: Final = 0.03  # m
+CLOCK: Final = 0.01  # s
+MOVES: Final = 1.0  # m/s of the frame
+RECKONED: Final = 0.004  # m by which dead reckoning misses besides within a window
+REFUTED: Final = 27.6  # chi-square of two numbers at 99.9999 %
+FITS: Final = 2.33  # standard deviations of a normal number at 99 %
+
+
+class Spot(NamedTuple):
+    """Where dead reckoning has the car, in a frame of its own."""
+
+    time: float  # s
+    x: float  # m
+    y: float  # m
+    theta: float  # rad
+    usual_x: float  # m, the same with the slip that is usual
+    usual_y: float  # m
+    v: float  # m/s
+
+
+class Reckoning:
+    """The way by the wheels' speed and the best yaw rate."""
+
+    def __init__(self) -> None:
+        self._spots: deque[Spot] = deque()
+        self.slip = 0.0
+        """The usual one."""
+
+    def clear(self) -> None:
+        """Begin anew: nothing tells how it moved."""
+        self._spots.clear()
+
+    def go(self, time: float, dt: float, v: float, omega: float, slip: float) -> None:
+        """Go on for dt seconds until `time`, at the wheels' speed (m/s), less slip, and a yaw rate (rad/s)."""
+        spots = self._spots
+        self.slip += (slip - self.slip) * min(1.0, dt / USUAL_FOR)
+        usual, v = v * (1.0 - self.slip), v * (1.0 - slip)
+        if spots and time - dt - spots[-1].time > 0.5 * dt:
+            spots.clear()
+        before = spots[-1] if spots else Spot(time - dt, 0.0, 0.0, 0.0, 0.0, 0.0, v)
+        if not spots:
+            spots.append(before)
+        theta = before.theta + 0.5 * omega * dt
+        ahead, aside = dt * cos(theta), dt * sin(theta)
+        spots.append(
+            Spot(
+                time, before.x + v * ahead, before.y + v * aside, theta + 0.5 * omega * dt,
+                before.usual_x + usual * ahead, before.usual_y + usual * aside, v,
+            )
+        )  # fmt: skip
+        while time - spots[0].time > KEPT:
+            spots.popleft()
+
+    @property
+    def until(self) -> float:
+        """The time that it has reached, s."""
+        return self._spots[-1].time if self._spots else -1.0
+
+    def at(self, time: float) -> Spot | None:
+        """Where it was; None where that is not known."""
+        spots = self._spots
+        if not spots or not spots[0].time <= time <= spots[-1].time:
+            return None
+        place = max(bisect_left(spots, time, key=itemgetter(0)), 1)
+        one, two = spots[place - 1], spots[place]
+        share = (time - one.time) / max(two.time - one.time, 1e-9)
+        x, y, theta, usual_x, usual_y = (a + share * (b - a) for a, b in zip(one[1:6], two[1:6], strict=True))
+        return Spot(time, x, y, theta, usual_x, usual_y, two.v)
+
+
+class _Pick(NamedTuple):
+    time: float
+    x: float  # of the robot by the sensor, m
+    y: float
+    theta: float  # by the filter, rad
+    sigma: float  # of the position
+    sigma_theta: float
+    here: tuple[float, float]  # where the filter has the robot, m
+    spot: Spot
+
+
+class Frame:
+    """The frame of one sensor of positions."""
+
+    def __init__(self) -> None:
+        self.moves = False
+        """Whether it moves."""
+        self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
+        self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
+        self._last = -1.0
+
+    def clear(self) -> None:
+        """Begin anew: a reading leapt, or the robot was carried."""
+        self._picks.clear()
+        self._waiting.clear()
+
+    def take(self, measurement: Measurement, belief: Belief) -> None:
+        """Take in a position, and the filter's belief there."""
+        if measurement.time - self._last >= PICKED - 1e-6:
+            self._last = measurement.time
+            self._waiting.append((measurement, belief))
+
+    def compare(self, reckoning: Reckoning) -> None:
+        """Compare the positions with the reckoned ones, as far as those go."""
+        more = False
+        while self._waiting and self._waiting[0][0].time <= reckoning.until:
+            (time, _, _, _, values, sigmas, at), belief = self._waiting.popleft()
+            here_x, here_y, theta = belief.mean[:3]
+            spot = reckoning.at(time)
+            if spot is None or (self._picks and time - self._picks[-1].time > LONGEST):
+                self._picks.clear()
+            if spot is not None:
+                c, s = cos(theta), sin(theta)
+                x, y = values[0] - c * at[0] + s * at[1], values[1] - s * at[0] - c * at[1]
+                sigma_theta = sqrt(belief.triangle[13])
+                self._picks.append(_Pick(time, x, y, theta, sigmas[0], sigma_theta, (here_x, here_y), spot))
+                more = True
+        if more:
+            self.moves = any(self._moves(span) for span in WINDOWS)
+
+    def _moves(self, span: float) -> bool:
+        """Whether it moves, by the last `span` seconds."""
+        all_picks, end = self._picks, self._picks[-1].time if self._picks else 0.0
+        count = sum(end - each.time <= span + 1e-6 for each in all_picks)
+        if count < ENOUGH or end - all_picks[0].time < 0.9 * span:
+            return False
+        picks = list(islice(all_picks, len(all_picks) - count, None))
+        if _agrees(picks[0], picks[-1]) or _misturned(picks):
+            return False
+        times, xs, ys = np.array([each[:3] for each in picks]).T
+        spots = np.array([each.spot for each in picks])
+        turn = picks[0].theta - picks[0].spot.theta
+        c, s = cos(turn), sin(turn)
+        px, py = c * spots[:, 1] - s * spots[:, 2], s * spots[:, 1] + c * spots[:, 2]
+        xs, ys = xs - px, ys - py
+        px, py, times = px - px.mean(), py - py.mean(), times - times.mean()
+        headings = turn + spots[:, 3]
+        ahead, aside = np.cos(headings), np.sin(headings)
+        one, none = np.ones(count), np.zeros(count)
+        rows = np.array([
+            [one, none], [none, one], [px, py], [-py, px], [ahead, aside], [-aside, ahead],
+            [-ahead * spots[:, 6], -aside * spots[:, 6]], [_integral(ahead, times), _integral(aside, times)],
+            [times, none], [none, times],
+        ]).reshape(10, -1)  # fmt: skip
+        turned = abs(spots[-1, 3] - spots[0, 3]) / span
+        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()))
+        shared = [1e3, 1e3, USUAL, direction, LEVER, LEVER, CLOCK]
+        noise = hypot(max(each.sigma for each in picks), RECKONED)
+        left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
+        rows = rows / noise
+        frame = _misfit(left, np.delete(rows, 7, 0), [*shared, MOVES, MOVES])
+        shared[2] = SLIPS
+        car = _misfit(left, rows[:8], [*shared, UNTOLD])
+        free = 2 * count - 2
+        # Wilson and Hilferty's quantile of chi-square
+        limit = free * (1.0 - 2.0 / (9.0 * free) + FITS * sqrt(2.0 / (9.0 * free))) ** 3
+        return car - frame > REFUTED and frame < limit < car
+
+    @property
+    def pulled(self) -> tuple[float, float]:
+        """How far (m) the filter went within the longest window otherwise than reckoned; zeros within noise."""
+        picks = self._picks
+        if len(picks) < ENOUGH:
+            return 0.0, 0.0
+        one, two = picks[0], picks[-1]
+        dx, dy = _turned(one, two.spot.usual_x - one.spot.usual_x, two.spot.usual_y - one.spot.usual_y)
+        dx, dy = two.here[0] - one.here[0] - dx, two.here[1] - one.here[1] - dy
+        return (dx, dy) if hypot(dx, dy) > _noise(one, two) else (0.0, 0.0)
+
+
+def _way(one: _Pick, two: _Pick) -> tuple[float, float]:
+    """The reckoned way between two readings, in the room's axes, m."""
+    return _turned(one, two.spot.x - one.spot.x, two.spot.y - one.spot.y)
+
+
+def _turned(one: _Pick, dx: float, dy: float) -> tuple[float, float]:
+    turn = one.theta - one.spot.theta
+    c, s = cos(turn), sin(turn)
+    return c * dx - s * dy, s * dx + c * dy
+
+
+def _noise(one: _Pick, two: _Pick) -> float:
+    return 3.0 * hypot(one.sigma, two.sigma, RECKONED)
+
+
+def _misturned(picks: list[_Pick]) -> bool:
+    """Whether the reckoned turn is refuted by the headings: then a gyro or wheels err, as a frame does not turn."""
+    apart = [each.theta - each.spot.theta for each in picks]
+    return max(apart) - min(apart) > TURNED + 3.0 * sqrt(2.0) * picks[-1].sigma_theta
+
+
+def _agrees(one: _Pick, two: _Pick) -> bool:
+    """Whether the way between two readings is as reckoned, but for noise: then there is nothing to explain."""
+    dx, dy = _way(one, two)
+    return hypot(two.x - one.x - dx, two.y - one.y - dy) < _noise(one, two)
+
+
+def _integral(values: Array, times: Array) -> Array:
+    """The integral of values over times, less its mean."""
+    total = np.concatenate(((0.0,), np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times))))
+    middled: Array = total - total.mean()
+    return middled
+
+
+def _misfit(left: Array, rows: Array, priors: list[float]) -> float:
+    """The square of a Mahalanobis distance: of numbers of variance 1 from a linear model with priors."""
+    side = rows @ left
+    normal = rows @ rows.T + np.diag(np.array(priors) ** -2.0)
+    return float(left @ left) - float(side @ np.linalg.solve(normal, side))
