@@ -9,13 +9,11 @@ sensor's positions z and the reckoned ones p (both in the room's axes, P from th
     frame  the same as usual, + w t
 
 with J a quarter turn and M the way at 1 m/s, all linear with normal priors: slip s, direction a, lever arm e, clock
-tau,
-another speed u than the wheels tell, and the frame's own velocity w. The frame moves where the likelihood ratio of the
-two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio test (A. S. Willsky,
+tau, another speed u than the wheels tell, and the frame's own velocity w. The frame moves where the likelihood ratio of
+the two refutes the car, which does not fit, while the frame does: a generalised likelihood ratio test (A. S. Willsky,
 H. L. Jones, IEEE TAC 21(1), 1976). Slip that changes within the window fits neither, and decides nothing. Where gyro
-and
-wheels miss the headings, they err: nothing is decided. On a straight way slip and a frame that moves along it are the
-same: the next curve tells.
+and wheels miss the headings, they err: nothing is decided. On a straight way slip and a frame that moves along it are
+the same: the next curve tells.
 """
 
 from bisect import bisect_left

@@ -1,4 +1,4 @@
-"""The evidence on a sensor: four rules by which a reading is taken in. A fifth, the vote, is in `txt1.estimation.vote`.
+"""The evidence on a sensor: four rules by which a reading is taken in. `vote.py` and `frame.py` have one more each.
 
 1. **Valid.** A reading that is no number, the same one again and again, or none at all says nothing. This is the
    sensor's own fault, and shows without any other sensor.
