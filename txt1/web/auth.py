@@ -97,15 +97,15 @@ class Auth:
                 return role, self._signed(role, now)
         return None
 
-    def may_try(self, address: str, now: float) -> bool:
-        """Whether an address may try to sign in: not after too many wrong tokens."""
-        return address not in self._tries or self._tries[address].has(now)
+    def failed(self, address: str, now: float) -> bool:
+        """Count a wrong token; whether its address has not sent too many.
 
-    def failed(self, address: str, now: float) -> None:
-        """Count a wrong token."""
+        Only wrong ones are limited: else whoever shares the operator's address could keep the operator out. It is the
+        token's length that makes guessing hopeless, not this.
+        """
         if len(self._tries) > ADDRESSES_MAX:
             self._tries.clear()
-        self._tries.setdefault(address, Budget(*TRIES)).spend(now)
+        return self._tries.setdefault(address, Budget(*TRIES)).spend(now)
 
     def role(self, cookie: str | None, now: float) -> Role | None:
         """The role of whoever presents a cookie's value; None for a stranger."""

@@ -107,13 +107,12 @@ class Routes:
         return web.Response(body=file.body, headers=headers)
 
     async def _sign_in(self, request: web.Request) -> web.Response:
-        if not self._door.may_try(request.remote or "", now()):
-            raise web.HTTPTooManyRequests(text="too many tries; wait a few seconds\n")
         async with asyncio.timeout(STRANGER):
             given = (await request.post()).get("token", "")
         signed = self._door.sign_in(str(given).strip(), wall())
         if signed is None:
-            self._door.failed(request.remote or "", now())
+            if not self._door.failed(request.remote or "", now()):
+                raise web.HTTPTooManyRequests(text="not the token, and too many were wrong; wait a few seconds\n")
             raise web.HTTPForbidden(text="that is not the token\n")
         response = web.Response(status=204)
         response.set_cookie(
