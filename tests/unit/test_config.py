@@ -355,6 +355,19 @@ def test_a_variable_of_another_program_is_none_of_ours(name: str) -> None:
     assert load(environment={name: "20"}) == (Config(), {})
 
 
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("TXT1_SAFETY_V_MAX", "TXT1_SAFETY__V_MAX"),
+        ("TXT1_CONTROL_LINEAR_KP", "TXT1_CONTROL__LINEAR__KP"),
+        ("TXT1_HAL_OPTIONS_PORT", "TXT1_HAL_OPTIONS__PORT"),
+        ("TXT1_OBSTACLE_STOP_ENABLED", "TXT1_OBSTACLE_STOP__ENABLED"),
+    ],
+)
+def test_a_key_with_single_underscores_is_refused_and_spelt(name: str, meant: str) -> None:
+    assert meant in refusal(environment={name: "1"})
+
+
 @pytest.mark.parametrize("name", ["TXT1_SEDE", "TXT1_SAFTEY", "TXT1_POSE__PAIRS"])
 def test_a_variable_that_is_nearly_a_key_or_has_a_double_underscore_is_refused(name: str) -> None:
     assert "unknown key" in refusal(environment={name: "20"})

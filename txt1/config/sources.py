@@ -5,7 +5,8 @@ A later source wins: the defaults, then the vehicle's file that `vehicle` names,
 the value, its origin and the remedy.
 
 Other programs have variables that begin with ``TXT1_`` too. One is taken for a setting when its name has a double
-underscore, or is a key of the first level or nearly one (a typing mistake, which is refused); any other is ignored.
+underscore, or is a key of the first level or nearly one (a typing mistake, which is refused). A key with single
+underscores between its parts, such as ``TXT1_SAFETY_V_MAX``, is refused as well; any other name is ignored.
 """
 
 import difflib
@@ -223,10 +224,28 @@ def _from_environment(environment: Mapping[str, str]) -> Iterator[Setting]:
     known = [*_keys(Config), *additions.ours()]
     for name, text in sorted(environment.items()):
         key = name.removeprefix(ENVIRONMENT_PREFIX).lower()
-        if key == name.lower() or ("__" not in key and not difflib.get_close_matches(key, known, 1, NEARLY)):
+        if key == name.lower():
             continue
+        if "__" not in key and key not in known:
+            if (meant := _parts(key, Config)) is not None:
+                spelt = ENVIRONMENT_PREFIX + "__".join(meant).upper()
+                raise ConfigError(f"{name}: two underscores stand between the parts of a key; did you mean '{spelt}'?")
+            if not difflib.get_close_matches(key, known, 1, NEARLY):
+                continue
         path = tuple(key.split("__"))
         yield from _walk(_parse(text, name), path, f"environment {name}")
+
+
+def _parts(text: str, kind: Any) -> tuple[str, ...] | None:
+    """The parts of a key below a section of that type that single underscores join; None where there is no such key."""
+    if get_origin(kind) is dict and text:
+        return (text,)
+    for name in (*_keys(kind), *(additions.ours() if kind is Config else ())):
+        if text == name:
+            return (name,)
+        if text.startswith(f"{name}_") and (below := _parts(text[len(name) + 1 :], _below(kind, name))) is not None:
+            return (name, *below)
+    return None
 
 
 def _from_override(text: str) -> Iterator[Setting]:
