@@ -18,6 +18,8 @@ from txt1.config.renamed import names_now, translated
 from txt1.control.parameters import Limits
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS
 from txt1.errors import ConfigError
+from txt1.experiments.profile import load_profile
+from txt1.fleet.plan import plan_of
 from txt1.model.vehicle import Geometry
 from txt1.sim.parameters import Noise
 
@@ -318,6 +320,35 @@ def test_an_override_without_a_key_or_value_is_refused(text: str) -> None:
 def test_an_override_that_is_no_yaml_is_refused() -> None:
     assert refusal(overrides=["sim.start=[1,"]).startswith("--set sim.start=[1,:1:4: not a valid value: ")
     assert refusal(environment={"TXT1_SIM__START": "[1,"}).startswith("TXT1_SIM__START:1:4: not a valid value: ")
+
+
+def bomb(join: str) -> str:
+    """A few lines that stand for 9^9 values; `join` is a list or a merge of nine aliases."""
+    lines = ["a0: &a0 {k: 1}", *(f"a{n}: &a{n} {join}".replace("*", f"*a{n - 1}") for n in range(1, 10))]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("join", ["[*, *, *, *, *, *, *, *, *]", "{<<: [*, *, *, *, *, *, *, *, *]}"])
+def test_aliases_that_stand_for_too_many_values_are_refused(write: Write, join: str) -> None:
+    file = write(bomb(join))
+    problem = "stands for more than 100000 values"
+    assert problem in refusal(file)
+    for reading in (plan_of, load_profile):
+        with pytest.raises(ConfigError, match=problem):
+            reading(str(file))
+
+
+@pytest.mark.parametrize("text", ["&a [*a]", "[" * 1000, "!!int x"])
+def test_a_plan_and_a_profile_that_yaml_cannot_make_are_refused(write: Write, text: str) -> None:
+    file = write(text)
+    for reading in (plan_of, load_profile):
+        with pytest.raises(ConfigError, match=r"YAML: (nested|invalid)"):
+            reading(str(file))
+
+
+def test_an_alias_is_read_as_what_it_stands_for(write: Write) -> None:
+    config = load(write("control: {linear: &g {kp: 1, ki: 2, kd: 3}}\nhal_options: {gains: *g}")).config
+    assert config.hal_options["gains"] == {"kp": 1, "ki": 2, "kd": 3}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from txt1.cli.app import App, get_ready
 from txt1.cli.options import ROBOT, loaded
 from txt1.commands import FAULT, OK, add, count, flag, path, takes
 from txt1.config import Config
-from txt1.config.sources import flatten, vehicle_file
+from txt1.config.sources import flatten, read_yaml, vehicle_file
 from txt1.errors import ConfigError
 from txt1.experiments import run_folder
 from txt1.experiments.calibration import simulated_operator
@@ -200,7 +200,7 @@ def _short(value: Any) -> str:
 def _tree(vehicle: str) -> dict[str, Any]:
     """Return what a vehicle's file says."""
     file = vehicle_file(vehicle)
-    tree = None if file is None else yaml.safe_load(file.read_text(encoding="utf-8"))
+    tree = None if file is None else read_yaml(file.read_text(encoding="utf-8"))
     return tree if isinstance(tree, dict) else {}
 
 
