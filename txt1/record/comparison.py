@@ -10,6 +10,7 @@ from math import isclose
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from txt1.errors import RecordingError
 from txt1.hal.base import LINK
 from txt1.record.encoder import Block
 from txt1.record.reading import Decoding, FilePass, Item, flat
@@ -137,10 +138,11 @@ class Comparison:
         at = min(map(self._reading.run_time, (item, now)))
         if item.name != topic:
             return Difference(at, item.name, "", "a message", f"one on {topic}")
-        if topic == SNAPSHOT.name:
-            before, after = self._snapshot(item), self._snapshot(now)
-        else:
-            before, after = dict(flat(self._decoding.values(item))), dict(flat(self._decoding.values(now)))
+        values = self._snapshot if topic == SNAPSHOT.name else self._values
+        try:
+            before, after = values(item), values(now)
+        except (RecordingError, ValueError, LookupError, TypeError, AttributeError):
+            return Difference(at, topic, "", "a damaged message", "a sound one")
         late = self._real and topic == fields.LOG.name  # as late as the processor was
         for name in dict.fromkeys((*before, *after)):
             old, new = before.get(name), after.get(name)
@@ -160,6 +162,10 @@ class Comparison:
         if isinstance(old, float):
             return isclose(old, new, rel_tol=CLOSE, abs_tol=CLOSE) or repr(old) == repr(new)
         return bool(old == new)
+
+    def _values(self, item: Item) -> dict[str, Any]:
+        """A message's values by dotted path."""
+        return dict(flat(self._decoding.values(item)))
 
     def _snapshot(self, item: Item) -> dict[str, Any]:
         """A snapshot's values by topic and dotted path, as far as they are compared."""

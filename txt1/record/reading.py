@@ -3,7 +3,7 @@
 import json
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, cast
@@ -15,7 +15,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from mcap_ros2.decoder import DecoderFactory
 
-from txt1.errors import RecordingError
+from txt1.errors import RecordingError, Txt1Error
 from txt1.kernel.clock import NS_PER_S, nanoseconds
 
 HEAD: Final = struct.Struct("<BQ")
@@ -162,12 +162,32 @@ def metadata_of(path: Path, name: str) -> dict[str, str]:
     return {}
 
 
+@contextmanager
+def trusting(path: Path) -> Iterator[None]:
+    """Take a recording's content as sound; RecordingError for whatever that leads to where it is not."""
+    try:
+        yield
+    except (Txt1Error, OSError):
+        raise
+    except Exception as error:
+        raise RecordingError(
+            f"{path}: its content is not what it has to be, so it is damaged ({type(error).__name__}: "
+            f"{' '.join(str(error).split())[:200]}); see 'txt1 log info'"
+        ) from error
+
+
 def robots_in(path: Path) -> list[str]:
-    """The names of the robots whose recording it is, in the order of their plan; one that is alone may have none."""
+    """The names of the robots whose recording it is, in the order of their plan; one that is alone may have none.
+
+    Raises RecordingError: they cannot be read.
+    """
     about = metadata_of(path, "txt1")
-    if "robots" in about:
-        return list(json.loads(about["robots"]))
-    return [json.loads(about.get("config", "{}")).get("name", "")]
+    with trusting(path):
+        if "robots" not in about:
+            return [str(json.loads(about.get("config", "{}")).get("name", ""))]
+        if names := list(json.loads(about["robots"]).keys()):
+            return names
+        raise ValueError("no robots")
 
 
 def robot_in(path: Path, name: str | None) -> str:

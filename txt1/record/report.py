@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from txt1.config import flatten, recorded
 from txt1.errors import ConfigError, RecordingError
 from txt1.kernel.clock import NS_PER_S
-from txt1.record.reading import Decoding, FilePass, Item, robot_in, robots_in
+from txt1.record.reading import Decoding, FilePass, Item, robot_in, robots_in, trusting
 from txt1.record.summary import TopicSummary
 from txt1.tasks.battery import BATTERIES
 from txt1.tasks.controller import PWM, SETPOINT
@@ -310,14 +310,15 @@ def report(path: Path, stem: Path, robot: str | None = None) -> tuple[Path, Path
     A recording of several robots is drawn as one picture, unless one of them is asked for.
     """
     names = robots_in(path)
-    if robot is None and len(names) > 1:
-        contents = {name: Content(path, name) for name in names}
-        picture = draw_together(contents)
-        text = page_together(path.name, contents, picture)
-    else:
-        content = Content(path, robot)
-        picture = draw(content)
-        text = page(path.name, content, picture)
+    with trusting(path):
+        if robot is None and len(names) > 1:
+            contents = {name: Content(path, name) for name in names}
+            picture = draw_together(contents)
+            text = page_together(path.name, contents, picture)
+        else:
+            content = Content(path, robot)
+            picture = draw(content)
+            text = page(path.name, content, picture)
     png, page_file = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.html")
     try:
         png.write_bytes(picture)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from rosbags.convert.converter import is_same_wireformat, migrate_bytes
 from rosbags.rosbag1 import Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from txt1.errors import ConfigError
+from txt1.errors import ConfigError, RecordingError
 from txt1.record.reading import Item
 
 
@@ -43,20 +44,46 @@ class Converter:
 
 
 def export(items: Iterable[Item], file: Path) -> int:
-    """Write messages to a bag that is not there yet, and return how many; raises ConfigError where it is."""
+    """Write messages to a bag that is not there yet, and return how many.
+
+    Raises ConfigError: it is there; RecordingError: a message or its definition is damaged, and there is no bag then.
+    """
+    try:
+        bag = Writer(file)
+        bag.open()
+    except WriterError as error:
+        raise ConfigError(f"{file}: {error}; choose another name") from None
+    try:
+        count = _write(items, bag)
+        bag.close()
+    except BaseException:
+        # half a bag is none
+        file.unlink(missing_ok=True)
+        if bag.bio is not None:
+            with suppress(OSError):  # of a full disk, once more
+                bag.bio.close()
+        raise
+    return count
+
+
+def _write(items: Iterable[Item], bag: Writer) -> int:
     converter = Converter()
     connections: dict[int, tuple[Any, str]] = {}
     count = 0
-    try:
-        with Writer(file) as bag:
-            for item in items:
-                if item.channel.id not in connections:
-                    kind = item.schema.name
-                    converter.add(kind, item.schema.data.decode())
-                    connections[item.channel.id] = bag.add_connection(item.topic, kind, typestore=converter.store), kind
-                connection, kind = connections[item.channel.id]
-                bag.write(connection, item.message.log_time, converter.convert(kind, item.message.data))
-                count += 1
-    except WriterError as error:
-        raise ConfigError(f"{file}: {error}; choose another name") from None
+    for item in items:
+        try:
+            if item.channel.id not in connections:
+                kind = item.schema.name
+                converter.add(kind, item.schema.data.decode())
+                connections[item.channel.id] = bag.add_connection(item.topic, kind, typestore=converter.store), kind
+            connection, kind = connections[item.channel.id]
+            bag.write(connection, item.message.log_time, converter.convert(kind, item.message.data))
+        except OSError:
+            raise
+        except Exception as error:  # whatever the library says to bytes that are no message
+            raise RecordingError(
+                f"{item.topic}: a message cannot be put in a bag, so it or its definition is damaged "
+                f"({type(error).__name__}: {' '.join(str(error).split())[:200]}); choose other topics with --topic"
+            ) from error
+        count += 1
     return count
