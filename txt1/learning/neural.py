@@ -28,7 +28,7 @@ from txt1.learning.agent import Decision, PeriodicAgent
 from txt1.learning.qtable import StoredTable
 from txt1.learning.settings import LearningConfig
 from txt1.model.kinematics import wrap_angle
-from txt1.model.light_sensors import LUX_MAX, LUX_MIN
+from txt1.model.light_sensors import LUX_MAX, LUX_MIN, SENSORS
 from txt1.model.odometry import Odometry
 from txt1.units import Positive, PositiveInt, Share
 
@@ -249,8 +249,8 @@ class NeuralAgent(PeriodicAgent):
             size = w[0].size
             self.weights[name] = values[:, at : at + size].reshape(w.shape).copy()
             at += size
-        self.scale = np.array(table.about["scale"])
-        self.level = None if table.about["level"] is None else np.array(table.about["level"])
+        self.scale = table.kept("scale", self.scale.shape)
+        self.level = None if table.about["level"] is None else table.kept("level", (len(SENSORS),))
         self.training = False
 
     def memory(self) -> dict[str, Any]:

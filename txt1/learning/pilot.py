@@ -80,7 +80,12 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     _compile()
     if table is not None:
         table.shaped(*agent.table().values.shape)
-        agent.recall({**agent.memory(), **table.about["knows"]})
+        new = agent.memory()
+        agent.recall({**new, **table.about["knows"]})
+        known = agent.memory()
+        for name in ("survey", "spread"):
+            if np.shape(known[name]) != np.shape(new[name]):
+                raise ValueError(f"keeps '{name}' of the shape {np.shape(known[name])}, not {np.shape(new[name])}")
     return agent
 
 

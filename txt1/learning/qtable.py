@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,6 +58,13 @@ class StoredTable:
                 raise ValueError(f"has {has} {what} where {needed} are needed")
         return self.values
 
+    def kept(self, name: str, shape: tuple[int, ...]) -> Table:
+        """Return an array that the agent keeps with the table; ValueError: it has another shape."""
+        array = np.array(self.about[name], float)
+        if array.shape != shape:
+            raise ValueError(f"keeps '{name}' of the shape {array.shape} where {shape} is needed")
+        return array
+
 
 def replace_file(path: Path, text: str) -> None:
     """Write a text to a file; one that was there is replaced as a whole or, should this fail, left as it was."""
@@ -94,7 +102,7 @@ def load(path: Path) -> StoredTable:
     """Return the table in a file; raises QTableError: there is none, or it is not a whole, unaltered Q-table."""
     ours = "give the qtable.json that 'txt1 learn' wrote"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"), parse_float=_finite, parse_constant=_finite)
     except OSError as error:
         raise QTableError(str(path), f"cannot be read: {error.strerror}", ours) from error
     except (ValueError, RecursionError) as error:
@@ -106,7 +114,21 @@ def load(path: Path) -> StoredTable:
         raise QTableError(str(path), problem, "use the txt1 that wrote it")
     if content.pop("sha256", None) != _checksum(content):
         raise QTableError(str(path), "was altered after it was written: its checksum does not match", RELEARN)
-    return StoredTable(np.array(content["values"], float), content["about"])
+    # a checksum says that nobody altered it by chance, not that a learner wrote it
+    try:
+        values, about = np.array(content["values"], float), content["about"]
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise QTableError(str(path), f"holds no table of numbers: {type(error).__name__}: {error}", RELEARN) from error
+    if values.ndim != 2 or not values.size or not np.isfinite(values).all() or not isinstance(about, dict):
+        raise QTableError(str(path), "holds no table of one row of finite numbers for each state", RELEARN)
+    return StoredTable(values, about)
+
+
+def _finite(text: str) -> float:
+    """Return a number of JSON; ValueError for one that is infinite or none, as no robot may drive by it."""
+    if not isfinite(value := float(text)):
+        raise ValueError(f"{text} is no finite number")
+    return value
 
 
 def _checksum(content: Mapping[str, Any]) -> str:

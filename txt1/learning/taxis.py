@@ -67,7 +67,7 @@ def create(config: Config, rng: np.random.Generator, table: StoredTable | None =
     agent = TaxisAgent(rng, len(config.section(LearningConfig).actions), settings)
     if table is not None:
         agent.synapses = table.shaped(*agent.synapses.shape).copy()
-        agent.used, agent.varies = np.array(table.about["used"]), np.array(table.about["varies"])
+        agent.used, agent.varies = table.kept("used", agent.used.shape), table.kept("varies", agent.varies.shape)
         agent.learns = False
     return agent
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +15,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.table_5_3 import TABLE_5_3
+from txt1.config import Config
 from txt1.errors import QTableError
+from txt1.learning.agents import from_table, make
 from txt1.learning.light_direction import SECTORS
 from txt1.learning.qtable import ACTIONS, STATES, StoredTable, initial, load, save, update
 from txt1.learning.thesis import greedy_action
@@ -152,7 +155,7 @@ def test_a_table_truncated_anywhere_is_refused(file: Path) -> None:
 )
 def test_a_value_that_is_no_finite_number_is_refused(file: Path, value: str) -> None:
     alter(file, "0.9494", value)
-    refused(file, "was altered")
+    refused(file, "is no finite number|was altered")
 
 
 @pytest.mark.parametrize(
@@ -183,6 +186,60 @@ def test_files_of_something_else_are_refused(tmp_path: Path, text: str, problem:
     path = tmp_path / "qtable.json"
     path.write_text(text)
     refused(path, problem)
+
+
+def signed(path: Path, values: str, about: str = "{}") -> None:
+    """Write a table whose checksum is right, of two texts in JSON."""
+    content = {"format": "txt1 Q-table", "version": 1, "values": json.loads(values), "about": json.loads(about)}
+    content["sha256"] = sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("values", "about"),
+    [
+        ("[[1, 2], [3]]", "{}"),
+        ('[["a", "b"]]', "{}"),
+        ('{"a": 1}', "{}"),
+        ("null", "{}"),
+        ("[]", "{}"),
+        ("[[[1]]]", "{}"),
+        ("[[1, Infinity]]", "{}"),
+        ("[[1, NaN]]", "{}"),
+        ("[[1, 1e999]]", "{}"),
+        (f"[[1, {'9' * 401}]]", "{}"),
+        ("[[1, 2]]", "[]"),
+        ("[[1, 2]]", '{"used": [Infinity]}'),
+    ],
+)
+def test_a_right_checksum_does_not_make_a_table(tmp_path: Path, values: str, about: str) -> None:
+    path = tmp_path / "qtable.json"
+    signed(path, values, about)
+    refused(path, "Q-table|holds no table")
+
+
+def test_an_infinite_number_written_as_a_long_one_is_refused(file: Path) -> None:
+    file.write_text(file.read_text().replace('"version": 1', '"version": 1e999'))
+    refused(file, "1e999 is no finite number")
+
+
+@pytest.mark.parametrize("learner", ["thesis", "pilot", "neural", "taxis"])
+@pytest.mark.parametrize(
+    "about", [{}, {"knows": {"survey": [1.0]}, "scale": "x", "used": [1.0], "varies": None, "level": []}]
+)
+def test_a_table_without_what_its_learner_keeps_with_it_is_refused(
+    tmp_path: Path, learner: str, about: dict[str, Any]
+) -> None:
+    rng = np.random.default_rng(1)
+    path = tmp_path / "qtable.json"
+    shape = make(learner, Config(), rng).table().values.shape
+    save(path, StoredTable(np.zeros(shape), {"agent": learner, **about}))
+    if learner == "thesis":
+        # it keeps nothing
+        assert from_table(path, Config(), rng).name == learner
+    else:
+        with pytest.raises(QTableError):
+            from_table(path, Config(), rng)
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])
