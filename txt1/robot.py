@@ -416,7 +416,8 @@ class Robot:
         """Send the gains, by default the configured ones, once a second until they are acknowledged.
 
         Returns True when they were accepted, False when they were rejected or nobody answered within `timeout` s.
-        Raises CommandRefused: one is not finite, or does not fit its field on the wire.
+        Raises CommandRefused: one is negative, not finite, beyond the vehicle's limits (`txt1.control.gains`) or its
+        field on the wire.
         """
         control = self.config.loops()
         gains = control.linear.gains() if linear is None else linear
@@ -429,9 +430,12 @@ class Robot:
                 table.append((v_max, *Gains(*angular_gains)))
             message = PidSet((kp, ki, kd), tuple(table))
             encode(message)
+            refused = self.config.gain_limits().refused(Gains(kp, ki, kd), [GainSet(v, Gains(*k)) for v, *k in table])
+            if refused is not None:
+                raise CommandRefused(str(refused))
         except (CommandRefused, EncodeError) as error:
             self.runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
-            raise CommandRefused(f"no board takes these gains: {error}") from None
+            raise CommandRefused(f"these gains are not loaded: {error}") from None
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._pid_response = answer
         ends = self.now + timeout

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from math import inf, isfinite, nan
 from pathlib import Path
 
 import pytest
 
 from txt1.bridges.services import RECORDING, ROUTE, Services
-from txt1.errors import CommandRefused, NotArmed
+from txt1.errors import CommandRefused, ConfigError, NotArmed
+from txt1.protocol.messages import PidSet
 from txt1.record.reading import FilePass
 from txt1.robot import Robot
+from txt1.ros.original import Ros1Desk
+from txt1.ros.robot_end import Ros2RobotEnd
 
 TICK = 0.02
 
@@ -86,12 +91,40 @@ async def test_what_is_no_route_is_refused(robot: Robot, services: Services) -> 
 
 
 async def test_gains_are_loaded_and_wrong_ones_refused(robot: Robot, services: Services) -> None:
-    services.requests["gains"]([1.0, 2.0, 3.0], [[1.5, 4.0, 5.0, 6.0]])
+    services.requests["gains"]([1.0, 2.0, 0.3], [[1.5, 4.0, 5.0, 0.6]])
     await asyncio.sleep(0.5)
-    assert robot.runtime.state.gains.linear == (1.0, 2.0, 3.0)
+    assert robot.runtime.state.gains.linear == (1.0, 2.0, 0.3)
     for linear, angular in (([1.0], []), ("abc", []), ([1, 2, 3], [[1.5]]), ([1, 2, 3], [[2, 1, 1, 1], [1, 1, 1, 1]])):
         with pytest.raises(CommandRefused):
             services.requests["gains"](linear, angular)
+
+
+@pytest.mark.parametrize("bad", [-5.0, -1e-3, 99999.0, inf, nan], ids=str)
+@pytest.mark.parametrize("way", ["program", "page", "message", "ros", "ros1"])
+async def test_no_way_loads_what_is_no_gain(robot: Robot, services: Services, way: str, bad: float) -> None:
+    before, count = robot.runtime.state.gains, len(robot.runtime.state.events)
+    linear, sets = before.linear._replace(kp=bad), before.angular.sets
+    flat = [number for v_max, gains in sets for number in (v_max, *gains)]
+    if way == "message":
+        robot.runtime.post(PidSet(linear, tuple((v_max, *gains) for v_max, gains in sets)), robot.now)
+    elif way == "program":
+        with pytest.raises(CommandRefused, match="kp"):
+            await robot.load_gains(linear)
+    elif way == "page":
+        with suppress(CommandRefused):  # at once where it is no number, else it is told
+            services.requests["gains"](linear, [(v_max, *gains) for v_max, gains in sets])
+    elif way == "ros":
+        with pytest.raises(ConfigError, match="kp"):
+            await Ros2RobotEnd(robot)._set({"control.linear.kp": bad})  # noqa: SLF001
+    else:
+        with pytest.raises(CommandRefused, match="kp"):
+            await Ros1Desk(robot)._pid_load([*linear], flat)  # noqa: SLF001
+    await asyncio.sleep(0.1)
+    assert robot.runtime.state.gains == before
+    if way in ("message", "page") and isfinite(bad):
+        assert any(
+            "linear.kp" in str(event) and "give 0 to" in str(event) for event in [*robot.runtime.state.events][count:]
+        )
 
 
 async def test_a_recording_is_begun_and_completed_on_the_way(robot: Robot, services: Services, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from functools import cache
 from hashlib import blake2b
 from itertools import pairwise
 from math import inf
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from txt1 import additions
+from txt1.control.gains import GainLimits, gain_limits
 from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.control.open_loop import SpeedMap
 from txt1.control.parameters import KnownCar, Limits, Safety
@@ -36,6 +37,8 @@ from txt1.units import NotNegative, Positive, PositiveInt
 
 GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
 """A PID set carries thousandths in 32 bits (thesis 3.5)."""
+LOOPS_PERIOD: Final = 0.02  # s, of the velocity loops, here and on our boards
+HOST_PERIOD: Final = 0.05  # s, of those that run here behind a line: its odometry comes 20 times a second
 
 
 class Section(BaseModel):
@@ -316,6 +319,28 @@ class Config(Section):
             if timeout > limit:
                 raise ValueError(f"timeouts.{name}: {timeout:g} s; use at most safety.command_timeout, {limit:g} s")
         return commander
+
+    @model_validator(mode="after")
+    def _gains_suit_the_vehicle(self, info: ValidationInfo) -> Self:
+        """Refuse gains beyond the vehicle's limits; those of a recording were driven with, and stay."""
+        context = info.context or {}
+        if context.get("recorded") and not context.get("gains"):
+            return self
+        for key, loops in ((("control",), self.control), (("serial", "host"), self.serial.host)):
+            refused = self.gain_limits(loops).refused(loops.linear.gains(), loops.schedule().sets)
+            if refused is not None:
+                error = PydanticCustomError("gain", "{remedy}", {"remedy": refused.remedy})
+                where = (*key, *refused.place)
+                raise ValidationError.from_exception_data(
+                    "Config", [{"type": error, "loc": where, "input": refused.value}]
+                )
+        return self
+
+    def gain_limits(self, loops: LoopsConfig | None = None) -> GainLimits:
+        """The largest gains of these loops, by default of `loops()`: at 20 Hz behind a line, else at 50 Hz."""
+        car = self.sim.vehicle
+        period = HOST_PERIOD if (loops or self.loops()) is self.serial.host else LOOPS_PERIOD
+        return gain_limits(self.geometry, car.speed_gain, car.speed_time_constant, car.skid, period)
 
     def loops(self) -> LoopsConfig:
         """The gains to load: of the loops at 50 Hz, wherever they run, or of those at the other end of a line."""

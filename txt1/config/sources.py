@@ -152,8 +152,10 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
         setting = Setting(tuple(key.split(".")), value, f"{key}={value}")
         _check(setting)
         _insert(tree, setting)
+    # it may be of a recording, which keeps its gains; those that are changed are checked
+    context = {**RECORDED, "gains": any(key.startswith(("control", "serial")) for key in values)}
     try:
-        return Config.model_validate(tree, context=RECORDED)  # it may be of a recording
+        return Config.model_validate(tree, context=context)
     except ValidationError as error:
         raise ConfigError(_explain(error, {key: f"{key}={value}" for key, value in values.items()})) from None
 

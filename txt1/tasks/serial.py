@@ -5,9 +5,11 @@ On the desk a message arrives as the object the host made; behind a wire a decod
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Final
 
+from txt1.control.gains import GainLimits
 from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
@@ -54,10 +56,12 @@ async def serial(
     send: Callable[[BoardMessage], None],
     answered: Callable[[bool], None],
     reason_to_keep_atx: Callable[[float], str | None],
+    gain_limits: GainLimits,
 ) -> None:
     """Carry out every message that has arrived, in order.
 
     `answered` is for a HAL that closes its own loops: told whether they accept the gains, it posts a PidResponse here.
+    Gains beyond `gain_limits` are refused.
     `reason_to_keep_atx` tells why the ATX supply may not be turned off at a time, s of the run; None: it may.
     """
     async for now in arrivals:
@@ -100,7 +104,7 @@ async def serial(
                         continue
                     switch_power(state, hal, switch, on, now)
                 case PidSet():
-                    table = gain_table(message)
+                    table = gain_table(message, gain_limits, partial(state.tell, now))
                     if table is not None and hal.capabilities.gains:
                         if table[:2] != state.gains[:2]:
                             state.gains = table._replace(loaded=False)
@@ -129,8 +133,11 @@ def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -
         state.tell(now, f"{switch.name} {'on' if on else 'off'}{'' if power.confirmed else ' (asked, not confirmed)'}")
 
 
-def gain_table(message: PidSet) -> GainTable | None:
-    """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
+def gain_table(message: PidSet, limits: GainLimits, tell: Callable[[str], None]) -> GainTable | None:
+    """The gains of a PID set; None when they are not acceptable: not finite, beyond the limits, or v_max does not rise.
+
+    `tell` is told what is beyond them, and the remedy.
+    """
     values = (*message.linear, *(value for each in message.angular for value in each))
     if not all(map(isfinite, values)):
         return None
@@ -138,4 +145,9 @@ def gain_table(message: PidSet) -> GainTable | None:
         schedule = Schedule(tuple(GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular))
     except ValueError:
         return None
-    return GainTable(Gains(*message.linear), schedule, loaded=True)
+    linear = Gains(*message.linear)
+    refused = limits.refused(linear, schedule.sets)
+    if refused is not None:
+        tell(f"gains refused: {refused}")
+        return None
+    return GainTable(linear, schedule, loaded=True)
