@@ -430,9 +430,8 @@ class Robot:
                 table.append((v_max, *Gains(*angular_gains)))
             message = PidSet((kp, ki, kd), tuple(table))
             encode(message)
-            refused = self.config.gain_limits().refused(Gains(kp, ki, kd), [GainSet(v, Gains(*k)) for v, *k in table])
-            if refused is not None:
-                raise CommandRefused(str(refused))
+            if wrong := self.config.gain_limits().refused((kp, ki, kd), [GainSet(v, Gains(*k)) for v, *k in table]):
+                raise CommandRefused(": ".join(map(str, wrong)))
         except (CommandRefused, EncodeError) as error:
             self.runtime.post(PidSet((nan, nan, nan), ()), self.now)  # the gate counts it
             raise CommandRefused(f"these gains are not loaded: {error}") from None

@@ -18,7 +18,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from txt1 import additions
 from txt1.control.gains import GainLimits, gain_limits
@@ -37,8 +37,6 @@ from txt1.units import NotNegative, Positive, PositiveInt
 
 GainOnWire = Annotated[float, Field(ge=-2147483.648, le=2147483.647)]
 """A PID set carries thousandths in 32 bits (thesis 3.5)."""
-LOOPS_PERIOD: Final = 0.02  # s, of the velocity loops, here and on our boards
-HOST_PERIOD: Final = 0.05  # s, of those that run here behind a line: its odometry comes 20 times a second
 
 
 class Section(BaseModel):
@@ -324,22 +322,20 @@ class Config(Section):
     def _gains_suit_the_vehicle(self, info: ValidationInfo) -> Self:
         """Refuse gains beyond the vehicle's limits; those of a recording were driven with, and stay."""
         context = info.context or {}
-        if context.get("recorded") and not context.get("gains"):
-            return self
-        for key, loops in ((("control",), self.control), (("serial", "host"), self.serial.host)):
-            refused = self.gain_limits(loops).refused(loops.linear.gains(), loops.schedule().sets)
-            if refused is not None:
-                error = PydanticCustomError("gain", "{remedy}", {"remedy": refused.remedy})
-                where = (*key, *refused.place)
-                raise ValidationError.from_exception_data(
-                    "Config", [{"type": error, "loc": where, "input": refused.value}]
-                )
+        if context.get("gains", not context.get("recorded")):
+            for key, loops in (("control", self.control), ("serial.host", self.serial.host)):
+                if wrong := self.gain_limits(loops).refused(loops.linear.gains(), loops.schedule().sets):
+                    refusal: InitErrorDetails = {
+                        "type": PydanticCustomError("gain", "{remedy}", {"remedy": wrong[2]}),
+                        "loc": tuple(f"{key}.{wrong[0]}".split(".")),
+                        "input": wrong[1],
+                    }
+                    raise ValidationError.from_exception_data("Config", [refusal])
         return self
 
     def gain_limits(self, loops: LoopsConfig | None = None) -> GainLimits:
         """The largest gains of these loops, by default of `loops()`: at 20 Hz behind a line, else at 50 Hz."""
-        car = self.sim.vehicle
-        period = HOST_PERIOD if (loops or self.loops()) is self.serial.host else LOOPS_PERIOD
+        car, period = self.sim.vehicle, 0.05 if (loops or self.loops()) is self.serial.host else 0.02
         return gain_limits(self.geometry, car.speed_gain, car.speed_time_constant, car.skid, period)
 
     def loops(self) -> LoopsConfig:

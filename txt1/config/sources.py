@@ -153,9 +153,10 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
         _check(setting)
         _insert(tree, setting)
     # it may be of a recording, which keeps its gains; those that are changed are checked
-    context = {**RECORDED, "gains": any(key.startswith(("control", "serial")) for key in values)}
     try:
-        return Config.model_validate(tree, context=context)
+        return Config.model_validate(
+            tree, context={**RECORDED, "gains": any(key.startswith(("control", "serial")) for key in values)}
+        )
     except ValidationError as error:
         raise ConfigError(_explain(error, {key: f"{key}={value}" for key, value in values.items()})) from None
 

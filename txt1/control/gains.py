@@ -17,7 +17,7 @@ and K = 2/3 of the speed's, over the track width. The thesis's own gains always 
 """
 
 from collections.abc import Sequence
-from math import exp, isfinite
+from math import exp
 from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
@@ -25,22 +25,7 @@ from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, GainSet
 from txt1.model.vehicle import SIDES, SPEED, STEERING_MAX, Geometry
 
 MARGIN: Final = 2.0  # by which an uncalibrated vehicle may be weaker than its parameters say; chosen
-THESIS: Final = LINEAR_GAINS, Gains(*map(max, *(each.gains for each in ANGULAR_GAINS)))
-UNITS: Final = (
-    Gains("counts per mm/s", "counts per mm", "counts per mm/s^2"),  # type: ignore[arg-type]
-    Gains("counts per mrad/s", "counts per mrad", "counts per mrad/s^2"),  # type: ignore[arg-type]
-)
-
-
-class Refused(NamedTuple):
-    """A value that is no gain here: where it stands, such as ("angular", 2, "kp"), what it is, and the remedy."""
-
-    place: tuple[str | int, ...]
-    value: float
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{'.'.join(map(str, self.place))}: {self.value:.10g}: {self.remedy}"
+UNITS: Final = ("counts per {}/s", "counts per {}", "counts per {}/s^2")  # of K_P, K_I and K_D, with mm or mrad
 
 
 class GainLimits(NamedTuple):
@@ -49,21 +34,19 @@ class GainLimits(NamedTuple):
     linear: Gains
     angular: Gains
 
-    def refused(self, linear: Sequence[float], angular: Sequence[GainSet]) -> Refused | None:
-        """The first of these gains that is negative, not finite or too large; None when all are fit to be loaded."""
-        wrong = _refused(("linear",), linear, self.linear, UNITS[0])
-        for k, (v_max, gains) in enumerate(angular):
-            if wrong is None and not isfinite(v_max):
-                wrong = Refused(("angular", k, "v_max"), v_max, "give a finite speed, m/s")
-            wrong = wrong or _refused(("angular", k), gains, self.angular, UNITS[1])
-        return wrong
-
-
-def _refused(place: tuple[str | int, ...], gains: Sequence[float], most: Gains, units: Gains) -> Refused | None:
-    for name, value, limit, unit in zip(Gains._fields, gains, most, units, strict=True):
-        if not 0.0 <= value <= limit:
-            return Refused((*place, name), value, f"give 0 to {limit:g} {unit}, this vehicle's limit")
-    return None
+    def refused(self, linear: Sequence[float], angular: Sequence[GainSet]) -> tuple[str, float, str] | None:
+        """The first gain that is negative, not finite or too large: field, value and remedy; None when all are fit."""
+        rows = [
+            ("linear", linear, self.linear, "mm"),
+            *((f"angular.{k}", each.gains, self.angular, "mrad") for k, each in enumerate(angular)),
+        ]
+        wrong = (
+            (f"{loop}.{name}", value, f"give 0 to {most:g} {unit.format(part)}, this vehicle's limit")
+            for loop, gains, limits, part in rows
+            for name, value, most, unit in zip(Gains._fields, gains, limits, UNITS, strict=True)
+            if not 0.0 <= value <= most
+        )
+        return next(wrong, None)
 
 
 def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, skid: float, period: float) -> GainLimits:
@@ -72,13 +55,14 @@ def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, ski
     `speed_gain` is its free speed per count, m/s; `time_constant` that of the driven speed, s; `skid` the factor by
     which sides at two speeds turn it as if it were wider; `period` that of the loops, s.
     """
-    lag = exp(-period / time_constant)
-    speed = 1000.0 * speed_gain
-    if geometry.steering == "skid":
-        yaw_lag, yaw = lag, speed * 2.0 / (SIDES * geometry.track_width * skid)
-    else:
-        yaw_lag, yaw = 0.0, 1000.0 * SPEED / (geometry.radius_min * STEERING_MAX)
-    return GainLimits(_most(lag, speed, period, THESIS[0]), _most(yaw_lag, yaw, period, THESIS[1]))
+    lag, speed = exp(-period / time_constant), 1000.0 * speed_gain
+    yaw = (
+        (lag, speed * 2.0 / (SIDES * geometry.track_width * skid))
+        if geometry.steering == "skid"
+        else (0.0, 1000.0 * SPEED / (geometry.radius_min * STEERING_MAX))
+    )
+    angular = Gains(*map(max, *(each.gains for each in ANGULAR_GAINS)))
+    return GainLimits(_most(lag, speed, period, LINEAR_GAINS), _most(*yaw, period, angular))
 
 
 def _most(a: float, k: float, period: float, least: Gains) -> Gains:

@@ -5,7 +5,6 @@ On the desk a message arrives as the object the host made; behind a wire a decod
 
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 from math import isfinite
 from typing import Final
 
@@ -104,7 +103,10 @@ async def serial(
                         continue
                     switch_power(state, hal, switch, on, now)
                 case PidSet():
-                    table = gain_table(message, gain_limits, partial(state.tell, now))
+                    table = gain_table(message)
+                    if table and (wrong := gain_limits.refused(table.linear, table.angular.sets)):
+                        state.tell(now, "gains refused: " + ": ".join(map(str, wrong)))
+                        table = None
                     if table is not None and hal.capabilities.gains:
                         if table[:2] != state.gains[:2]:
                             state.gains = table._replace(loaded=False)
@@ -133,11 +135,8 @@ def switch_power(state: State, hal: Hal, switch: Switch, on: bool, now: float) -
         state.tell(now, f"{switch.name} {'on' if on else 'off'}{'' if power.confirmed else ' (asked, not confirmed)'}")
 
 
-def gain_table(message: PidSet, limits: GainLimits, tell: Callable[[str], None]) -> GainTable | None:
-    """The gains of a PID set; None when they are not acceptable: not finite, beyond the limits, or v_max does not rise.
-
-    `tell` is told what is beyond them, and the remedy.
-    """
+def gain_table(message: PidSet) -> GainTable | None:
+    """The gains of a PID set; None when they are not acceptable: not finite, or v_max does not rise."""
     values = (*message.linear, *(value for each in message.angular for value in each))
     if not all(map(isfinite, values)):
         return None
@@ -145,9 +144,4 @@ def gain_table(message: PidSet, limits: GainLimits, tell: Callable[[str], None])
         schedule = Schedule(tuple(GainSet(v_max, Gains(kp, ki, kd)) for v_max, kp, ki, kd in message.angular))
     except ValueError:
         return None
-    linear = Gains(*message.linear)
-    refused = limits.refused(linear, schedule.sets)
-    if refused is not None:
-        tell(f"gains refused: {refused}")
-        return None
-    return GainTable(linear, schedule, loaded=True)
+    return GainTable(Gains(*message.linear), schedule, loaded=True)

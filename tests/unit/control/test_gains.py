@@ -44,17 +44,8 @@ def test_no_gain_outside_its_limits_passes_and_the_words_name_it(place: tuple[st
     value = data.draw(outside(getattr(getattr(LIMITS, loop), name)))
     refused = LIMITS.refused(*asked(loop, name, value))
     assert refused is not None
-    assert refused.place == (("linear", name) if loop == "linear" else ("angular", 2, name))
-    assert "give 0 to" in str(refused) and "counts per" in str(refused)
-
-
-@given(places, st.data())
-def test_no_message_of_a_host_loads_one_and_the_gate_says_why(place: tuple[str, str], data: st.DataObject) -> None:
-    loop, name = place
-    linear, sets = asked(loop, name, data.draw(outside(getattr(getattr(LIMITS, loop), name))))
-    told: list[str] = []
-    assert gain_table(PidSet(linear, tuple((s.v_max, *s.gains) for s in sets)), LIMITS, told.append) is None
-    assert all(name in text for text in told)
+    assert refused[0] == (f"linear.{name}" if loop == "linear" else f"angular.2.{name}")
+    assert refused[2].startswith("give 0 to") and "counts per m" in refused[2]
 
 
 @given(places, st.floats(0.0, 1.0))
@@ -70,7 +61,8 @@ def test_every_gain_within_its_limits_passes_and_passes_again_behind_the_wire(
         tuple(tuple(round(k, 3) for k in each) for each in message.angular),  # type: ignore[misc]
     )
     assert encode(message) == encode(thousandths)
-    assert gain_table(thousandths, LIMITS, pytest.fail) is not None
+    table = gain_table(thousandths)
+    assert table is not None and LIMITS.refused(table.linear, table.angular.sets) is None
 
 
 @given(
