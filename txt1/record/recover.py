@@ -28,14 +28,17 @@ def recover(source: Path, target: Path) -> Recovered:
     reading = FilePass(source)
     try:
         with target.open("xb") as file:
-            count = _copy(reading, Writer(file))
+            # ours from here on; half a file would pass for all that could be saved
+            try:
+                count = _copy(reading, Writer(file))
+                file.flush()
+            except BaseException:
+                target.unlink(missing_ok=True)
+                raise
     except FileExistsError:
         raise RecordingError(f"{target}: there is such a file already; choose another name with -o") from None
     except OSError as error:
         raise RecordingError(f"{target}: cannot write it: {error.strerror}; choose another place") from None
-    except RecordingError:
-        target.unlink(missing_ok=True)
-        raise
     return Recovered(count, reading.damaged, reading.unread, reading.complete)
 
 

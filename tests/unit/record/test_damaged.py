@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from errno import ENOSPC
+from os import strerror
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,9 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from txt1.cli import execute
+from txt1.errors import RecordingError
 from txt1.record.reading import FilePass
+from txt1.record.recover import recover
 from txt1.record.verify import verify
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "line.mcap"
@@ -102,3 +106,23 @@ def test_a_damaged_message_is_a_difference(tmp_path: Path) -> None:
     difference = verify(file).difference
     assert difference is not None
     assert (difference.topic, difference.recorded) == ("/snapshot", "a damaged message")
+
+
+def test_a_recovery_onto_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*arguments: object) -> None:
+        del arguments
+        raise OSError(ENOSPC, strerror(ENOSPC))
+
+    monkeypatch.setattr(Writer, "finish", full)
+    target = tmp_path / "saved.mcap"
+    with pytest.raises(RecordingError, match="No space left"):
+        recover(GOLDEN, target)
+    assert not target.exists()
+
+
+def test_a_recovery_leaves_a_file_that_is_there_alone(tmp_path: Path) -> None:
+    target = tmp_path / "saved.mcap"
+    target.write_text("mine")
+    with pytest.raises(RecordingError, match="such a file already"):
+        recover(GOLDEN, target)
+    assert target.read_text() == "mine"
