@@ -300,8 +300,15 @@ def test_gains_are_loaded_from_the_page(page: Any, car: Live) -> None:
     box = page.locator("[aria-label='linear kp']")
     before = car.call(lambda robot: robot.runtime.state.gains.linear.kp)
     box.fill(str(before + 1.0))
+    asked: list[str] = []
+    page.once("dialog", lambda dialog: (asked.append(dialog.message), dialog.dismiss()))
+    page.get_by_role("button", name="load these gains").click()
+    assert f"linear kp: {before:g} → {before + 1.0:g}" in asked[0]
+    page.on("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="load these gains").click()
     car.until(lambda robot: robot.runtime.state.gains.linear.kp == before + 1.0)
+    page.get_by_role("button", name="undo").click()
+    car.until(lambda robot: robot.runtime.state.gains.linear.kp == before)
 
 
 def test_a_recording_is_begun_fetched_and_shown(page: Any, car: Live) -> None:

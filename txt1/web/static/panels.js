@@ -156,15 +156,25 @@ const gains = (know, panel) => {
   const linear = ["kp", "ki", "kd"].map((name) => box(inForce.linear[name], `linear ${name}`))
   const angular = inForce.angular.map((set) => [box(set.v_max, "up to"), ...["kp", "ki", "kd"].map((name) => box(set.gains[name], `angular ${name}`))])
   const values = (boxes) => boxes.map((each) => each.valueAsNumber)
+  const before = [Object.values(inForce.linear), inForce.angular.map((set) => [set.v_max, ...["kp", "ki", "kd"].map((name) => set.gains[name])])]
+  const load = (wanted) => {
+    const was = before.flat(2), names = [...linear, ...angular.flat()].map((each) => each.ariaLabel)
+    const changes = wanted.flat(2).map((value, k) => (value === was[k] ? "" : `${names[k]}: ${was[k]} → ${value}`)).filter(Boolean)
+    if (changes.length && !confirm(`Load these gains? The car drives by them at once.\n\n${changes.join("\n")}`)) return
+    if (changes.length) know.gainsBefore = before
+    know.send({ do: "gains", linear: wanted[0], angular: wanted[1] })
+  }
+  const undo = know.gainsBefore?.flat(2).length === before.flat(2).length ? know.gainsBefore : null
   panel.replaceChildren(element("form", {
     onsubmit: (event) => {
       event.preventDefault()
-      know.send({ do: "gains", linear: values(linear), angular: angular.map(values) })
+      load([values(linear), angular.map(values)])
     },
   },
   title("speed loop"), table(["Kp", "Ki", "Kd"], [linear]),
   title("yaw-rate loop, by speed"), table(["up to m/s", "Kp", "Ki", "Kd"], angular),
-  element("div", { className: "row" }, element("button", { className: "primary" }, "load these gains"), inForce.loaded ? span("in force", "good") : span("not loaded", "warn"))))
+  element("div", { className: "row" }, element("button", { className: "primary" }, "load these gains"),
+    undo && element("button", { type: "button", onclick: () => load(undo) }, "undo"), inForce.loaded ? span("in force", "good") : span("not loaded", "warn"))))
 }
 
 const files = (know, panel) => {
