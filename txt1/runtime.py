@@ -66,7 +66,7 @@ def robot_tasks(robot: "Runtime") -> Iterable[TaskRow]:
         send=robot.send,
         answered=robot.answer,
         reason_to_keep_atx=robot.reason_to_keep_atx,
-        gain_limits=robot.config.gain_limits(),
+        gain_limits=robot.config.gain_limits,
     )
     yield (
         "controller",

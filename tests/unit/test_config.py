@@ -347,8 +347,8 @@ def test_a_plan_and_a_profile_that_yaml_cannot_make_are_refused(write: Write, te
 
 
 def test_an_alias_is_read_as_what_it_stands_for(write: Write) -> None:
-    config = load(write("control: {linear: &g {kp: 1, ki: 2, kd: 3}}\nhal_options: {gains: *g}")).config
-    assert config.hal_options["gains"] == {"kp": 1, "ki": 2, "kd": 3}
+    config = load(write("control: {linear: &g {kp: 3, ki: 2, kd: 1}}\nhal_options: {gains: *g}")).config
+    assert config.hal_options["gains"] == {"kp": 3, "ki": 2, "kd": 1}
 
 
 @pytest.mark.parametrize(

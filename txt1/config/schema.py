@@ -21,7 +21,6 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from txt1 import additions
-from txt1.control.gains import GainLimits, gain_limits
 from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.control.open_loop import SpeedMap
 from txt1.control.parameters import KnownCar, Limits, Safety
@@ -321,10 +320,15 @@ class Config(Section):
     @model_validator(mode="after")
     def _gains_suit_the_vehicle(self, info: ValidationInfo) -> Self:
         """Refuse gains beyond the vehicle's limits; those of a recording were driven with, and stay."""
-        context = info.context or {}
-        if context.get("gains", not context.get("recorded")):
-            for key, loops in (("control", self.control), ("serial.host", self.serial.host)):
-                if wrong := self.gain_limits(loops).refused(loops.linear.gains(), loops.schedule().sets):
+        if (info.context or {"gains": True}).get("gains"):
+            # the defaults suit any vehicle, and a plain robot does without the module
+            for key, loops, usual in (
+                ("control", self.control, ControlConfig()),
+                ("serial.host", self.serial.host, SerialConfig().host),
+            ):
+                if loops != usual and (
+                    wrong := self.gain_limits(loops).refused(loops.linear.gains(), loops.schedule().sets)
+                ):
                     refusal: InitErrorDetails = {
                         "type": PydanticCustomError("gain", "{remedy}", {"remedy": wrong[2]}),
                         "loc": tuple(f"{key}.{wrong[0]}".split(".")),
@@ -333,8 +337,10 @@ class Config(Section):
                     raise ValidationError.from_exception_data("Config", [refusal])
         return self
 
-    def gain_limits(self, loops: LoopsConfig | None = None) -> GainLimits:
-        """The largest gains of these loops, by default of `loops()`: at 20 Hz behind a line, else at 50 Hz."""
+    def gain_limits(self, loops: LoopsConfig | None = None) -> Any:
+        """Return the `GainLimits` of these loops, by default of `loops()`: at 20 Hz behind a line, else at 50 Hz."""
+        from txt1.control.gains import gain_limits
+
         car, period = self.sim.vehicle, 0.05 if (loops or self.loops()) is self.serial.host else 0.02
         return gain_limits(self.geometry, car.speed_gain, car.speed_time_constant, car.skid, period)
 

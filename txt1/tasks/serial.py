@@ -6,9 +6,8 @@ On the desk a message arrives as the object the host made; behind a wire a decod
 from collections import deque
 from collections.abc import Callable
 from math import isfinite
-from typing import Final
+from typing import Any, Final
 
-from txt1.control.gains import GainLimits
 from txt1.control.limits import Fault, Gate
 from txt1.control.pid import Gains
 from txt1.control.schedule import GainSet, Schedule
@@ -55,12 +54,12 @@ async def serial(
     send: Callable[[BoardMessage], None],
     answered: Callable[[bool], None],
     reason_to_keep_atx: Callable[[float], str | None],
-    gain_limits: GainLimits,
+    gain_limits: Callable[[], Any],
 ) -> None:
     """Carry out every message that has arrived, in order.
 
     `answered` is for a HAL that closes its own loops: told whether they accept the gains, it posts a PidResponse here.
-    Gains beyond `gain_limits` are refused.
+    Gains beyond `gain_limits` (a `txt1.control.gains.GainLimits`) are refused.
     `reason_to_keep_atx` tells why the ATX supply may not be turned off at a time, s of the run; None: it may.
     """
     async for now in arrivals:
@@ -104,7 +103,7 @@ async def serial(
                     switch_power(state, hal, switch, on, now)
                 case PidSet():
                     table = gain_table(message)
-                    if table and (wrong := gain_limits.refused(table.linear, table.angular.sets)):
+                    if table and (wrong := gain_limits().refused(table.linear, table.angular.sets)):
                         state.tell(now, "gains refused: " + ": ".join(map(str, wrong)))
                         table = None
                     if table is not None and hal.capabilities.gains:
