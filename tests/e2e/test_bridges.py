@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tests.e2e.conftest import may_block, passing
-from tests.patience import until
+from tests.patience import LIMIT, until
 from txt1.bridges.registry import BRIDGES, RESTART, RobotEnd, bridge
 from txt1.bridges.services import Services
 from txt1.errors import ConfigError
@@ -146,7 +146,12 @@ def test_the_commands_of_a_silent_bridge_go_stale_in_time(what: str) -> None:
     run(main())
 
 
-def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started_again() -> None:
+def test_a_bridge_that_ended_is_told_on_every_screen_and_in_the_line_and_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # a process that a slow machine ends late is not killed, and ends with a code of its own
+    monkeypatch.setattr("txt1.sidecar.END_PATIENCE", LIMIT)
+
     async def main() -> Snapshot:
         async with Robot.open(hal="sim", seed=1) as robot:
             assert WARNINGS.name not in str(robot.snapshot.encode())
