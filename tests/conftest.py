@@ -10,6 +10,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from tests.examples import SHARE, USUAL
 from tests.patience import surviving
 
 HERE = Path(__file__).parent
@@ -17,8 +18,8 @@ HERE = Path(__file__).parent
 # No example has a deadline, and none is drawn too slowly, as both say how busy the machine is. A change is judged by
 # the same examples each time, so what fails is the change's; `make test-long` looks for others.
 BUSY = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
-hypothesis.settings.register_profile("same", **BUSY, derandomize=True)
-hypothesis.settings.register_profile("others", **BUSY, print_blob=True)
+hypothesis.settings.register_profile("same", **BUSY, derandomize=True, max_examples=USUAL // SHARE)
+hypothesis.settings.register_profile("others", **BUSY, print_blob=True, max_examples=USUAL)
 hypothesis.settings.load_profile("same")
 
 

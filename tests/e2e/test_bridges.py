@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tests.e2e.conftest import may_block, passing
+from tests.examples import examples
 from tests.patience import LIMIT, until
 from txt1.bridges.registry import BRIDGES, RESTART, RobotEnd, bridge
 from txt1.bridges.services import Services
@@ -205,7 +206,7 @@ REQUESTS = st.sampled_from(sorted(FIELDS)).flatmap(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.lists(REQUESTS, max_size=20))
 def test_nothing_that_a_bridge_asks_for_raises_and_what_is_right_is_done_after_it(
     asked: list[tuple[str, dict[str, object]]],

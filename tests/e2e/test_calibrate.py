@@ -62,7 +62,9 @@ def unknown(kind: str, seed: int) -> tuple[Config, SimHal]:
     return config, hal
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [kind if kind in ("rover", "f1tenth") else pytest.param(kind, marks=pytest.mark.long) for kind in KINDS]
+)
 def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
     kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -71,6 +73,7 @@ def test_an_unknown_car_drives_as_it_is_told_once_it_is_calibrated(
     assert "2 cars, 0 of them not as they should be" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_table_of_calibrated_cars_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "rover.csv"
     command = ["calibrate", "--vehicle", "rover", "--write", str(table), "--practice"]
@@ -142,6 +145,7 @@ def kept_until(question: int) -> tuple[Config, SimHal, dict[str, Any]]:
     raise AssertionError(f"there is no question {question}")
 
 
+@pytest.mark.long
 def test_what_was_found_before_an_interruption_is_kept_whenever_it_comes() -> None:
     kept = [kept_until(question)[2] for question in range(1, 25, 2)]
     for fewer, more in pairwise(kept):
@@ -283,6 +287,7 @@ def test_outputs_are_put_right_behind_the_gate_and_encoders_before_the_tasks() -
     assert driven(wired) == pytest.approx(driven(), abs=0.02)
 
 
+@pytest.mark.long
 def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> None:
     """Its motor controller closes the loops, so what is found are the controller's own settings."""
     believed = load(None, ENDLESS, {}, {"vehicle": "f1tenth", "hal": "vesc"}).config
@@ -318,6 +323,7 @@ def test_a_car_with_a_vesc_that_runs_backwards_and_steers_the_wrong_way() -> Non
     assert config.geometry.radius_min == pytest.approx(0.85, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_rover_without_encoders() -> None:
     blind = ["--vehicle", "rover", "--set", "geometry.counts_per_rev=0", "--set", "safety.v_dead_band=0.1"]
     assert execute(["calibrate", *blind, "--practice", "2", "--seed", "7"]) == OK

@@ -181,6 +181,7 @@ async def test_the_esc_switched_off_stops_the_motor_and_its_loops_rest_until_it_
         assert speed(pico) == pytest.approx(0.4, abs=0.05), "nothing was wound up meanwhile"
 
 
+@pytest.mark.long
 async def test_two_minutes_of_driving_take_no_memory() -> None:
     async with robot_and_pico() as (robot, pico):
         for _ in range(20):  # the firmware ends with a MemoryError as soon as a cycle asks for memory

@@ -98,6 +98,7 @@ def test_every_sample_of_the_light_and_every_decision_are_recorded(tmp_path: Pat
         assert all(time_of(later) - time_of(step) == pytest.approx(0.5) for step, later in pairwise(group))
 
 
+@pytest.mark.long
 def test_the_thesiss_table_can_be_followed_in_its_steps(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", "thesis", "--set", "learning.thesis.remedy=none")
     done = episodes(messages(path, "/learning/step"))
@@ -120,6 +121,7 @@ def test_the_thesiss_table_can_be_followed_in_its_steps(tmp_path: Path) -> None:
     assert checked > 20
 
 
+@pytest.mark.long
 def test_the_better_learners_steps_are_rows_of_its_table(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", "sweeps")
     steps = messages(path, "/learning/step")
@@ -133,6 +135,7 @@ def test_the_better_learners_steps_are_rows_of_its_table(tmp_path: Path) -> None
     assert all(isnan(group[0].reward) for group in episodes(steps)), "nothing came of anything yet"
 
 
+@pytest.mark.long
 def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path) -> None:
     table = tmp_path / "qtable.json"
     qtable.save(table, StoredTable(np.array(TABLE_5_3), {"agent": "thesis"}))
@@ -144,7 +147,7 @@ def test_who_drives_by_a_table_learns_nothing_and_takes_the_best(tmp_path: Path)
     assert all(step.action == int(np.argmax(step.values)) for step in steps if step.action != OVER and step.state >= 0)
 
 
-@pytest.mark.parametrize("agent", ["thesis", "sweeps"])
+@pytest.mark.parametrize("agent", ["thesis", pytest.param("sweeps", marks=pytest.mark.long)])
 def test_learning_is_an_outside_source_to_a_verification(agent: str, tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", "--learn", agent)
     verdict = verify(path)

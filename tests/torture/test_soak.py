@@ -8,6 +8,7 @@ from torture import soak
 from txt1.kernel.loop import run
 
 
+@pytest.mark.long
 def test_nothing_that_a_process_holds_on_to_grows_while_it_drives(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from tests.examples import examples
 from txt1.additions import ours
 from txt1.control.commander import PRIORITIES, SKEW, Commander, Driver, SetPoint
 
@@ -277,7 +278,7 @@ class Traffic(RuleBasedStateMachine):
         self.before = name
 
 
-Traffic.TestCase.settings = settings(max_examples=80, stateful_step_count=40)
+Traffic.TestCase.settings = settings(max_examples=examples(80), stateful_step_count=40)
 TestTraffic = Traffic.TestCase
 
 

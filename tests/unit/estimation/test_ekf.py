@@ -8,6 +8,7 @@ from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.estimation.ekf import (
     GYRO,
     OMEGA,
@@ -134,7 +135,7 @@ def test_the_encoders_tell_more_path_and_less_turn_than_the_centre_at_full_lock(
     assert told[1] == pytest.approx(0.957, abs=0.002)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.integers(0, 2**32 - 1))
 @example(180837)  # a measurement takes 10 digits away
 def test_the_covariance_stays_symmetric_and_positive_whatever_is_measured(seed: int) -> None:

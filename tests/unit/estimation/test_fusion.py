@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.estimation.fusion import HORIZON, Fusion
 from txt1.estimation.judge import KEEPS, Belonging
 from txt1.estimation.measurement import Kind, Measurement
@@ -107,7 +108,7 @@ def test_positions_alone_tell_the_heading_when_it_has_driven_some_way() -> None:
     assert drive.error()[1] < 0.1
 
 
-@settings(max_examples=5)
+@settings(max_examples=examples(5))
 @given(st.randoms(use_true_random=False))
 def test_the_order_in_which_readings_arrive_makes_no_difference(random: object) -> None:
     one, two = Drive(), Drive()

@@ -60,6 +60,7 @@ def test_a_weaker_motor_gets_higher_gains() -> None:
     assert linear_gains(weaker, GEOMETRY, LINEAR_GAINS, 8000).kp > linear_gains(PLANT, GEOMETRY, LINEAR_GAINS, 8000).kp
 
 
+@pytest.mark.long
 def test_the_schedule_keeps_its_borders_and_its_loop_gain() -> None:
     sets = angular_gains(PLANT, GEOMETRY, Schedule(ANGULAR_GAINS))
     assert [each.v_max for each in sets] == [each.v_max for each in ANGULAR_GAINS]

@@ -16,6 +16,7 @@ from txt1pico.core import NOT_YET, Core
 from txt1pico.fixed import KD_MAX, KI_MAX, KP_MAX
 from txt1pico.fixed import Pid as FixedPid
 
+from tests.examples import examples
 from txt1.config import Config
 from txt1.control.pid import CLEAR, pid
 from txt1.model.odometry import Odometry, advance, body_velocity
@@ -141,7 +142,7 @@ def found(data: bytes) -> list[bytes]:
         max_size=12,
     )
 )
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_the_receiver_finds_the_frames_that_the_computers_decoder_finds(pieces: list[bytes]) -> None:
     stream = b"".join(pieces)
     decoder = Decoder(Role.BOARD)

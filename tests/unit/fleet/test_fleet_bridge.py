@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1 import robot as txt1_robot
 from txt1.bridges.registry import Desks, RobotEnd
 from txt1.fleet import bridge as fleet_bridge
@@ -169,7 +170,7 @@ STOPS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(STOPS, st.randoms(use_true_random=False))
 def test_whatever_was_said_before_a_new_stop_closes_the_gate_of_who_hears_it(
     said: list[tuple[str, str, object]], rng: Random

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks.cars import Cars
 from benchmarks.cooperation import amplification, convoy, coverage, rendezvous
+from tests.examples import examples
 from txt1.config import load
 from txt1.errors import ConfigError
 from txt1.fleet.convoy import TRACK_MAX, Follower
@@ -76,7 +77,7 @@ def test_the_allowed_speed_is_no_more_than_was_asked_and_never_turns_round(
     assert abs(limited) <= abs(v) + 1e-12 and limited * v >= 0.0
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(SAID, SAID, st.floats(0.1, 0.5), st.floats(0.1, 0.5))
 def test_two_that_drive_at_one_another_each_take_half_of_the_room(one: Said, other: Said, v: float, w: float) -> None:
     for _ in range(100):
@@ -101,7 +102,7 @@ def test_a_car_is_never_told_to_turn_more_sharply_than_it_can(me: Said, x: float
 DRIVING = st.builds(Said, PLACES, PLACES, st.floats(-pi, pi), st.floats(-2.0, 2.0), st.just(0.0), data=st.just(()))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @pytest.mark.parametrize("law", LAWS)
 @given(st.floats(0.3, 1.0), st.floats(0.05, 0.5), DRIVING, st.lists(DRIVING, min_size=2, max_size=2))
 def test_each_law_drives_within_the_robot_s_own_circle_and_speed(
@@ -151,7 +152,7 @@ DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 5)
 HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, data=DATA)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @pytest.mark.parametrize("law", LAWS)
 @given(st.lists(st.dictionaries(st.sampled_from([*TEAM, *"abcdefgh"]), HEARD, max_size=9), min_size=1, max_size=5))
 def test_no_law_fails_or_commands_what_is_no_number_whatever_the_others_tell(

@@ -9,6 +9,7 @@ from random import Random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.control.hand import DEAD, DEFAULT_HAND
 from txt1.gamepad.pad import AXES, BUTTONS, HOLD, Pad, PadParameters, Pads, PadState, Wish, velocity
 
@@ -39,7 +40,7 @@ def by_chance(random: Random) -> PadState:
     return PadState(down, {name: abs(value) if "trigger" in name else value for name, value in axes.items()})
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(steps)
 def test_a_pad_does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
     does_what_the_manual_says(sequence)
@@ -77,7 +78,7 @@ def does_what_the_manual_says(sequence: list[tuple[float, PadState]]) -> None:
         before = down
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.dictionaries(st.integers(0, 2), readings)), max_size=25))
 def test_of_several_pads_one_drives_until_it_lets_go(sequence: list[tuple[float, dict[int, PadState]]]) -> None:
     pads, now, driver = Pads(ORIGINAL, DEFAULT_HAND), 0.0, None

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx, mark
 
+from tests.examples import examples
 from txt1.hal.restarts import JUMP_TIME, at_origin, jumped, started_again
 from txt1.hal.serial import follow
 from txt1.model.kinematics import wrap_angle
@@ -52,7 +53,7 @@ def test_unscaled_odometry_is_the_boards_own_with_its_heading_wrapped() -> None:
     assert follow(None, pose, pose, 1.0) == Odometry(1.234, -0.5, wrap_angle(6.0), 0.512, -0.128)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(curvature=CURVATURES, v=st.floats(0.1, 1.0))
 def test_the_scale_corrects_a_board_that_reads_low(curvature: float, v: float) -> None:
     """Path and velocities as a board with the right wheels would have them, within its millimetres and milliradians."""

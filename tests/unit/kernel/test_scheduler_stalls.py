@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scheduler_tasks import MS, no_fault, run_until, virtual_clock
 
+from tests.examples import examples
 from txt1.kernel.loop import run
 from txt1.kernel.scheduler import Scheduler
 from txt1.kernel.ticks import Ticks
@@ -127,7 +128,7 @@ def test_cycles_that_the_end_of_the_run_cuts_off_are_missed_too(stall: int) -> N
     staller=st.sampled_from([0, 1, 2, 3]),
     priorities=st.lists(st.integers(1, 4), min_size=4, max_size=4),
 )
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_any_stall_in_any_task_costs_what_is_predicted(
     stall: int, at: int, staller: int, priorities: list[int]
 ) -> None:

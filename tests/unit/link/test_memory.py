@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from link_ends import FRAME, End, run_quietly
 from numpy.random import SeedSequence, default_rng
 
+from tests.examples import examples
 from txt1.errors import LinkLost
 from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
@@ -95,7 +96,7 @@ def test_faults_behind_a_baud_rate_hit_whole_frames_both_ways() -> None:
 
 
 @given(st.integers(0, 1000), st.lists(st.binary(min_size=1, max_size=40), max_size=20))
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 def test_whatever_delays_them_the_bytes_keep_their_order(seed: int, traffic: list[bytes]) -> None:
     async def main() -> None:
         faults = LineFaults(split=seed % 2 == 0, delay=0.01, jitter=0.1, stall=0.3, stall_every=0.5)

@@ -96,6 +96,7 @@ def test_whatever_the_car_does_for_a_moment_the_least_time_falls_by_no_more(radi
             assert np.max(now - (h + later)) < 1e-9
 
 
+@pytest.mark.long
 def test_the_inequality_holds_near_the_centres_of_the_turning_circles_too() -> None:
     # where an arc alone stops being enough: the light at 0 to 0.12 m from the centre of the left circle
     rng = np.random.default_rng(2)
@@ -109,6 +110,7 @@ def test_the_inequality_holds_near_the_centres_of_the_turning_circles_too() -> N
             assert np.max(np.where(np.hypot(x, y) > GOAL, now - (h + later), -1.0)) < 1e-9
 
 
+@pytest.mark.long
 def test_the_best_of_all_three_piece_paths_takes_as_long_and_never_less() -> None:
     # left, straight or right for any length, the same again, and once more until the goal circle: 27 kinds of path,
     # both lengths in steps of 3 cm up to a whole circle

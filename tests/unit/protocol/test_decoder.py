@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.protocol.decoder import OLD_COMMANDS, Decoder, Event, FrameFault, Reason
 from txt1.protocol.layout import Role, checksum, encode
 from txt1.protocol.messages import (
@@ -127,7 +128,7 @@ GARBAGE = st.one_of(
 
 
 @pytest.mark.parametrize("role", Role)
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 @given(st.data())
 def test_any_mixture_in_any_pieces_delivers_what_the_rule_says(role: Role, data: st.DataObject) -> None:
     stream = b"".join(data.draw(st.lists(st.one_of(ANY_FRAME, FRAMES[role], GARBAGE), max_size=10)))

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.errors import HalError
 from txt1.link.base import Link
 from txt1.sensors import gps_gpsd, imu_3dmgx2, laser_ld19, laser_scip, mocap_vrpn, vrpn
@@ -279,7 +280,7 @@ def values(found: list[Any]) -> list[str]:
 
 
 @each
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.data())
 def test_it_does_not_matter_where_a_stream_is_torn(name: str, data: st.DataObject) -> None:
     make, stream = CODECS[name]
@@ -295,7 +296,7 @@ def test_it_does_not_matter_where_a_stream_is_torn(name: str, data: st.DataObjec
 
 
 @each
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.data())
 def test_damage_costs_no_more_than_the_readings_it_touches(name: str, data: st.DataObject) -> None:
     make, stream = CODECS[name]

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import default_rng
 
+from tests.examples import examples
 from txt1.config import load
 from txt1.errors import HalError
 from txt1.sensors.base import Pose, Setup
@@ -113,7 +114,7 @@ coordinate = st.floats(-2.0, 2.0)
 
 
 @given(coordinate, coordinate, st.floats(-pi, pi), coordinate, coordinate, st.floats(0.05, 0.5))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_a_ray_ends_at_the_surface_of_the_nearest_thing(
     x: float, y: float, angle: float, a: float, b: float, size: float
 ) -> None:

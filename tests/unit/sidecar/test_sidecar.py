@@ -100,6 +100,7 @@ async def test_one_that_fails_is_started_again_so_often_and_no_more() -> None:
     ]
 
 
+@pytest.mark.long
 async def test_one_that_fails_is_started_again_for_ever_after_pauses_that_grow_to_a_limit() -> None:
     owner = Owner()
     forever = Restart(limit=math.inf, pause=0.01, longest=0.04)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sim_steps import Parameters, advance
 
+from tests.examples import examples
 from txt1.sim import batch
 from txt1.sim.dynamics import VehicleState
 
@@ -40,7 +41,7 @@ def some_vehicles(rng: np.random.Generator, p: Parameters) -> NDArray[np.float64
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(p=PARAMETERS, seed=st.integers(0, 2**32 - 1), dt=st.floats(0.001, 0.03))
 @pytest.mark.long
 def test_a_vehicle_moves_in_the_batch_as_alone(p: Parameters, seed: int, dt: float) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.model.battery import pack_voltage
 from txt1.model.vehicle import Geometry
 from txt1.sim.battery import Packs, discharge
@@ -224,7 +225,7 @@ def test_a_wall_stops_the_vehicle_and_lets_it_back_out(theta: float, motor: int)
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_no_corner_ever_enters_a_wall(seed: int) -> None:
     rng = random.Random(seed)
     room = Room(1.6, 1.2)

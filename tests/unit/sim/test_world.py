@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.kernel.clock import VirtualClock
 from txt1.model.vehicle import Geometry
 from txt1.sim.dynamics import VehicleState
@@ -162,7 +163,7 @@ def test_vehicles_that_do_not_touch_move_as_if_they_were_alone_to_the_last_bit()
         max_size=25,
     )
 )
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 def test_bodies_never_overlap_by_a_centimetre(commands: list[tuple[int, int, int]]) -> None:
     post = Post(0.0, 0.9, 0.1)
     world = World(Room(3.0, 3.0), obstacles=(post,))

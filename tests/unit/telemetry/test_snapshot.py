@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.control.schedule import ANGULAR_GAINS, Schedule
 from txt1.telemetry.bus import Bus
 from txt1.telemetry.snapshot import Snapshot
@@ -71,7 +72,7 @@ def test_every_kind_of_value_comes_back_as_it_was_and_of_its_type() -> None:
     assert there_and_back(got).encode() == sent.encode()
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.floats(allow_nan=False), st.text(), st.dictionaries(st.text(max_size=20), st.integers(), max_size=5))
 def test_all_values_are_exact(number: float, text: str, counts: dict[str, int]) -> None:
     value = Value(Inner(number), pair=(1, text), counts=counts)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from txt1.config.schema import TeleopConfig
 from txt1.control.hand import DEFAULT_HAND
 from txt1.ui.teleop import DECAY, HOLD, Teleop
@@ -105,7 +106,7 @@ def test_impossible_settings_are_refused(speed: float, turn: float) -> None:
 presses = st.lists(st.tuples(st.sampled_from("wasd+-x"), st.floats(0.0, 1.0)), max_size=40)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(presses, st.floats(0.1, 1.5), st.floats(0.0, 1.0))
 def test_no_sequence_of_keys_exceeds_the_limits(keys: list[tuple[str, float]], speed: float, turn: float) -> None:
     teleop = Teleop(speed, DEFAULT_HAND._replace(turn=turn))
@@ -120,7 +121,7 @@ def test_no_sequence_of_keys_exceeds_the_limits(keys: list[tuple[str, float]], s
             assert abs(omega) <= abs(v) / 0.56 + 1e-12
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(presses)
 def test_every_sequence_ends_with_one_zero_and_then_silence(keys: list[tuple[str, float]]) -> None:
     teleop = Teleop()
